@@ -1,0 +1,1 @@
+"""Words and algebra of splats: NumPy only, no files, no USD, no Numba."""
