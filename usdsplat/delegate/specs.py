@@ -77,3 +77,11 @@ class Framing:
     def window(self) -> tuple[int, int, int, int]:
         """The data window, or the display window when there is none."""
         return self.data_window or (0, 0, *self.resolution)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """What is looked at and how it is sampled; as many views of one scene as anybody likes."""
+
+    camera: CameraSpec
+    framing: Framing = Framing()

@@ -1,0 +1,142 @@
+"""Files to splats and back: one module per format, one entry in `FORMATS`.
+
+A format is a module with `SUFFIXES`, `recognises`, `read` and, if it can be written, `write`: see
+`Format` and `WritableFormat`. What a file contains decides which one reads it; its suffix is asked
+only when the content is unknown, for files get renamed.
+"""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+from typing import Protocol, cast
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import FormatError, UnknownFormatError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import compressed_ply, ply, sog, spz
+from usdsplat.formats.capture import Capture
+
+__all__ = ["FORMATS", "Capture", "read", "suffixes_read", "suffixes_written", "write"]
+
+_HEAD = 1 << 16
+"""Bytes of a file that formats may recognise it by."""
+
+
+class Format(Protocol):
+    """What the registry asks of a module."""
+
+    SUFFIXES: tuple[str, ...]
+    """Ends of file names, lower case; "/name" is a whole name."""
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether `path` is of this format, judged by its first bytes (none for a folder)."""
+
+    def read(self, path: Path, *, progress: Progress = silent) -> Capture:
+        """Read all of it."""
+
+
+class WritableFormat(Format, Protocol):
+    """A module that writes as well."""
+
+    def write(
+        self,
+        cloud: SplatCloud,
+        path: Path,
+        *,
+        antialiased: bool = False,
+        progress: Progress = silent,
+    ) -> None:
+        """Write all of it."""
+
+
+FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, spz)
+"""Every format, the more particular before the more general."""
+
+
+def read(path: str | Path, *, progress: Progress = silent) -> Capture:
+    """Read a capture.
+
+    Args:
+        path: A file, or the folder or `meta.json` of an unpacked SOG.
+        progress: Told how many splats are read.
+
+    Raises:
+        FormatError: If the file cannot be opened, or is not what it claims to be.
+        UnknownFormatError: If neither content nor suffix is known.
+    """
+    path = Path(path)
+    head = _head(path)
+    for module in FORMATS:
+        if module.recognises(path, head):
+            return module.read(path, progress=progress)
+    if path.is_dir():
+        raise UnknownFormatError(str(path), "a folder without meta.json", "a capture")
+    return _by_suffix(path, suffixes_read()).read(path, progress=progress)
+
+
+def write(
+    cloud: SplatCloud,
+    path: str | Path,
+    *,
+    antialiased: bool = False,
+    progress: Progress = silent,
+) -> None:
+    """Write `cloud` in the format that the suffix names; see its module for what is lost.
+
+    Args:
+        cloud: The splats.
+        path: Target; an older file there is replaced when the new one is complete.
+        antialiased: Whether the splats are meant for the antialiased (mip) projection.
+        progress: Told how many splats are written.
+
+    Raises:
+        UnknownFormatError: If the suffix is not one of `suffixes_written()`.
+        OutputError: If nothing can be written there.
+    """
+    path = Path(path)
+    module = cast(WritableFormat, _by_suffix(path, suffixes_written()))
+    module.write(cloud, path, antialiased=antialiased, progress=progress)
+
+
+def suffixes_read() -> tuple[str, ...]:
+    """Ends of names that can be read; "/name" stands for a whole name."""
+    return tuple(suffix for module in FORMATS for suffix in module.SUFFIXES)
+
+
+def suffixes_written() -> tuple[str, ...]:
+    """Ends of names that can be written."""
+    able = [module for module in FORMATS if hasattr(module, "write")]
+    return tuple(suffix for module in able for suffix in module.SUFFIXES)
+
+
+def _by_suffix(path: Path, allowed: tuple[str, ...]) -> Format:
+    """The format whose suffix `path` has, the longest that fits, if `allowed` lists it."""
+    name = f"/{path.name.lower()}"
+    fitting = [
+        (len(suffix), suffix, module)
+        for module in FORMATS
+        for suffix in module.SUFFIXES
+        if name.endswith(suffix)
+    ]
+    if fitting:
+        _, suffix, module = max(fitting, key=lambda item: item[0])
+        if suffix in allowed:
+            return module
+    found = f"suffix {(suffix if fitting else path.suffix)!r}"
+    raise UnknownFormatError(str(path), found, f"one of {' '.join(allowed)}")
+
+
+def _head(path: Path) -> bytes:
+    """First bytes of a plain file, none of a folder."""
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return b""
+        if not stat.S_ISREG(mode):  # a pipe would wait, a device never end
+            raise FormatError(str(path), "neither file nor folder", "a capture file")
+        with path.open("rb") as file:
+            return file.read(_HEAD)
+    except OSError as error:
+        found = (error.strerror or str(error)).lower()
+        raise FormatError(str(path), found, "a readable capture file") from error

@@ -1,0 +1,53 @@
+"""Pictures to files, by OpenImageIO, and the colour spaces they are in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from usdsplat.core.errors import UnknownFormatError
+from usdsplat.images.layout import ImageLayout
+
+if TYPE_CHECKING:
+    from usdsplat.images.writer import ImageWriter
+
+ColorMode = Literal["display", "scene"]
+
+COLOR_MODES: dict[str, ColorMode] = {".exr": "scene", ".png": "display"}
+"""Every suffix we write -> the colour mode a picture of that kind is expected in."""
+
+
+def open_writer(path: Path | str, layout: ImageLayout) -> ImageWriter:
+    """Return the writer that the suffix of `path` names; enter it to make the file.
+
+    Raises:
+        UnknownFormatError: If no writer has this suffix.
+        UsageError: If the format cannot hold what the layout asks for.
+    """
+    # OpenImageIO is loaded where a file is written, not where a colour space is looked up.
+    if _suffix(path) == ".exr":
+        from usdsplat.images.exr import ExrWriter
+
+        return ExrWriter(path, layout)
+    from usdsplat.images.png import PngWriter
+
+    return PngWriter(path, layout)
+
+
+def default_color_mode(path: Path | str) -> ColorMode:
+    """Return the colour mode for a picture of this suffix: EXR is scene, PNG is display.
+
+    Raises:
+        UnknownFormatError: If no writer has this suffix.
+    """
+    return COLOR_MODES[_suffix(path)]
+
+
+def _suffix(path: Path | str) -> str:
+    """The suffix in lower case, if it is one we write."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in COLOR_MODES:
+        raise UnknownFormatError(
+            str(path), f"suffix {suffix!r}", f"one of {', '.join(COLOR_MODES)}"
+        )
+    return suffix

@@ -1,0 +1,47 @@
+"""Splat fields on USD stages: the stock type, our packed type, and clouds in between.
+
+Importing this package registers our schemas with USD; do it before the first stage is opened. It
+never fails: see `registration` for what happens when it comes too late.
+"""
+
+from __future__ import annotations
+
+from usdsplat.schema import registration
+
+registration.register()
+
+from usdsplat.schema.extent import compute_extent  # noqa: E402
+from usdsplat.schema.field import (  # noqa: E402
+    author,
+    fetch,
+    form_of,
+    is_packed,
+    is_splat_field,
+    is_time_varying,
+)
+from usdsplat.schema.hints import (  # noqa: E402
+    color_space,
+    projection_mode,
+    rasterize_mode,
+    sorting_mode,
+)
+from usdsplat.schema.tokens import DATA_ATTRIBUTES, Form  # noqa: E402
+from usdsplat.schema.validation import Finding, validate  # noqa: E402
+
+__all__ = [
+    "DATA_ATTRIBUTES",
+    "Finding",
+    "Form",
+    "author",
+    "color_space",
+    "compute_extent",
+    "fetch",
+    "form_of",
+    "is_packed",
+    "is_splat_field",
+    "is_time_varying",
+    "projection_mode",
+    "rasterize_mode",
+    "sorting_mode",
+    "validate",
+]

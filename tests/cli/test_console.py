@@ -1,0 +1,125 @@
+"""Progress and remarks."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from usdsplat.cli import console
+
+
+class Clock:
+    """Seconds that pass only when a test says so."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr(console.time, "monotonic", lambda: self.now)
+
+
+class Terminal(io.StringIO):
+    """A stderr that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+def run(progress, clock, seconds, label="reading", total=10):
+    """Ten steps, so many seconds each."""
+    for done in range(total + 1):
+        progress.step(label, done, total)
+        clock.now += seconds
+
+
+def test_short_work_is_not_mentioned(clock, capsys):
+    """Oracle: the promise, nothing below about a second; 0.9 s pass here."""
+    with console.progress() as progress:
+        run(progress, clock, 0.09)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_long_work_is_plain_lines_a_step_each(clock, capsys):
+    """Oracle: written out by hand: two seconds a step, so that the time left is known."""
+    with console.progress() as progress:
+        run(progress, clock, 2.0, total=4)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "usdsplat: reading 1/4 (25 %, 0:06 left)",
+        "usdsplat: reading 2/4 (50 %, 0:04 left)",
+        "usdsplat: reading 3/4 (75 %, 0:02 left)",
+        "usdsplat: reading 4/4 (100 %)",
+    ]
+
+
+def test_many_small_steps_make_few_lines(clock, capsys):
+    """Oracle: 3 s of work at one line per second, and the end."""
+    with console.progress() as progress:
+        run(progress, clock, 0.01, total=300)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert lines[-1] == "usdsplat: reading 300/300 (100 %)"
+
+
+def test_each_label_is_timed_by_itself(clock, capsys):
+    """Oracle: two pieces of work of 0.9 s each are both short."""
+    with console.progress() as progress:
+        run(progress, clock, 0.09, label="reading")
+        run(progress, clock, 0.09, label="writing")
+    assert capsys.readouterr().err == ""
+
+
+def test_work_of_unknown_size_says_how_much_is_done(clock, capsys):
+    """Oracle: written out by hand; there is no share and no time left."""
+    with console.progress() as progress:
+        progress.step("compiling", 0, 0)
+        clock.now += 2
+        progress.step("compiling", 0, 0)
+        clock.now += 2
+        progress.step("compiling", 7, 0)
+    assert capsys.readouterr().err.splitlines() == ["usdsplat: compiling", "usdsplat: compiling 7"]
+
+
+def test_a_terminal_gets_a_bar_that_goes_away(clock, monkeypatch):
+    """Oracle: rich shows label and share, and erases its lines in the end (ANSI CSI 2 K)."""
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with console.progress() as progress:
+        run(progress, clock, 2.0)
+        run(progress, clock, 2.0, label="writing")
+    text = terminal.getvalue()
+    assert "reading" in text
+    assert "writing" in text
+    assert text.rstrip("\n").endswith("\x1b[2K")
+
+
+def test_a_terminal_gets_no_bar_for_short_work(clock, monkeypatch):
+    """Oracle: the promise, nothing below about a second."""
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with console.progress() as progress:
+        run(progress, clock, 0.05)
+    assert terminal.getvalue() == ""
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0:00"), (59.6, "1:00"), (754, "12:34"), (3723, "1:02:03")]
+)
+def test_durations_are_read_aloud(seconds, text):
+    """Oracle: written out by hand."""
+    assert console.duration(seconds) == text
+
+
+def test_results_and_remarks_take_different_roads(capsys):
+    """Oracle: stdout is for results, stderr for the rest."""
+    console.print_json({"a": [1, None]})
+    console.remark("b")
+    out, err = capsys.readouterr()
+    assert out == '{\n  "a": [\n    1,\n    null\n  ]\n}\n'
+    assert err == "usdsplat: b\n"

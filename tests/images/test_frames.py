@@ -1,0 +1,87 @@
+"""Frame ranges and file names that hold a frame number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from usdsplat.core.errors import UsageError
+from usdsplat.images.frames import frame_path, frame_paths, parse_frames
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("7", [7]),
+        ("1-4", [1, 2, 3, 4]),
+        ("1:4", [1, 2, 3, 4]),
+        ("1-10x4", [1, 5, 9]),
+        ("1-10x2,20", [1, 3, 5, 7, 9, 20]),
+        ("3-1", [3, 2, 1]),
+        ("10:1x-3", [10, 7, 4, 1]),
+        ("-2-2x2", [-2, 0, 2]),
+        ("-4--2", [-4, -3, -2]),
+        ("1-2x0.25", [1, 1.25, 1.5, 1.75, 2]),
+        ("0-1x0.1", [i / 10 for i in range(11)]),
+        ("1, 5 ,3", [1, 5, 3]),
+        ("1-3,2-4", [1, 2, 3, 4]),
+        ("12.5", [12.5]),
+    ],
+)
+def test_ranges_name_these_frames(text, expected):
+    """Oracle: written out by hand."""
+    assert parse_frames(text) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a", "1-", "1-10x0", "1-10x-1", "1--", "1 10", "1x2", "1-2-3", ",", "1e3", "nan"]
+)
+def test_what_is_no_range_is_refused(text):
+    """Oracle: one sentence that shows what is expected."""
+    with pytest.raises(UsageError, match=r"frames: found .*, expected"):
+        parse_frames(text)
+
+
+def test_a_slip_of_the_finger_is_not_a_week_of_rendering():
+    """Oracle: the limit; nothing is allocated for it."""
+    with pytest.raises(UsageError, match=r"1000000000001 frames .* expected 1000000 or fewer"):
+        parse_frames("0-1000000000000")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "frame", "expected"),
+    [
+        ("out.####.exr", 7, "out.0007.exr"),
+        ("out.#.exr", 123, "out.123.exr"),
+        ("out_%04d.exr", 7, "out_0007.exr"),
+        ("out_%d.exr", 7, "out_7.exr"),
+        ("out.####.exr", -7, "out.-007.exr"),
+        ("out.####.##.exr", 7.25, "out.0007.25.exr"),
+        ("out.####.##.exr", 7, "out.0007.00.exr"),
+        ("out.exr", 7, "out.exr"),
+        ("a.##/out.####.exr", 7, "a.##/out.0007.exr"),
+        ("100%.####.exr", 7, "100%.0007.exr"),
+    ],
+)
+def test_names_take_the_number(pattern, frame, expected):
+    """Oracle: written out by hand; C's printf for the sign."""
+    assert frame_path(pattern, frame) == Path(expected)
+
+
+def test_names_without_room_are_refused():
+    """Oracle: two frames in one file, or half a frame in a whole number, lose a picture."""
+    with pytest.raises(UsageError, match=r"2 frames, expected a place for the frame number"):
+        frame_paths("out.exr", (1, 2))
+    with pytest.raises(UsageError, match=r"frame 1\.5, expected room for its fraction"):
+        frame_path("out.####.exr", 1.5)
+    with pytest.raises(UsageError, match="2 frames"):
+        frame_paths("out.##.#.exr", (1.01, 1.02))
+    with pytest.raises(UsageError, match="2 places"):
+        frame_path("out.####.%04d.exr", 1)
+
+
+def test_a_single_frame_needs_no_place():
+    """Oracle: the name as it was given."""
+    assert frame_paths("out.exr", (12.5,)) == (Path("out.exr"),)
+    assert frame_paths("out.##.exr", (1, 2)) == (Path("out.01.exr"), Path("out.02.exr"))

@@ -1,0 +1,113 @@
+"""How a command talks: results on stdout, progress and remarks on stderr.
+
+On a terminal progress is a bar with the time left; elsewhere it is plain lines, a step each, which
+render managers and logs can read. Work that takes less than about a second is not mentioned.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from usdsplat.core.progress import Progress
+
+PATIENCE = 1.0
+"""Seconds before anything is said about a piece of work, and between two plain lines."""
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """Yield a listener that shows progress the way stderr can; when it ends the bar is gone."""
+    if not sys.stderr.isatty():
+        yield Lines()
+        return
+    bar = Bar()
+    try:
+        yield bar
+    finally:
+        bar.stop()
+
+
+def remark(text: str) -> None:
+    """Tell the user something that is neither a result nor an error."""
+    print(f"usdsplat: {text}", file=sys.stderr)
+
+
+def print_json(value: Any) -> None:
+    """Print a result for machines: one JSON value on stdout."""
+    print(json.dumps(value, indent=2, allow_nan=False))
+
+
+def duration(seconds: float) -> str:
+    """A time span as people say it: 0:07, 12:30, 1:02:03."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+class Lines:
+    """Progress as plain lines."""
+
+    def __init__(self) -> None:
+        self._label = ""
+        self._started = self._printed = time.monotonic()
+
+    def step(self, label: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if label != self._label:
+            self._label, self._started, self._printed = label, now, now
+        is_last = done == total and self._printed > self._started
+        if now - self._printed < PATIENCE and not is_last:
+            return
+        self._printed = now
+        print(f"usdsplat: {label}{_amount(done, total, now - self._started)}", file=sys.stderr)
+
+
+class Bar:
+    """Progress as a bar of rich's, made when it is first needed."""
+
+    def __init__(self) -> None:
+        self._label = ""
+        self._started = time.monotonic()
+        self._rich: Any = None
+
+    def step(self, label: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if label != self._label:
+            self.stop()
+            self._label, self._started = label, now
+        if self._rich is None:
+            if now - self._started < PATIENCE or (total and done == total):
+                return
+            self._rich = _rich_progress()
+            self._rich.start()
+            self._task = self._rich.add_task(label, total=total or None)
+        self._rich.update(self._task, completed=done, total=total or None)
+
+    def stop(self) -> None:
+        """Take the bar away."""
+        if self._rich is not None:
+            self._rich.stop()
+            self._rich = None
+
+
+def _amount(done: int, total: int, elapsed: float) -> str:
+    """How far it is and how long it will still take."""
+    if not total:
+        return f" {done}" if done else ""
+    left = f", {duration(elapsed * (total - done) / done)} left" if 0 < done < total else ""
+    return f" {done}/{total} ({100 * done // total} %{left})"
+
+
+def _rich_progress() -> Any:
+    """A bar on stderr that leaves nothing behind."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
+    return Progress(*columns, console=Console(stderr=True), transient=True)

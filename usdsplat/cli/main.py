@@ -1,0 +1,103 @@
+"""Pick the command, read its options, run it, and turn errors into one line and a status.
+
+A command is a module of this package with a dataclass `Options`, whose fields are its arguments, and
+`run(options)`, which returns the exit status. Its docstring is its help. Only the module that is
+named gets loaded, and USD and Numba only once it runs, so help is there at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from usdsplat import __version__
+from usdsplat.core.errors import UsdSplatError, UsageError
+
+COMMANDS = {
+    "convert": "turn a capture into a USD stage, a stage into a capture, or one capture into another",
+    "info": "say what is in a capture or a stage",
+    "validate": "check the splats of a stage, each finding with its cure",
+    "render": "draw a stage, or a capture, to EXR or PNG",
+    "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
+}
+
+OVERVIEW = f"""usage: usdsplat COMMAND ...
+
+Gaussian splats as ordinary citizens of a USD pipeline.
+
+commands:
+{chr(10).join(f"  {name:9} {text}" for name, text in COMMANDS.items())}
+
+examples:
+  usdsplat convert scan.ply scan.usdc
+  usdsplat render scan.usdc -o scan.png
+  usdsplat render shot.usd -o shot.####.exr --frames 1-24
+
+usdsplat COMMAND --help tells more; usdsplat --version tells the version."""
+
+
+class Command(Protocol):
+    """What a command's module holds."""
+
+    Options: type
+
+    def run(self, options: Any) -> int:
+        """Do it; return the exit status."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that `argv` names, without the program's own name; None takes the process's.
+
+    Returns:
+        0 when all is well, 1 when `validate` found errors, 2 for a mistake that one sentence on
+        stderr explains, 130 after Ctrl-C. Anything else that escapes is a bug and keeps its
+        traceback.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        return _complain("interrupted", 130)
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; what is still buffered has nowhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except (UsdSplatError, OSError) as error:
+        return _complain(str(error), 2)
+
+
+def _run(arguments: list[str]) -> int:
+    """`main` without the handling of errors."""
+    if not arguments:
+        print(OVERVIEW, file=sys.stderr)
+        return 2
+    name, *rest = arguments
+    if name in ("-h", "--help", "help"):
+        print(OVERVIEW)
+        return 0
+    if name == "--version":
+        print(f"usdsplat {__version__}")
+        return 0
+    if name not in COMMANDS:
+        raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
+    command: Command = importlib.import_module(f"usdsplat.cli.{name}")  # type: ignore[assignment]
+    from usdsplat.cli.parsing import parse
+
+    options = parse(command.Options, name, command.__doc__ or "", rest)
+    if isinstance(options, int):
+        return options
+    status = command.run(options)
+    sys.stdout.flush()  # here, where a closed pipe is still ours to handle
+    return status
+
+
+def _complain(message: str, status: int) -> int:
+    print(f"usdsplat: {message}", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,50 @@
+"""Frames named by where their axes point.
+
+Three letters say where x, y and z go: right or left, up or down, forward or back, as the viewer
+sees it. "rdf" is COLMAP's and most captures' frame (x right, y down, z forward), "rub" OpenGL's and
+USD's with upAxis = Y, "rfu" USD's with upAxis = Z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import UsageError
+
+_DIRECTIONS = {
+    "r": (1, 0, 0),
+    "l": (-1, 0, 0),
+    "u": (0, 1, 0),
+    "d": (0, -1, 0),
+    "b": (0, 0, 1),
+    "f": (0, 0, -1),
+}
+
+UP_AXIS_FRAME = {"Y": "rub", "Z": "rfu"}
+"""A stage's upAxis -> the frame of its coordinates."""
+
+
+def frame_matrix(frame: str) -> F64:
+    """Signed permutation that takes coordinates in `frame` to the right-handed reference, "rub".
+
+    Returns:
+        Shape (3, 3), column-vector convention; its determinant is -1 for a left-handed frame.
+
+    Raises:
+        UsageError: If `frame` does not name three mutually perpendicular directions.
+    """
+    known = len(frame) == 3 and all(letter in _DIRECTIONS for letter in frame)
+    matrix = np.array([_DIRECTIONS[letter] for letter in frame], np.float64).T if known else None
+    if matrix is None or abs(np.linalg.det(matrix)) < 0.5:
+        raise UsageError("frame", repr(frame), "where x, y and z point, such as 'rdf' or 'rub'")
+    return matrix
+
+
+def change(source: str, target: str) -> F64:
+    """Signed permutation that takes coordinates in frame `source` to frame `target`, shape (3, 3).
+
+    Raises:
+        UsageError: If either does not name a frame.
+    """
+    return frame_matrix(target).T @ frame_matrix(source)

@@ -1,0 +1,123 @@
+"""Number encodings that several file formats and the packed schema share.
+
+Nothing here knows a layout: callers put codes into bits. Coding is done in float64, so that a code
+is the nearest one and not the neighbour that float32 rounding prefers.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating[Any]]
+Codes = npt.NDArray[np.integer[Any]]
+
+SMALL_LIMIT = math.sqrt(0.5)
+"""No component of a unit quaternion but the largest exceeds this."""
+
+
+def sigmoid(x: Floats) -> Floats:
+    """Logistic function, without overflow; keeps the dtype. -inf gives 0 and +inf gives 1."""
+    small = np.exp(-np.abs(x))  # in (0, 1]: never overflows
+    one = small.dtype.type(1)
+    return np.where(x >= 0, one / (one + small), small / (one + small))
+
+
+def logit(p: Floats) -> Floats:
+    """Inverse of `sigmoid`; keeps the dtype. 0 gives -inf and 1 gives +inf, both legal."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.log(p) - np.log1p(-p)
+
+
+def quantize(values: Floats, lower: Any, upper: Any, top: int) -> npt.NDArray[np.uint32]:
+    """Nearest of the codes 0..top that divide [lower, upper] evenly; values outside are clamped.
+
+    Args:
+        values: Any shape, no NaN.
+        lower: Value of code 0; broadcasts against `values`.
+        upper: Value of code `top`; where it equals `lower` the code is 0.
+        top: Highest code, `2**bits - 1` to use all of `bits` bits; an even one gives the middle of
+            the interval a code of its own.
+    """
+    low = np.asarray(lower, np.float64)
+    span = np.asarray(upper, np.float64) - low
+    with np.errstate(divide="ignore"):
+        slope = np.where(span > 0, top / span, 0.0)
+    codes = np.rint((values.astype(np.float64) - low) * slope)
+    return np.clip(codes, 0, top, out=codes).astype(np.uint32)
+
+
+def dequantize(codes: Codes, lower: Any, upper: Any, top: int) -> npt.NDArray[np.float32]:
+    """Values of codes 0..top over [lower, upper]; exact at both ends."""
+    t = codes.astype(np.float64) / top
+    values = np.asarray(lower, np.float64) * (1.0 - t) + np.asarray(upper, np.float64) * t
+    return values.astype(np.float32)
+
+
+def split_largest(quaternions: Floats) -> tuple[npt.NDArray[np.uint8], Floats]:
+    """Reduce unit quaternions to the three components that are smallest in magnitude.
+
+    Args:
+        quaternions: Unit quaternions in any component order, shape (n, 4).
+
+    Returns:
+        Index of the component left out, the first of equals, shape (n,); the others in their order,
+        with the sign under which the one left out is positive, shape (n, 3), in +-`SMALL_LIMIT`.
+    """
+    rows = np.arange(len(quaternions))
+    largest = np.argmax(np.abs(quaternions), axis=1)
+    sign = np.where(quaternions[rows, largest] < 0, -1, 1).astype(quaternions.dtype)
+    rest = quaternions[rows[:, None], _others(largest)] * sign[:, None]
+    return largest.astype(np.uint8), rest
+
+
+def join_largest(largest: Codes, rest: Floats) -> npt.NDArray[np.float32]:
+    """Undo `split_largest`: unit quaternions in the component order that was split, shape (n, 4).
+
+    Rows whose three components are longer than 1, which no encoder writes, are scaled to length 1.
+    """
+    small = rest.astype(np.float64)
+    squared = np.einsum("ni,ni->n", small, small)
+    index = largest.astype(np.intp)
+    rows = np.arange(len(index))
+    whole = np.empty((len(index), 4))
+    whole[rows[:, None], _others(index)] = small / np.sqrt(np.maximum(squared, 1.0))[:, None]
+    whole[rows, index] = np.sqrt(np.maximum(1.0 - squared, 0.0))
+    return whole.astype(np.float32)
+
+
+def encode_smallest_three(
+    quaternions: Floats, *, top: int, limit: float = SMALL_LIMIT
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint32]]:
+    """Code unit quaternions by index of the largest component and codes of the three others.
+
+    Args:
+        quaternions: Unit quaternions in any component order, shape (n, 4).
+        top: Highest code; components -limit..+limit become 0..top.
+        limit: Magnitude that the outermost codes stand for.
+
+    Returns:
+        Index, shape (n,), and codes, shape (n, 3). The rotation that comes back is off by at most
+        4 sqrt(3) limit / top radians: 0.27 degrees with 10 bits a component, 0.0086 with 15.
+    """
+    largest, rest = split_largest(quaternions)
+    return largest, quantize(rest, -limit, limit, top)
+
+
+def decode_smallest_three(
+    largest: Codes, codes: Codes, *, top: int, limit: float = SMALL_LIMIT
+) -> npt.NDArray[np.float32]:
+    """Undo `encode_smallest_three`: unit quaternions, shape (n, 4)."""
+    span = 2.0 * limit / top
+    return join_largest(largest, codes.astype(np.float64) * span - limit)
+
+
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+
+
+def _others(largest: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Columns that remain when one is left out, shape (n, 3)."""
+    return _OTHERS[largest]

@@ -1,0 +1,244 @@
+"""Everything of one stage at one time: the one object that a program needs to make pictures.
+
+    with Engine(stage, time=12) as engine:
+        view = engine.view("/World/Camera", resolution=(1920, 1080))
+        color = engine.picture(view)["color"]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.delegate.band import Band
+from usdsplat.delegate.default_camera import frame_bounds
+from usdsplat.delegate.product import ProductSpec
+from usdsplat.delegate.render_buffer import Pixels
+from usdsplat.delegate.render_index import RenderIndex
+from usdsplat.delegate.render_param import RenderParam
+from usdsplat.delegate.render_pass import RenderPass
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
+from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.kernels.device import open_device
+
+PURPOSES = ("default", "render")
+
+
+class Engine:
+    """One render scene of one stage at one time; views of it are values.
+
+    Edits of the stage are noticed, whoever makes them, and cost only what they touch. Two engines
+    share nothing: neither scenes, nor caches, nor notices.
+
+    Args:
+        stage: A Usd.Stage. The engine never edits it.
+        device: "auto", or a name that `kernels.device.open_device` knows.
+        threads: How many to use; None for all.
+        time: Time code; None for USD's default time, which ignores time samples.
+        purposes: Which of default, render, proxy and guide are drawn.
+
+    Raises:
+        BackendError: If the device is not usable here.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        *,
+        device: str = "auto",
+        threads: int | None = None,
+        time: float | None = None,
+        purposes: tuple[str, ...] = PURPOSES,
+    ) -> None:
+        self._renderer = Renderer(open_device(device, threads=threads))
+        self._param = RenderParam(RenderScene())
+        self._index = RenderIndex(self._param)
+        self._pass = RenderPass(self._renderer, self._param)
+        self._scene: UsdSceneDelegate | None = UsdSceneDelegate(
+            stage, self._index, time=time, purposes=purposes
+        )
+
+    # --- the stage -------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float | None:
+        """The time code that is shown; None for USD's default time."""
+        return self._open().time
+
+    def set_time(self, time: float | None) -> None:
+        """Go to another time; only what varies over time is pulled again."""
+        self._open().set_time(time)
+
+    def set_purposes(self, purposes: tuple[str, ...]) -> None:
+        """Draw other purposes than before."""
+        self._open().set_purposes(purposes)
+
+    def sync(self) -> None:
+        """Bring the render scene up to date with the stage. Pictures do this by themselves."""
+        scene = self._open()
+        scene.apply_pending_updates()
+        self._index.sync_all(scene)
+
+    @property
+    def pulls(self) -> Mapping[str, int]:
+        """How many times each kind of thing was read from the stage so far."""
+        return dict(self._open().pulls)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each prim that cannot be used as it is; brings the scene up to date."""
+        self.sync()
+        return self._open().warnings
+
+    @property
+    def splat_count(self) -> int:
+        """Splats held; instances count once. Brings the scene up to date."""
+        self.sync()
+        return self._param.scene.splat_count
+
+    def bounds(self) -> tuple[F64, F64] | None:
+        """Return the lowest and highest corner in the world of all that is visible, or None."""
+        self.sync()
+        return self._param.scene.bounds()
+
+    # --- views -----------------------------------------------------------------------------
+
+    def cameras(self) -> list[str]:
+        """Return the paths of the stage's cameras, sorted."""
+        self.sync()
+        return sorted(self._index.cameras)
+
+    def view(
+        self,
+        camera: str | None = None,
+        *,
+        resolution: tuple[int, int] | None = None,
+        framing: Framing | None = None,
+    ) -> View:
+        """Return what a camera sees now.
+
+        Args:
+            camera: Path of the prim; None for a camera that frames all that is visible.
+            resolution: [pixel]; takes the place of the one of `framing`.
+            framing: How the image samples the aperture.
+
+        Raises:
+            StageError: If there is no such camera, or it cannot be used.
+        """
+        self.sync()
+        framing = framing or Framing()
+        if resolution is not None:
+            framing = replace(framing, resolution=resolution)
+        return View(camera=self._camera(camera, framing), framing=framing)
+
+    def products(
+        self,
+        settings_path: str | None = None,
+        *,
+        camera: str | None = None,
+        resolution: tuple[int, int] | None = None,
+        overrides: Mapping[str, Any] | None = None,
+    ) -> tuple[ProductSpec, ...]:
+        """Return what the stage's render settings ask for; nothing when it has none.
+
+        Args:
+            settings_path: Path of the RenderSettings prim; None for the one that the stage names,
+                or else its first.
+            camera: Path that replaces the authored cameras.
+            resolution: [pixel]; replaces the authored ones.
+            overrides: Values of `RenderSettings` that replace the authored ones.
+
+        Raises:
+            StageError: If `settings_path` is no RenderSettings, or an authored value is unusable.
+            UsageError: If an override is.
+        """
+        scene = self._open()
+        return find_products(
+            scene.stage,
+            time=scene.time,
+            settings_path=settings_path,
+            camera=camera,
+            resolution=resolution,
+            overrides=overrides or {},
+        )
+
+    # --- pictures --------------------------------------------------------------------------
+
+    def render(
+        self, view: View, settings: RenderSettings | None = None, aovs: tuple[str, ...] = ("color",)
+    ) -> Iterator[Band]:
+        """Return the bands of a picture, top to bottom; memory is the splats and one band.
+
+        The scene must not be edited before the last band is taken.
+        """
+        self.sync()
+        return self._renderer.render(self._param.scene, view, self._resolved(settings), aovs)
+
+    def picture(
+        self, view: View, settings: RenderSettings | None = None, aovs: tuple[str, ...] = ("color",)
+    ) -> dict[str, Pixels]:
+        """Return a whole picture, drawn only if the last one was not the same.
+
+        Returns:
+            AOV -> its pixels in the data window, read-only, shape (height, width) or, of color,
+            (height, width, 4): premultiplied, in the space that `settings` ask for.
+        """
+        self.sync()
+        buffers = {name: self._index.buffer(name) for name in aovs}
+        self._pass.execute(view, self._resolved(settings), aovs, buffers)
+        return {name: buffer.map() for name, buffer in buffers.items()}
+
+    # --- the end ---------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Release arrays, buffers and notices; the engine cannot be used any more."""
+        if self._scene is None:
+            return
+        self._scene.close()
+        self._scene = None
+        self._index.close()
+        self._param.scene.close()
+        self._renderer.close()
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _open(self) -> UsdSceneDelegate:
+        if self._scene is None:
+            raise UsageError("engine", "a closed one", "an open one")
+        return self._scene
+
+    def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
+        return (settings or RenderSettings()).resolved(self._index.sorting_hints())
+
+    def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
+        if path is None:
+            columns, rows = framing.resolution
+            aspect = framing.pixel_aspect_ratio * columns / rows
+            bounds = self._param.scene.bounds()
+            return frame_bounds(bounds, up_axis=self._open().up_axis, aspect=aspect)
+        found = self._index.cameras.get(path)
+        if found is None:
+            known = ", ".join(sorted(self._index.cameras))
+            expected = f"one of {known}" if known else "none: the stage has no cameras"
+            raise StageError("camera", path, expected)
+        if found.spec is None:
+            raise self._open().problems[path]
+        return found.spec

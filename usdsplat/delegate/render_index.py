@@ -1,0 +1,97 @@
+"""Every prim of one engine, and the order in which they are synced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import TypeVar
+
+from usdsplat.delegate.camera import Camera
+from usdsplat.delegate.change_tracker import ChangeTracker
+from usdsplat.delegate.instancer import Instancer
+from usdsplat.delegate.prim import Prim, SceneDelegate
+from usdsplat.delegate.render_buffer import RenderBuffer
+from usdsplat.delegate.render_param import RenderParam
+from usdsplat.delegate.specs import SortingMode
+from usdsplat.delegate.splat_field import SplatField
+
+P = TypeVar("P", bound=Prim)
+
+
+class RenderIndex:
+    """Owns rprims (fields), instancers, sprims (cameras) and bprims (render buffers)."""
+
+    def __init__(self, param: RenderParam) -> None:
+        self.tracker = ChangeTracker()
+        self._param = param
+        self._fields: dict[str, SplatField] = {}
+        self._instancers: dict[str, Instancer] = {}
+        self._cameras: dict[str, Camera] = {}
+        self._buffers: dict[str, RenderBuffer] = {}
+        self.fields: Mapping[str, SplatField] = MappingProxyType(self._fields)
+        self.instancers: Mapping[str, Instancer] = MappingProxyType(self._instancers)
+        self.cameras: Mapping[str, Camera] = MappingProxyType(self._cameras)
+
+    def insert_field(self, path: str) -> None:
+        """Add an rprim; it pulls everything at the next sync."""
+        self._insert(self._fields, SplatField(path, self.instancers))
+
+    def insert_instancer(self, path: str) -> None:
+        """Add an instancer; it pulls everything at the next sync."""
+        self._insert(self._instancers, Instancer(path))
+
+    def insert_camera(self, path: str) -> None:
+        """Add a sprim; it pulls everything at the next sync."""
+        self._insert(self._cameras, Camera(path))
+
+    def remove_field(self, path: str) -> None:
+        """Remove an rprim and what it put into the render scene."""
+        self._remove(self._fields, path)
+
+    def remove_instancer(self, path: str) -> None:
+        """Remove an instancer; the fields it carried must get other placements."""
+        self._remove(self._instancers, path)
+
+    def remove_camera(self, path: str) -> None:
+        """Remove a sprim."""
+        self._remove(self._cameras, path)
+
+    def buffer(self, aov: str) -> RenderBuffer:
+        """Return the bprim that holds an AOV, made at first use."""
+        return self._buffers.setdefault(aov, RenderBuffer(aov))
+
+    def sorting_hints(self) -> Iterator[SortingMode]:
+        """The orders that the visible fields ask for."""
+        hints = (field.sorting_hint for field in self._fields.values())
+        return (hint for hint in hints if hint is not None)
+
+    def sync_all(self, scene: SceneDelegate) -> None:
+        """Sync what is dirty: sprims, then rprims after the instancers that carry them.
+
+        Bprims have nothing to pull: the render pass allocates them.
+        """
+        for kind in (self._cameras, self._instancers, self._fields):
+            self._sync(kind, scene)
+
+    def close(self) -> None:
+        """Remove every prim."""
+        for kind in (self._fields, self._instancers, self._cameras):
+            for path in list(kind):
+                self._remove(kind, path)
+        for buffer in self._buffers.values():
+            buffer.deallocate()
+        self._buffers.clear()
+
+    def _sync(self, prims: Mapping[str, Prim], scene: SceneDelegate) -> None:
+        for path, prim in prims.items():
+            bits = self.tracker.bits(path)
+            if bits:
+                self.tracker.clean(path, prim.sync(scene, self._param, bits))
+
+    def _insert(self, prims: dict[str, P], prim: P) -> None:
+        prims[prim.path] = prim
+        self.tracker.insert(prim.path, prim.INITIAL_DIRTY_BITS)
+
+    def _remove(self, prims: Mapping[str, Prim], path: str) -> None:
+        self.tracker.remove(path)
+        prims.pop(path).finalize(self._param)  # type: ignore[attr-defined]

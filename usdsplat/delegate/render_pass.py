@@ -1,0 +1,58 @@
+"""Decide whether a picture must be drawn; the renderer draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from usdsplat.delegate.render_buffer import RenderBuffer
+from usdsplat.delegate.render_param import RenderParam
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.specs import View
+
+
+class RenderPass:
+    """One view of the render scene into render buffers."""
+
+    def __init__(self, renderer: Renderer, param: RenderParam) -> None:
+        self._renderer = renderer
+        self._param = param
+        self._drawn: tuple[Any, ...] | None = None
+
+    def execute(
+        self,
+        view: View,
+        settings: RenderSettings,
+        aovs: tuple[str, ...],
+        buffers: Mapping[str, RenderBuffer],
+    ) -> bool:
+        """Draw if the buffers hold anything but this picture; return whether it was drawn.
+
+        Everything a picture depends on is a frozen value or the scene's version, so "stale" is one
+        comparison and there is no flag to forget.
+        """
+        wanted = (self._param.version, view, settings, aovs)
+        if wanted == self._drawn:
+            return False
+        self._drawn = None
+        self._draw(view, settings, aovs, buffers)
+        self._drawn = wanted
+        return True
+
+    def _draw(
+        self,
+        view: View,
+        settings: RenderSettings,
+        aovs: tuple[str, ...],
+        buffers: Mapping[str, RenderBuffer],
+    ) -> None:
+        _, top, _, bottom = view.framing.window
+        first = True
+        for band in self._renderer.render(self._param.scene, view, settings, aovs):
+            for name in aovs:
+                pixels = band.arrays[name]
+                if first:
+                    buffers[name].allocate((bottom - top, *pixels.shape[1:]), pixels.dtype)
+                buffers[name].write(band.y0 - top, pixels)
+            first = False

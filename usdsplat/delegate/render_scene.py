@@ -1,0 +1,148 @@
+"""The resident splats of one engine. It has not heard of USD."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core import covariance
+from usdsplat.core.cloud import F64
+from usdsplat.delegate.specs import FieldSpec, InstanceSpec
+
+REACH = math.sqrt(2.0 * math.log(255.0))
+"""Standard deviations to where a fully opaque splat contributes nothing."""
+SUBJECT = 0.02
+"""Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
+
+Box = tuple[F64, F64]
+
+
+@dataclass(slots=True)
+class Field:
+    """One range of splats and where it is seen."""
+
+    spec: FieldSpec
+    instances: tuple[InstanceSpec, ...] = ()
+    visible: bool = True
+    local: Box | None = None
+    """Bounds in its own space, conservative; computed when first asked for."""
+    subject: Box | None = None
+    """Bounds of the centres without strays; computed when first asked for."""
+
+
+def matrix(numbers: tuple[float, ...]) -> F64:
+    """The 4x4 of a `specs.Matrix`."""
+    return np.array(numbers, np.float64).reshape(4, 4)
+
+
+def _place(box: Box, numbers: tuple[float, ...]) -> Box:
+    """The box around a box that is transformed."""
+    m = matrix(numbers)
+    center = m[:3, :3] @ (0.5 * (box[0] + box[1])) + m[:3, 3]
+    half = np.abs(m[:3, :3]) @ (0.5 * (box[1] - box[0]))
+    return center - half, center + half
+
+
+def _extent(spec: FieldSpec) -> Box | None:
+    """Bounds of what a cloud can touch, in its own space; None when it has no finite splat."""
+    cloud = spec.cloud
+    if len(cloud) == 0:
+        return None
+    sigma = np.sqrt(
+        np.einsum("nii->ni", covariance.from_scale_rotation(cloud.scales, cloud.rotations))
+    )
+    low, high = cloud.positions - REACH * sigma, cloud.positions + REACH * sigma
+    finite = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
+    if not finite.any():
+        return None
+    return low[finite].min(axis=0).astype(np.float64), high[finite].max(axis=0).astype(np.float64)
+
+
+def _subject(spec: FieldSpec) -> Box | None:
+    """Bounds of nearly all centres of a cloud, strays left out."""
+    positions = spec.cloud.positions
+    positions = positions[np.isfinite(positions).all(axis=1)]
+    if len(positions) == 0:
+        return None
+    low, high = np.quantile(
+        positions[:: max(1, len(positions) // 100_000)], (SUBJECT, 1 - SUBJECT), axis=0
+    )
+    return low.astype(np.float64), high.astype(np.float64)
+
+
+class RenderScene:
+    """Fields by prim path, each a resident range of splats with its transforms.
+
+    Nothing here is shared between scenes, and `close` lets go of everything.
+    """
+
+    def __init__(self) -> None:
+        self._fields: dict[str, Field] = {}
+
+    def set_field(self, path: str, spec: FieldSpec) -> None:
+        """Add the field at `path`, or replace its splats."""
+        field = self._fields.get(path)
+        if field is None:
+            self._fields[path] = Field(spec)
+        else:
+            field.spec, field.local, field.subject = spec, None, None
+
+    def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
+        """Say where the field at `path` is seen."""
+        self._fields[path].instances = instances
+
+    def set_visible(self, path: str, visible: bool) -> None:
+        """Show or hide the field at `path`."""
+        self._fields[path].visible = visible
+
+    def remove(self, path: str) -> None:
+        """Forget the field at `path`."""
+        del self._fields[path]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of all fields, sorted."""
+        return tuple(sorted(self._fields))
+
+    @property
+    def splat_count(self) -> int:
+        """Splats held; instances count once."""
+        return sum(len(field.spec.cloud) for field in self._fields.values())
+
+    def drawn(self) -> list[tuple[str, Field, InstanceSpec]]:
+        """Each visible appearance, in the order that breaks ties of depth: by path, then index."""
+        seen = [
+            (path, field, instance)
+            for path, field in self._fields.items()
+            if field.visible and len(field.spec.cloud)
+            for instance in field.instances
+        ]
+        return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+
+    def bounds(self) -> Box | None:
+        """Lowest and highest corner in the world of all that may be seen, or None if nothing is."""
+        return self._union("local", _extent)
+
+    def subject(self) -> Box | None:
+        """Like `bounds`, of splat centres, without the few that lie far from the others."""
+        return self._union("subject", _subject)
+
+    def _union(self, name: str, measure: Any) -> Box | None:
+        boxes = []
+        for _, field, instance in self.drawn():
+            if getattr(field, name) is None:
+                setattr(field, name, measure(field.spec))
+            box = getattr(field, name)
+            if box is not None:
+                boxes.append(_place(box, instance.transform))
+        if not boxes:
+            return None
+        lows, highs = zip(*boxes, strict=True)
+        return np.min(lows, axis=0), np.max(highs, axis=0)
+
+    def close(self) -> None:
+        """Let go of all arrays."""
+        self._fields.clear()

@@ -1,0 +1,187 @@
+"""Answers for the prims of one stage at one time, and says what has changed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TypeVar
+
+from pxr import Usd, UsdGeom
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.delegate.dirty_bits import DirtyBits
+from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
+from usdsplat.delegate.render_index import RenderIndex
+from usdsplat.delegate.scene_delegate import placing
+from usdsplat.delegate.scene_delegate.cameras import read_camera
+from usdsplat.delegate.scene_delegate.dependencies import Dependencies
+from usdsplat.delegate.scene_delegate.fields import read_field
+from usdsplat.delegate.scene_delegate.instancers import read_instancer
+from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
+from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
+from usdsplat.delegate.scene_delegate.reconcile import reconcile
+from usdsplat.delegate.scene_delegate.variability import varying_bits
+from usdsplat.delegate.specs import CameraSpec, FieldSpec
+
+T = TypeVar("T")
+
+
+class UsdSceneDelegate:
+    """A `SceneDelegate` that reads a Usd.Stage and keeps a render index in step with it.
+
+    Edits are collected as they come; `apply_pending_updates` turns them into dirty bits.
+    """
+
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        index: RenderIndex,
+        *,
+        time: float | None,
+        purposes: Iterable[str],
+    ) -> None:
+        self.stage = stage
+        self.pulls: Counter[str] = Counter()
+        """What was read so far, by kind."""
+        self.time = time
+        self._applied_time = time
+        self._purposes = frozenset(purposes)
+        self._index = index
+        self._population = Population()
+        self._dependencies = Dependencies(self._population)
+        self._varying: dict[str, DirtyBits] = {}
+        self.problems: dict[str, UsdSplatError] = {}
+        """Path -> why the prim there could not be read."""
+        self._xforms = UsdGeom.XformCache(self._code)
+        self._is_new = True
+        self._notices = NoticeListener(stage)
+
+    @property
+    def up_axis(self) -> str:
+        """The stage's upAxis, "Y" or "Z"."""
+        return str(UsdGeom.GetStageUpAxis(self.stage))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each prim that cannot be used as it is, by path."""
+        problems = {**self._population.problems, **self.problems}
+        return tuple(str(problems[path]) for path in sorted(problems))
+
+    def set_time(self, time: float | None) -> None:
+        """Go to another time with the next update."""
+        self.time = time
+
+    def set_purposes(self, purposes: Iterable[str]) -> None:
+        """Show prims of these purposes from the next sync on."""
+        self._purposes = frozenset(purposes)
+        self._index.tracker.mark_all(DirtyBits.RENDER_TAG)
+
+    def close(self) -> None:
+        """Stop listening and let go of every prim."""
+        self._notices.close()
+        self._population = Population()
+        self._xforms.Clear()
+
+    # --- what has changed ------------------------------------------------------------------
+
+    def apply_pending_updates(self) -> None:
+        """Bring the index's prims and their dirty bits up to date with the stage and the time."""
+        changes = self._notices.take()
+        self._mark(changes)
+        if changes.structural or changes.everything or self._is_new:
+            self._populate()
+            self._mark(changes)  # what they reach may be something else now
+            self._is_new = False
+        if self.time != self._applied_time:
+            self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
+            self._applied_time = self.time
+        self._xforms = UsdGeom.XformCache(self._code)
+
+    def _populate(self) -> None:
+        found = populate(self.stage)
+        reconcile(self._index, self._population, found)
+        self._population = found
+        self._dependencies = Dependencies(found)
+        self._varying.clear()
+        for path in self.problems.keys() - {*found.fields, *found.instancers, *found.cameras}:
+            del self.problems[path]
+
+    def _mark(self, changes: Changes) -> None:
+        if changes.everything:
+            self._varying.clear()
+            self._index.tracker.mark_all(DirtyBits.ALL)
+            return
+        for path, bits in self._dependencies.reached_by(changes):
+            self._varying.pop(path, None)
+            self._index.tracker.mark(path, bits)
+
+    def _mark_time(self, *, to_or_from_default: bool) -> None:
+        """Dirty what may differ between two times; the default time has values of its own."""
+        tracker = self._index.tracker
+        if to_or_from_default:
+            tracker.mark_all(DirtyBits.ALL & ~DirtyBits.INSTANCE_INDEX)
+            return
+        known = self._population
+        for path in (*known.instancers, *known.cameras, *known.fields):
+            if path not in self._varying:
+                self._varying[path] = varying_bits(known, path)
+            tracker.mark(path, self._varying[path])
+
+    # --- answers, as `SceneDelegate` describes them ----------------------------------------
+
+    def field(self, path: str) -> FieldSpec | None:
+        """Implements `SceneDelegate.field`."""
+        prim = self._population.fields[path].prim
+        return self._pull("field", path, partial(read_field, prim, self._code), None)
+
+    def placements(self, path: str) -> tuple[Placement, ...]:
+        """Implements `SceneDelegate.placements`."""
+        self.pulls["placements"] += 1
+        return tuple(appearance.placement for appearance in self._appearances(path))
+
+    def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
+        """Implements `SceneDelegate.transforms`."""
+        self.pulls["transforms"] += 1
+        appearances = self._appearances(path)
+        return tuple(placing.transforms(appearance, self._xforms) for appearance in appearances)
+
+    def visible(self, path: str) -> tuple[bool, ...]:
+        """Implements `SceneDelegate.visible`."""
+        self.pulls["visible"] += 1
+        return tuple(
+            placing.purpose(appearance) in self._purposes
+            and placing.is_visible(appearance, self._code)
+            for appearance in self._appearances(path)
+        )
+
+    def instancer(self, path: str) -> InstancerSpec:
+        """Implements `SceneDelegate.instancer`."""
+        prim = self._population.instancers[path]
+        return self._pull("instancer", path, partial(read_instancer, prim, self._code), NO_INSTANCES)
+
+    def camera(self, path: str) -> CameraSpec | None:
+        """Implements `SceneDelegate.camera`."""
+        prim = self._population.cameras[path]
+        read = partial(read_camera, prim, self._code, self._xforms)
+        return self._pull("camera", path, read, None)
+
+    # --- private ---------------------------------------------------------------------------
+
+    @property
+    def _code(self) -> Usd.TimeCode:
+        return Usd.TimeCode.Default() if self.time is None else Usd.TimeCode(self.time)
+
+    def _appearances(self, path: str) -> tuple[Appearance, ...]:
+        return self._population.fields[path].appearances
+
+    def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
+        """Count and read; a prim that cannot be read becomes a warning, and others go on."""
+        self.pulls[kind] += 1
+        self.problems.pop(path, None)
+        try:
+            return read()
+        except UsdSplatError as error:
+            self.problems[path] = error
+            return unusable

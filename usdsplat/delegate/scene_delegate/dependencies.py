@@ -1,0 +1,90 @@
+"""Which prims of the stage each prim of the render index was read from."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+
+from pxr import Sdf, Usd
+
+from usdsplat import schema
+from usdsplat.delegate.dirty_bits import DirtyBits
+from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
+from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
+
+FIELD_PROPERTIES = schema.DATA_ATTRIBUTES | {
+    schema.tokens.RASTERIZE_MODE,
+    schema.tokens.PROJECTION_MODE,
+    schema.tokens.SORTING_MODE,
+}
+"""What a field is read from; it may have any number of other properties."""
+
+
+class Dependencies:
+    """Stage path -> paths in the render index: those beneath it, those that the prim there moves or
+    hides, and those whose own attributes are there.
+
+    Native instances are found by their own paths and by those in their prototypes.
+    """
+
+    def __init__(self, population: Population) -> None:
+        self._beneath: dict[Sdf.Path, set[str]] = defaultdict(set)
+        self._placed: dict[Sdf.Path, set[str]] = defaultdict(set)
+        self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
+        for path, entry in population.fields.items():
+            for appearance in entry.appearances:
+                self._add(path, appearance.levels, appearance.levels[-1].prim)
+        for kind in (population.instancers, population.cameras):
+            for path, prim in kind.items():
+                self._add(path, (Level(prim=prim, root=None),), prim)
+
+    def reached_by(self, changes: Changes) -> Iterator[tuple[str, DirtyBits]]:
+        """Paths in the render index and what `changes` dirty about them."""
+        for path in changes.resynced:
+            yield from _each(self._beneath.get(path), DirtyBits.ALL)
+        for path in changes.prims:
+            # the only metadata of a prim that counts and does not resync it is inactiveIds
+            yield from _each(self._read.get(path), DirtyBits.INSTANCER)
+        for path in changes.properties:
+            prim, name = path.GetPrimPath(), path.name
+            if bits := _inherited_bits(name):
+                yield from _each(self._placed.get(prim), bits)
+            else:
+                yield from _each(self._read.get(prim), _own_bits(name))
+
+    def _add(self, path: str, levels: Iterable[Level], own: Usd.Prim) -> None:
+        for twin in _twins(own):
+            self._read[twin.GetPath()].add(path)
+        for level in levels:
+            for prim in level.lineage():
+                for twin in _twins(prim):
+                    self._placed[twin.GetPath()].add(path)
+            for twin in _twins(level.prim):
+                for prefix in twin.GetPath().GetPrefixes():
+                    self._beneath[prefix].add(path)
+
+
+def _twins(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
+    """A prim, and the one in a prototype that it stands for."""
+    return (prim, source_of(prim)) if prim.IsInstanceProxy() else (prim,)
+
+
+def _each(paths: Iterable[str] | None, bits: DirtyBits) -> Iterator[tuple[str, DirtyBits]]:
+    return ((path, bits) for path in paths or ())
+
+
+def _inherited_bits(name: str) -> DirtyBits:
+    """What a property of a prim changes for the prim and all beneath it."""
+    if name.startswith("xformOp"):
+        return DirtyBits.TRANSFORM
+    if name == "visibility":
+        return DirtyBits.VISIBILITY
+    if name == "purpose":
+        return DirtyBits.RENDER_TAG
+    return DirtyBits.PRIMVAR if is_color_space(name) else DirtyBits.CLEAN
+
+
+def _own_bits(name: str) -> DirtyBits:
+    """What any other property changes for its own prim; cameras and instancers read them all."""
+    bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
+    return bits | DirtyBits.PRIMVAR if name in FIELD_PROPERTIES else bits

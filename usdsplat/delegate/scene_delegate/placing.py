@@ -1,0 +1,51 @@
+"""Where prims are and whether they show: what they inherit from the prims above them.
+
+In the world these are USD's own rules. Inside a prototype of a point instancer they end at the
+prototype's root, whose own transform counts, and go on at the instancer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Gf, Usd, UsdGeom
+
+from usdsplat.core.cloud import F64
+from usdsplat.delegate.scene_delegate.population import Appearance, Level
+
+
+def column_matrix(matrix: Gf.Matrix4d) -> F64:
+    """A Gf matrix, which multiplies row vectors, as one for column vectors, shape (4, 4)."""
+    return np.array(matrix, np.float64).T
+
+
+def transforms(appearance: Appearance, cache: UsdGeom.XformCache) -> tuple[F64, ...]:
+    """The matrices of an appearance's levels, as `SceneDelegate.transforms` gives them."""
+    return tuple(column_matrix(_to_frame(level, cache)) for level in appearance.levels)
+
+
+def _to_frame(level: Level, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
+    if level.root is None:
+        return cache.GetLocalToWorldTransform(level.prim)
+    matrix, _ = cache.ComputeRelativeTransform(level.prim, level.root.GetParent())
+    return matrix
+
+
+def is_visible(appearance: Appearance, time: Usd.TimeCode) -> bool:
+    """Whether nothing hides an appearance."""
+    prims = (prim for level in appearance.levels for prim in level.lineage())
+    return not any(_hides(prim, time) for prim in prims)
+
+
+def _hides(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    imageable = UsdGeom.Imageable(prim)
+    return bool(imageable) and imageable.GetVisibilityAttr().Get(time) == UsdGeom.Tokens.invisible
+
+
+def purpose(appearance: Appearance) -> str:
+    """The purpose of an appearance: the nearest that is authored, from the field outwards."""
+    for level in reversed(appearance.levels):
+        for prim in level.lineage():
+            attribute = UsdGeom.Imageable(prim).GetPurposeAttr()
+            if attribute and attribute.HasAuthoredValue():
+                return str(attribute.Get())
+    return str(UsdGeom.Tokens.default_)

@@ -1,0 +1,49 @@
+"""Make the render index hold what a new walk of the stage has found."""
+
+from __future__ import annotations
+
+from usdsplat.delegate.dirty_bits import DirtyBits
+from usdsplat.delegate.render_index import RenderIndex
+from usdsplat.delegate.scene_delegate.population import FieldEntry, Population
+
+SEEN = (
+    DirtyBits.INSTANCE_INDEX | DirtyBits.TRANSFORM | DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG
+)
+"""What a field must pull when there are other ways to see it than before."""
+
+
+def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
+    """Insert, remove and dirty prims of `index`, which holds those of `old`."""
+    for path in old.fields.keys() - new.fields.keys():
+        index.remove_field(path)
+    for path in old.instancers.keys() - new.instancers.keys():
+        index.remove_instancer(path)
+    for path in old.cameras.keys() - new.cameras.keys():
+        index.remove_camera(path)
+    for path in sorted(new.instancers.keys() - old.instancers.keys()):
+        index.insert_instancer(path)
+    for path in sorted(new.cameras.keys() - old.cameras.keys()):
+        index.insert_camera(path)
+    for path in sorted(new.fields.keys() - old.fields.keys()):
+        index.insert_field(path)
+    for path in old.fields.keys() & new.fields.keys():
+        index.tracker.mark(path, _difference(old.fields[path], new.fields[path]))
+    _carry(index, new)
+
+
+def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
+    """What became dirty because a field was found elsewhere or otherwise than before."""
+    if old.signature[0] != new.signature[0]:
+        return DirtyBits.ALL
+    return DirtyBits.CLEAN if old.signature == new.signature else SEEN
+
+
+def _carry(index: RenderIndex, population: Population) -> None:
+    """Tell the tracker which fields each instancer carries."""
+    carried: dict[str, set[str]] = {path: set() for path in population.instancers}
+    for path, entry in population.fields.items():
+        for appearance in entry.appearances:
+            for link in appearance.placement.links:
+                carried[link.instancer].add(path)
+    for instancer, paths in carried.items():
+        index.tracker.carry(instancer, paths)

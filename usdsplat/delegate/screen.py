@@ -1,0 +1,105 @@
+"""A view in pixels: what the kernels need to know of camera and framing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64
+from usdsplat.delegate.framing import conform
+from usdsplat.delegate.render_scene import matrix
+from usdsplat.delegate.specs import View
+from usdsplat.kernels import bins, project
+
+USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Camera space of USD (y up, looking down -z) to the kernels' (y down, looking along z)."""
+MARGIN = 0.3
+"""Part of the display window's half width by which the affine map's clamp is wider, on each side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """A pinhole or parallel projection onto pixels; pixel (0, 0) is centred on (0, 0)."""
+
+    world_to_camera: F64
+    """Shape (4, 4): x right, y down, z forward."""
+    orthographic: bool
+    focal: tuple[float, float]
+    """[pixel]; for an orthographic camera [pixel / scene unit]."""
+    center: tuple[float, float]
+    """Where the axis meets the picture [pixel]."""
+    size: tuple[int, int]
+    """Display window [pixel]."""
+    window: tuple[int, int, int, int]
+    """Data window (x0, y0, x1, y1) [pixel], end exclusive."""
+    clipping_range: tuple[float, float]
+
+    @classmethod
+    def of(cls, view: View) -> Screen:
+        """Conform the camera's aperture to the image and measure it in pixels."""
+        camera, framing = view.camera, view.framing
+        (left, bottom, right, top), _ = conform(camera.window, framing)
+        width, height = framing.resolution
+        focal = width / (right - left), height / (top - bottom)
+        return cls(
+            world_to_camera=USD_TO_SCREEN @ matrix(camera.world_to_camera),
+            orthographic=camera.orthographic,
+            focal=focal,
+            center=(-left * focal[0] - 0.5, top * focal[1] - 0.5),
+            size=framing.resolution,
+            window=framing.window,
+            clipping_range=camera.clipping_range,
+        )
+
+    @property
+    def eye(self) -> F64:
+        """Where the camera stands in the world, shape (3,)."""
+        return np.asarray(np.linalg.inv(self.world_to_camera)[:3, 3])
+
+    @property
+    def forward(self) -> F64:
+        """Where it looks, in the world, unit length, shape (3,)."""
+        axis = np.linalg.inv(self.world_to_camera)[:3, 2]
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    def bands(self, pixels: int) -> Iterator[tuple[int, int]]:
+        """Cut the data window into bands of whole rows of tiles, of about `pixels` pixels each."""
+        x0, y0, x1, y1 = self.window
+        rows = max(1, pixels // max(1, x1 - x0) // bins.TILE) * bins.TILE
+        while y0 < y1:
+            end = min(y1, (y0 + rows) // bins.TILE * bins.TILE)
+            yield y0, end
+            y0 = end
+
+    def record(self, *, tangential: bool, by_distance: bool, antialiased: bool) -> npt.NDArray[Any]:
+        """The CAMERA record of the kernels, shape (1,)."""
+        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
+        x0, y0, x1, y1 = self.window
+        record = np.zeros(1, project.CAMERA)
+        record["fx"], record["fy"], record["cx"], record["cy"] = fx, fy, cx, cy
+        record["near"], record["far"] = self.clipping_range
+        extra_u, extra_v = MARGIN * 0.5 * width / fx, MARGIN * 0.5 * height / fy
+        record["low_u"], record["high_u"] = (
+            (-0.5 - cx) / fx - extra_u,
+            (width - 0.5 - cx) / fx + extra_u,
+        )
+        record["low_v"], record["high_v"] = (
+            (-0.5 - cy) / fy - extra_v,
+            (height - 0.5 - cy) / fy + extra_v,
+        )
+        record["left"], record["top"], record["right"], record["bottom"] = x0, y0, x1 - 1, y1 - 1
+        record["low_pass"] = project.LOW_PASS
+        record["projection"] = (
+            project.ORTHOGRAPHIC
+            if self.orthographic
+            else project.TANGENTIAL
+            if tangential
+            else project.PERSPECTIVE
+        )
+        record["sorting"] = project.SORT_DISTANCE if by_distance else project.SORT_Z
+        record["antialiased"] = antialiased
+        return record

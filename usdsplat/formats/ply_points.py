@@ -1,0 +1,125 @@
+"""Plain point clouds: a PLY file with positions, maybe colours, and nothing of splats.
+
+Each point becomes an opaque ball half as wide (sigma) as the way to its nearest neighbour, so that
+neighbours meet at one sigma and a sampled surface closes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32
+from usdsplat.core.progress import Progress
+from usdsplat.core.sh import rgb_to_dc
+from usdsplat.formats.capture import Capture
+from usdsplat.formats.filling import Filling
+from usdsplat.formats.ply_columns import Columns
+from usdsplat.formats.ply_header import Header
+from usdsplat.formats.ply_table import Table
+
+LONE_SIGMA = 0.01
+"""[scene unit] of points that have no neighbour elsewhere."""
+LONGEST = 4.0
+"""Cap on a distance, in medians: a stray point is no balloon."""
+
+_POSITIONS = ("x", "y", "z")
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_GRID = (1 << 20) - 1
+_SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours that one order parts, another keeps
+_REACH = 4
+
+
+def read_points(path: Path, header: Header, table: Table, *, progress: Progress) -> Capture:
+    """Read points; integer colours span their type, float ones 0 to 1, none is a middle grey.
+
+    Raises:
+        FormatError: If a position or colour is not finite.
+    """
+    colors = next((names for names in _COLORS if set(names) <= set(table.types)), ())
+    filling = Filling(str(path), table.count, 0)
+    filling.rotations[:] = (1, 0, 0, 0)
+    filling.opacities[:] = 1
+    filling.scales[:] = 0
+    filling.sh[:] = 0
+    get_positions = Columns(table.dtype, _POSITIONS)
+    get_colors = Columns(table.dtype, colors)
+    names = {"positions": _POSITIONS, "sh": colors}
+    tops = np.array([_top(table.types[name]) for name in colors], np.float32)
+    for rows, block in table.blocks():
+        get_positions.into(filling.positions[rows], block)
+        if colors:
+            get_colors.into(filling.sh[rows, 0], block)
+            filling.sh[rows, 0] = rgb_to_dc(filling.sh[rows, 0] / tops)
+        filling.settle(rows, lambda field, column: f"property {names[field][column]}")
+        progress.step(f"reading {path}", rows.stop, table.count)
+    filling.scales[:] = (0.5 * neighbour_distances(filling.positions))[:, None]
+    cloud, _ = filling.cloud()
+    note = (
+        "plain points: each is an opaque ball half as wide as the way to its neighbour, "
+        "and their axes are a guess"
+    )
+    return Capture(
+        cloud=cloud,
+        format=f"PLY points, {header.data_kind}",
+        frame="rdf",
+        notes=(note, *table.remarks()),
+    )
+
+
+def neighbour_distances(positions: F32) -> F32:
+    """About how far the nearest neighbour of each point is.
+
+    Neighbours are looked for along three Morton orders only, so a distance is never too short and
+    seldom much too long. Points on the same spot do not count. No distance is longer than `LONGEST`
+    medians; points without any neighbour get the median.
+
+    Args:
+        positions: Finite points, shape (n, 3).
+
+    Returns:
+        Distances [scene unit], shape (n,), all positive.
+    """
+    best = np.full(len(positions), np.inf, np.float32)
+    if len(positions):
+        for shift in _SHIFTS:
+            _shorten(best, positions, np.argsort(_morton(positions, shift), kind="stable"))
+    found = best[np.isfinite(best)]
+    median = np.median(found) if len(found) else np.float32(2 * LONE_SIGMA)
+    return np.minimum(np.where(np.isfinite(best), best, median), LONGEST * median)
+
+
+def _shorten(best: F32, positions: F32, order: npt.NDArray[np.intp]) -> None:
+    """Lower `best` to the distances of points that are close to each other in `order`."""
+    ordered = positions[order].astype(np.float64)
+    for step in range(1, _REACH + 1):
+        gaps = ordered[step:] - ordered[:-step]
+        distances = np.sqrt(np.einsum("ni,ni->n", gaps, gaps)).astype(np.float32)
+        distances[distances == 0] = np.inf
+        for ends in (order[step:], order[:-step]):
+            best[ends] = np.minimum(best[ends], distances)
+
+
+def _morton(positions: F32, shift: float) -> npt.NDArray[np.uint64]:
+    """Codes of the points' cells, whose order keeps near points near; 20 bits an axis."""
+    points = positions.astype(np.float64)
+    lower = points.min(axis=0)
+    extent = float((points.max(axis=0) - lower).max()) or 1.0
+    cells = ((points - lower) / extent * 0.5 + 0.5 * shift) * _GRID
+    spread = cells.astype(np.uint64)
+    for width, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        spread = (spread | (spread << np.uint64(width))) & np.uint64(mask)
+    return spread[:, 0] | (spread[:, 1] << np.uint64(1)) | (spread[:, 2] << np.uint64(2))
+
+
+def _top(code: str) -> float:
+    """Value of a colour property of this type that stands for 1."""
+    return float(np.iinfo(code).max) if code[0] in "iu" else 1.0

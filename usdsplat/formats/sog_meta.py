@@ -1,0 +1,126 @@
+"""`meta.json` of a SOG: JSON of any shape in, checked numbers out.
+
+Version 2 says `version`, `count` and codebooks; version 1 says none of these but the shape of
+`means`, and ranges where version 2 has codebooks.
+"""
+
+from __future__ import annotations
+
+import json
+import reprlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import FormatError
+
+_LARGEST = 1e300
+
+_SECTIONS = {"means": 2, "scales": 1, "quats": 1, "sh0": 1, "shN": 2}
+"""Section -> number of its image files."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One attribute: the images that hold its codes and the numbers that decode them."""
+
+    where: str
+    """Names the section in errors."""
+    files: tuple[str, ...]
+    values: Mapping[str, Any]
+
+    def numbers(self, key: str, length: int) -> F64:
+        """The `length` finite numbers under `key`; a single one may stand without a list.
+
+        Raises:
+            FormatError: If there are none such.
+        """
+        value = self.values.get(key)
+        items = [value] if length == 1 and not isinstance(value, list) else value
+        if not isinstance(items, list) or len(items) != length:
+            found = f"{len(items)} values" if isinstance(items, list) else f"{_show(value)}"
+            raise FormatError(f"{self.where}.{key}", found, f"{length} numbers")
+        for item in items:
+            if not _is_number(item):
+                raise FormatError(f"{self.where}.{key}", _show(item), "a finite number")
+        return np.array(items, np.float64)
+
+    def whole_number(self, key: str, least: int, most: int) -> int:
+        """The whole number under `key`.
+
+        Raises:
+            FormatError: If it is none, or outside `least` to `most`.
+        """
+        return _whole(f"{self.where}.{key}", self.values.get(key), least, most)
+
+
+@dataclass(frozen=True, slots=True)
+class Meta:
+    """What `meta.json` says."""
+
+    version: int
+    count: int
+    antialiased: bool
+    sections: Mapping[str, Section]
+    """By name; shN only where there are harmonics above degree 0."""
+
+
+def parse_meta(source: str, text: bytes) -> Meta:
+    """Parse and check `meta.json`; `source` names the SOG in errors.
+
+    Raises:
+        FormatError: If it is not JSON, or lacks something, or something has an impossible value.
+    """
+    where = f"{source}: meta.json"
+    try:
+        meta = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FormatError(where, "text that is not JSON", "a JSON object") from error
+    if not isinstance(meta, dict):
+        raise FormatError(where, _show(meta), "a JSON object")
+    version = _whole(f"{where}: version", meta.get("version", 1), 1, 2)
+    sections = {
+        name: _section(f"{where}: {name}", meta.get(name), files)
+        for name, files in _SECTIONS.items()
+        if name != "shN" or meta.get("shN") is not None
+    }
+    count = meta.get("count")
+    if version == 1:
+        shape = sections["means"].values.get("shape")
+        count = shape[0] if isinstance(shape, list) and shape else None
+    return Meta(
+        version=version,
+        count=_whole(f"{where}: count", count, 0, 1 << 32),
+        antialiased=meta.get("antialias") is True or meta.get("model") == "antialiased",
+        sections=sections,
+    )
+
+
+def _section(where: str, value: Any, count: int) -> Section:
+    """The section under a name, if it is an object with that many file names."""
+    files = value.get("files") if isinstance(value, dict) else None
+    if not isinstance(files, list) or [type(name) for name in files] != [str] * count:
+        raise FormatError(where, _show(value), f"an object with {count} file names")
+    return Section(where, tuple(files), value)
+
+
+def _whole(where: str, value: Any, least: int, most: int) -> int:
+    """`value`, if it is a whole number in a range."""
+    if type(value) is not int or not least <= value <= most:
+        raise FormatError(where, _show(value), f"a whole number from {least} to {most}")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return (
+        type(value) in (int, float) and abs(value) < _LARGEST
+    )  # false for NaN; whole numbers of JSON may be of any size
+
+
+def _show(value: Any) -> str:
+    """A value of JSON as it may stand in a sentence."""
+    text = reprlib.repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

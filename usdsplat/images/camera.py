@@ -1,0 +1,60 @@
+"""The camera of a picture as header entries that compositing packages know.
+
+OpenEXR's matrices are for row vectors. Its camera space is left-handed (x right, y up, z the way
+the camera looks), and its normalised device coordinates go from (0, 0) at the top left of the
+display window to (1, 1) at the bottom right.
+
+Source: OpenEXR's standard attributes worldToCamera, worldToNDC, screenWindowCenter and -Width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.images.layout import Metadata
+
+
+def camera_metadata(
+    *,
+    world_to_camera: Sequence[float],
+    window: tuple[float, float, float, float],
+    orthographic: bool,
+) -> Metadata:
+    """Return the entries for `ImageLayout.metadata`.
+
+    Args:
+        world_to_camera: 16 numbers, row-major, for column vectors; a USD camera, which looks down
+            -Z with +Y up [scene unit].
+        window: (left, bottom, right, top) that the display window shows: at distance 1 from the
+            eye, or in scene units for an orthographic camera.
+        orthographic: Whether it is one.
+    """
+    left, bottom, right, top = window
+    camera = np.reshape(np.asarray(world_to_camera, np.float64), (4, 4))
+    entries: dict[str, str | int | float | tuple[float, ...]] = {
+        "worldToCamera": _row_vectors(np.diag([1.0, 1.0, -1.0, 1.0]) @ camera),
+        "worldToNDC": _row_vectors(_to_ndc(window, orthographic) @ camera),
+    }
+    if not orthographic:
+        entries["screenWindowCenter"] = ((left + right) / 2, (bottom + top) / 2)
+        entries["screenWindowWidth"] = right - left
+    return entries
+
+
+def _to_ndc(window: tuple[float, float, float, float], orthographic: bool) -> F64:
+    """Camera space to normalised device coordinates, column vectors; z keeps it invertible."""
+    left, bottom, right, top = window
+    width, height = right - left, top - bottom
+    if orthographic:
+        rows = [[1 / width, 0, 0, -left / width], [0, -1 / height, 0, top / height]]
+        return np.array([*rows, [0, 0, -1, 0], [0, 0, 0, 1]], np.float64)
+    rows = [[1 / width, 0, left / width, 0], [0, -1 / height, -top / height, 0]]
+    return np.array([*rows, [0, 0, 0, 1], [0, 0, -1, 0]], np.float64)
+
+
+def _row_vectors(matrix: F64) -> tuple[float, ...]:
+    """A matrix for column vectors as EXR spells it."""
+    return tuple(matrix.T.ravel().tolist())

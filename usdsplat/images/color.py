@@ -1,0 +1,189 @@
+"""RGB colour spaces by their Gf names, and the thirteen numbers that take one to another.
+
+A capture's coefficients are numbers in the space it was trained in, and a picture is wanted in
+some other one. Both ends of that path, splats in a kernel and pixels in a file, need the same three
+steps: undo the source's transfer curve, multiply by a matrix, apply the target's curve.
+`conversion` packs them in one small array that a kernel can take.
+
+The curve of a space is given by `gamma` g and `linear_bias` a, as in USD's `GfColorSpace`: an
+encoded t is linear `((t + a) / (1 + a)) ** g` at and above `a / (g - 1)`, and below on the straight
+line through 0 that meets the power there. The line also carries negative values; without a bias its
+slope is 1, so a pure power leaves negative values as they are. Values above 1 are not clamped.
+
+Source: OpenUSD's `GfColorSpace` documentation; primaries from ITU-R BT.709 and BT.2020, SMPTE
+EG 432-1, Adobe RGB (1998), SMPTE ST 2065-1 and S-2014-004; adaptation to D65 by Bradford, 1985.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.core.errors import UsageError
+
+Chromaticities = tuple[float, float, float, float, float, float, float, float]
+"""CIE 1931 x y of red, green, blue and white."""
+
+D65 = (0.3127, 0.3290)
+ACES_WHITE = (0.32168, 0.33767)
+
+REC709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *D65)
+REC2020: Chromaticities = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *D65)
+P3D65: Chromaticities = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, *D65)
+ADOBE: Chromaticities = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, *D65)
+AP0: Chromaticities = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, *ACES_WHITE)
+AP1: Chromaticities = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, *ACES_WHITE)
+
+BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+
+SRGB = (2.4, 0.055)
+LINEAR = (1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ColorSpace:
+    """One RGB space; `chromaticities` is None for data, which no conversion changes."""
+
+    chromaticities: Chromaticities | None
+    gamma: float = 1.0
+    linear_bias: float = 0.0
+
+
+COLOR_SPACES: dict[str, ColorSpace] = {
+    "lin_rec709_scene": ColorSpace(REC709),
+    "srgb_rec709_scene": ColorSpace(REC709, *SRGB),
+    "g18_rec709_scene": ColorSpace(REC709, 1.8),
+    "g22_rec709_scene": ColorSpace(REC709, 2.2),
+    "g24_rec709_scene": ColorSpace(REC709, 2.4),
+    "lin_ap1_scene": ColorSpace(AP1),
+    "srgb_ap1_scene": ColorSpace(AP1, *SRGB),
+    "g22_ap1_scene": ColorSpace(AP1, 2.2),
+    "lin_ap0_scene": ColorSpace(AP0),
+    "lin_p3d65_scene": ColorSpace(P3D65),
+    "srgb_p3d65_scene": ColorSpace(P3D65, *SRGB),
+    "lin_rec2020_scene": ColorSpace(REC2020),
+    "lin_adobergb_scene": ColorSpace(ADOBE),
+    "g22_adobergb_scene": ColorSpace(ADOBE, 563 / 256),
+    "raw": ColorSpace(None),
+    "data": ColorSpace(None),
+    "identity": ColorSpace(None),
+    "unknown": ColorSpace(None),
+    # Written by others, unknown to Gf: the same numbers, said to be meant for a display.
+    "srgb_rec709_display": ColorSpace(REC709, *SRGB),
+}
+"""Every space we know, by the token that `ColorSpaceAPI` holds."""
+
+
+def color_space(name: str, *, where: str = "color space") -> ColorSpace:
+    """Return the space called `name`; `where` names the option or prim that asked, for the error.
+
+    Raises:
+        UsageError: If there is none of that name; the message lists those there are.
+    """
+    if name not in COLOR_SPACES:
+        raise UsageError(where, repr(name), f"one of {', '.join(COLOR_SPACES)}")
+    return COLOR_SPACES[name]
+
+
+def conversion(source: str, target: str) -> F32:
+    """Return what a kernel needs to take colours from one space to another.
+
+    Args:
+        source: Name of the space that colours are in.
+        target: Name of the space that they are wanted in.
+
+    Returns:
+        Shape (13,), float32: source gamma, source linear bias, the matrix from source-linear to
+        target-linear RGB (row-major, 9 values), target gamma, target linear bias. All neutral
+        (`is_identity`) where nothing changes, which is so whenever either end is data.
+
+    Raises:
+        UsageError: If either name is unknown.
+    """
+    return np.array(_numbers(source, target), np.float32)
+
+
+def is_identity(numbers: npt.NDArray[np.floating]) -> bool:
+    """Whether a `conversion` changes nothing, so that callers can skip it."""
+    return bool(np.array_equal(numbers, np.array(_NEUTRAL, np.float32)))
+
+
+def convert(rgb: npt.ArrayLike, source: str, target: str) -> F64:
+    """Convert colours in plain float64: the reference for the kernels, and for small jobs.
+
+    Args:
+        rgb: Colours that are not premultiplied, shape (..., 3); negative values and those over 1
+            are legal.
+        source: Name of the space that `rgb` is in.
+        target: Name of the space of the result.
+
+    Returns:
+        Shape (..., 3), float64.
+
+    Raises:
+        UsageError: If either name is unknown.
+    """
+    numbers = _numbers(source, target)
+    linear = _decode(np.asarray(rgb, np.float64), numbers[0], numbers[1])
+    return _encode(linear @ np.reshape(numbers[2:11], (3, 3)).T, numbers[11], numbers[12])
+
+
+_NEUTRAL = (1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+
+
+def _numbers(source: str, target: str) -> tuple[float, ...]:
+    """`conversion` before it is rounded to float32."""
+    one, two = color_space(source), color_space(target)
+    if one == two or one.chromaticities is None or two.chromaticities is None:
+        return _NEUTRAL
+    matrix = _matrix(one.chromaticities, two.chromaticities).ravel().tolist()
+    return (one.gamma, one.linear_bias, *matrix, two.gamma, two.linear_bias)
+
+
+def _matrix(source: Chromaticities, target: Chromaticities) -> F64:
+    """Linear RGB to linear RGB, shape (3, 3); exactly the unit matrix within one gamut."""
+    if source == target:
+        return np.eye(3)
+    return np.linalg.inv(_to_xyz(target)) @ _to_xyz(source)
+
+
+def _to_xyz(chromaticities: Chromaticities) -> F64:
+    """Linear RGB to CIE XYZ as seen under D65, column vectors, shape (3, 3)."""
+    xy: F64 = np.array(chromaticities).reshape(4, 2)
+    columns = np.stack([xy[:, 0], xy[:, 1], 1 - xy.sum(axis=1)])
+    red_green_blue, white = columns[:, :3], columns[:, 3] / xy[3, 1]
+    matrix = red_green_blue * np.linalg.solve(red_green_blue, white)
+    d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]
+    ratio = (BRADFORD @ d65) / (BRADFORD @ white)
+    return np.linalg.inv(BRADFORD) @ (ratio[:, None] * (BRADFORD @ matrix))
+
+
+def _line(gamma: float, bias: float) -> tuple[float, float]:
+    """Where the straight part of a curve ends (encoded), and its slope encoded / linear."""
+    if bias == 0.0:
+        return 0.0, 1.0
+    end = bias / (gamma - 1.0)
+    return end, end / ((end + bias) / (1.0 + bias)) ** gamma
+
+
+def _decode(encoded: F64, gamma: float, bias: float) -> F64:
+    """Undo a transfer curve."""
+    if gamma == 1.0:
+        return encoded
+    end, slope = _line(gamma, bias)
+    curve = ((np.maximum(encoded, end) + bias) / (1.0 + bias)) ** gamma
+    return np.where(encoded < end, encoded / slope, curve)
+
+
+def _encode(linear: F64, gamma: float, bias: float) -> F64:
+    """Apply a transfer curve."""
+    if gamma == 1.0:
+        return linear
+    end, slope = _line(gamma, bias)
+    curve = np.maximum(linear, end / slope) ** (1.0 / gamma) * (1.0 + bias) - bias
+    return np.where(linear < end / slope, linear * slope, curve)

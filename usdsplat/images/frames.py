@@ -1,0 +1,90 @@
+"""Frame numbers as people type them, and file names that hold one.
+
+A range is one or more pieces with commas between: `7`, `1-10` or `1:10` (both ends included), and a
+step, `1-10x2`. A range may run backwards, and a step need not be whole: `10-1`, `1-2x0.25`. A name
+holds the number as `####` or `%04d`; a fraction of a frame needs room of its own, as in `####.##`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from usdsplat.core.errors import UsageError
+
+_NUMBER = r"([-+]?\d+(?:\.\d+)?)"
+_PIECE = re.compile(rf"{_NUMBER}(?:[-:]{_NUMBER}(?:x{_NUMBER})?)?")
+_PLACE = re.compile(r"(#+)(?:\.(#+))?|%(?:0(\d+))?d")
+
+LIMIT = 1_000_000
+"""More frames than this in one request are a slip of the finger."""
+
+
+def parse_frames(text: str) -> tuple[float, ...]:
+    """Return the frame numbers that `text` names, in its order, each once.
+
+    Raises:
+        UsageError: If `text` is not a range, a step is 0 or leads nowhere, or it names more than
+            `LIMIT` frames.
+    """
+    frames: dict[float, None] = {}
+    for piece in text.split(","):
+        match = _PIECE.fullmatch(piece.strip())
+        if not match:
+            raise UsageError("frames", repr(text), "a range such as 1-10, 1:10x2 or 1,5,8-12")
+        first, last, step = match.groups()
+        frames.update(dict.fromkeys(_span(text, float(first), last, step)))
+    return tuple(frames)
+
+
+def frame_path(pattern: str | Path, frame: float) -> Path:
+    """Return `pattern` with the frame number in its place; without a place it is returned as it is.
+
+    Raises:
+        UsageError: If the name has more than one place, or the frame has a fraction and no room.
+    """
+    path = Path(pattern)
+    places = list(_PLACE.finditer(path.name))
+    if len(places) > 1:
+        raise UsageError(str(pattern), f"{len(places)} places", "one place for the frame number")
+    if not places:
+        return path
+    whole, fraction, digits = places[0].groups()
+    if not fraction and frame != int(frame):
+        raise UsageError(str(pattern), f"frame {frame:g}", "room for its fraction, such as ####.##")
+    width = len(whole) if whole else int(digits or 0)
+    if fraction:
+        text = f"{frame:0{width + 1 + len(fraction)}.{len(fraction)}f}"
+    else:
+        text = f"{int(frame):0{width}d}"
+    return path.with_name(_PLACE.sub(text, path.name))
+
+
+def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...]:
+    """Return a file for each frame.
+
+    Raises:
+        UsageError: If two frames would be one file, and as `frame_path` does.
+    """
+    paths = tuple(frame_path(pattern, frame) for frame in frames)
+    if len(set(paths)) < len(paths):
+        raise UsageError(
+            str(pattern), f"{len(frames)} frames", "a place for the frame number, such as ####"
+        )
+    return paths
+
+
+def _span(text: str, first: float, last: str | None, step: str | None) -> list[float]:
+    """The frames of one piece."""
+    if last is None:
+        return [first]
+    way = float(last) - first
+    stride = abs(float(step)) if step else 1.0
+    backwards = step is not None and float(step) < 0
+    if stride == 0.0 or (backwards and way > 0):
+        raise UsageError("frames", repr(text), "a step that leads from the first to the last frame")
+    count = int(abs(way) / stride + 1e-9) + 1
+    if count > LIMIT:
+        raise UsageError("frames", f"{count} frames in {text!r}", f"{LIMIT} or fewer")
+    return [first + (stride if way >= 0 else -stride) * i for i in range(count)]

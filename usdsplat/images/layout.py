@@ -1,0 +1,65 @@
+"""What an image file is going to hold, said before the first pixel arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.images.aovs import AOVS
+
+PixelType = Literal["half", "float", "uint8", "uint16"]
+Metadata = Mapping[str, str | int | float | tuple[float, ...]]
+Band = Mapping[str, npt.NDArray[np.generic]]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ImageLayout:
+    """Size, contents and labels of one image. Pixel (0, 0) is the display window's top left."""
+
+    resolution: tuple[int, int]
+    """Display window, width and height [pixel]."""
+    data_window: tuple[int, int, int, int] | None = None
+    """(x0, y0, x1, y1) [pixel], end exclusive: the pixels there are; None means the display window.
+    It may lie inside it (crop) or reach outside (overscan)."""
+    pixel_aspect_ratio: float = 1.0
+    """Width over height of a pixel."""
+    aovs: tuple[str, ...] = ("color",)
+    """Names from `aovs.AOVS`."""
+    pixel_type: PixelType | None = None
+    """How colour is kept; None takes the format's own: half in EXR, uint8 in PNG."""
+    color_space: str = "lin_rec709_scene"
+    """What the numbers in the colour channels mean, a name from `color.COLOR_SPACES`."""
+    metadata: Metadata = field(default_factory=dict)
+    """Further header entries; 16 numbers are a matrix as the file format wants it."""
+
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """The data window, or the display window when there is none."""
+        return self.data_window or (0, 0, *self.resolution)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of pixels there are."""
+        x0, y0, x1, y1 = self.window
+        return y1 - y0, x1 - x0
+
+    def rows_of(self, y0: int, band: Band) -> int:
+        """Check that `band`, from row `y0` on, holds this layout's AOVs; return how many rows.
+
+        Raises:
+            ValueError: If an array is missing or has another shape or dtype than its AOV asks for.
+        """
+        rows = len(band[self.aovs[0]]) if self.aovs[0] in band else 0
+        for name in self.aovs:
+            aov = AOVS[name]
+            tail = () if len(aov.channels) == 1 else (len(aov.channels),)
+            dtype = np.dtype(np.uint32 if aov.kind == "id" else np.float32)
+            expected = f"{dtype}{(rows, self.shape[1], *tail)}"
+            found = f"{band[name].dtype}{band[name].shape}" if name in band else "nothing"
+            if found != expected:
+                raise ValueError(f"band {y0} {name}: found {found}, expected {expected}")
+        return rows

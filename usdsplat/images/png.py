@@ -1,0 +1,91 @@
+"""PNG files, written band by band: the picture as a screen shows it, sRGB, 8 or 16 bits.
+
+PNG holds one picture of straight (not premultiplied) colour, so pixels are divided by their alpha,
+clipped to 0..1 and rounded to the nearest step, halves up. It has no display window: of a crop or
+an overscan it holds the pixels there are, and nothing about where they belong.
+
+Source: W3C PNG Specification, Third Edition.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio
+
+import usdsplat
+from usdsplat.core.cloud import F32
+from usdsplat.core.errors import UsageError
+from usdsplat.images.color import conversion, is_identity
+from usdsplat.images.layout import Band, ImageLayout
+from usdsplat.images.writer import ImageWriter
+
+RESOLUTION = 72.0
+"""Pixels per inch; PNG states the shape of a pixel by two of these."""
+
+
+class PngWriter(ImageWriter):
+    """A PNG file that is being written; see `ImageWriter` for how to feed it.
+
+    Args:
+        path: The file; it appears when the context ends without an error.
+        layout: What it will hold: the AOV "color" in sRGB, `pixel_type` uint8 (default) or uint16.
+
+    Raises:
+        UsageError: If the layout is not one that PNG can hold.
+        OutputError: If the file cannot be made, on entering the context.
+    """
+
+    FORMAT = "png"
+
+    def __init__(self, path: Path | str, layout: ImageLayout) -> None:
+        if layout.pixel_type not in (None, "uint8", "uint16"):
+            raise UsageError(str(path), f"{layout.pixel_type} pixels", "uint8 or uint16 in a PNG")
+        if layout.aovs != ("color",):
+            raise UsageError(str(path), f"AOVs {', '.join(layout.aovs)}", "color only in a PNG")
+        if not is_identity(conversion(layout.color_space, "srgb_rec709_display")):
+            raise UsageError(str(path), f"a picture in {layout.color_space}", "sRGB in a PNG")
+        super().__init__(path, layout, (_spec(layout),))
+
+    def _append(self, y0: int, band: Band) -> None:
+        dtype = np.uint16 if self._layout.pixel_type == "uint16" else np.uint8
+        color = np.asarray(band["color"], np.float32)
+        self._write_rows(y0 - self._layout.window[1], quantized(color, dtype))
+
+
+def quantized(premultiplied: F32, dtype: npt.DTypeLike) -> npt.NDArray[np.unsignedinteger]:
+    """Return straight RGBA in whole steps, as PNG holds it.
+
+    Args:
+        premultiplied: RGBA [0..1], shape (..., 4); what lies outside is clipped after division by
+            alpha, and colour without alpha becomes 0.
+        dtype: uint8 or uint16.
+    """
+    top = np.float32(np.iinfo(dtype).max)
+    alpha = premultiplied[..., 3:]
+    steps = np.divide(top, alpha, out=np.zeros_like(alpha), where=alpha > 0)
+    straight = np.concatenate([premultiplied[..., :3] * steps, alpha * top], axis=-1)
+    return (np.clip(straight, 0, top) + np.float32(0.5)).astype(dtype)
+
+
+def _spec(layout: ImageLayout) -> oiio.ImageSpec:
+    """Header of the file."""
+    rows, columns = layout.shape
+    spec = oiio.ImageSpec(columns, rows, 4, layout.pixel_type or "uint8")
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_display")
+    # The filter of differences to the left and little deflating: half the time, 5 % more bytes.
+    spec.attribute("png:filter", 16)
+    spec.attribute("png:compressionLevel", 3)
+    # Ours is straight already; without this OpenImageIO would divide by alpha again.
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.attribute("Software", f"usdsplat {usdsplat.__version__}")
+    if layout.pixel_aspect_ratio != 1.0:
+        spec.attribute("XResolution", RESOLUTION)
+        spec.attribute("YResolution", RESOLUTION * layout.pixel_aspect_ratio)
+        spec.attribute("ResolutionUnit", "in")
+    for key, value in layout.metadata.items():
+        if isinstance(value, str):
+            spec.attribute(key, value)
+    return spec

@@ -1,0 +1,103 @@
+"""What all picture files share: they grow row by row under a temporary name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio
+
+from usdsplat.core.errors import OutputError
+from usdsplat.core.output import atomic_path
+from usdsplat.images.layout import Band, ImageLayout
+
+
+class ImageWriter(ABC):
+    """A picture file that is being written: a context manager fed with bands, top to bottom.
+
+    The file appears under its name when the context ends without an error, else not at all. A
+    format says in `_append` what becomes of a band, and in `_finish` what comes after the last.
+    """
+
+    FORMAT: str
+    """OpenImageIO's name for the format."""
+
+    def __init__(
+        self, path: Path | str, layout: ImageLayout, specs: tuple[oiio.ImageSpec, ...]
+    ) -> None:
+        self._path = Path(path)
+        self._layout = layout
+        self._specs = specs
+        self._next_row = layout.window[1]
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._temporary = stack.enter_context(atomic_path(self._path))
+            file = oiio.ImageOutput.create(self.FORMAT)
+            if file is None:
+                raise OutputError(str(self._path), oiio.geterror(), f"support for {self.FORMAT}")
+            self._file = file
+            stack.callback(file.close)
+            self._check(self._file.open(str(self._temporary), self._specs))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._stack.__exit__(kind, error, trace)
+            return
+        with self._stack:
+            bottom = self._layout.window[3]
+            if self._next_row != bottom:
+                raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
+            self._finish()
+            self._check(self._file.close())
+
+    def write_band(self, y0: int, band: Band) -> None:
+        """Append whole rows.
+
+        Args:
+            y0: First row [pixel], in display window coordinates; the row after the last band's.
+            band: AOV name -> float32 or uint32 (ids) array, shape (rows, width) for one channel and
+                (rows, width, channels) for more; AOVs that the layout does not name are ignored.
+
+        Raises:
+            OutputError: If the file cannot be written.
+            ValueError: If rows are out of order or an array is not what its AOV asks for.
+        """
+        rows = self._layout.rows_of(y0, band)
+        if y0 != self._next_row or not 0 < rows <= self._layout.window[3] - y0:
+            raise ValueError(f"band: found rows {y0} to {y0 + rows}, expected {self._next_row} on")
+        self._append(y0, band)
+        self._next_row += rows
+
+    @abstractmethod
+    def _append(self, y0: int, band: Band) -> None:
+        """Put the rows of a checked band into the file."""
+
+    def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
+        """Add what follows the last row."""
+
+    def _write_rows(self, y0: int, pixels: npt.NDArray[np.generic]) -> None:
+        """Append to the open part; `pixels` of shape (rows, width, channels)."""
+        self._check(self._file.write_scanlines(y0, y0 + len(pixels), 0, pixels))
+
+    def _open_next_part(self, spec: oiio.ImageSpec) -> None:
+        """Go on with the next part of a file that was opened with several."""
+        self._check(self._file.open(str(self._temporary), spec, "AppendSubimage"))
+
+    def _check(self, succeeded: bool) -> None:
+        """Turn OpenImageIO's refusal into our error; a message it keeps is printed at exit."""
+        message = self._file.geterror() or oiio.geterror()
+        if not succeeded:
+            raise OutputError(str(self._path), message.strip(), "a picture that can be written")

@@ -1,0 +1,11 @@
+"""A capture of our own making: nobody's scan, no download, the same on every machine.
+
+`capture()` models a still life (`garden`, `shell`), covers it with splats (`patch`) and bakes the
+light of an afternoon into harmonics (`light`), so that colour depends on the view as in a scan.
+"""
+
+from __future__ import annotations
+
+from usdsplat.interchange.procedural.scene import capture
+
+__all__ = ["capture"]

@@ -1,0 +1,235 @@
+"""The sculpture: a turban shell with a gilded lip, on a fluted marble drum.
+
+Source of the shell's form: Raup 1966, "Geometric Analysis of Shell Coiling".
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.interchange.procedural.patch import (
+    Finish,
+    Lattice,
+    Patch,
+    keep,
+    mix,
+    move,
+    noise,
+    string,
+    sweep,
+    unit,
+)
+
+TOP = 0.165  # height of the drum [m]
+
+_WHORLS = 6.5
+_WIDEN = 1.56  # growth of everything in one whorl
+_RADIUS, _HEIGHT, _TUBE = 0.150, 0.430, 0.142  # of the last whorl: axis to tube, apex to tube, tube
+_END = 2 * math.pi * 8  # the aperture faces +z
+
+NACRE = Finish(specular=(0.10, 0.10, 0.10), gloss=0.62, sharpness=9, film=0.42)
+LINING = Finish(specular=(0.12, 0.11, 0.11), gloss=0.7, sharpness=7, film=0.36)
+GOLD = Finish(specular=(1.0, 0.72, 0.30), gloss=0.85, sharpness=10)
+MARBLE = Finish(specular=(0.05, 0.05, 0.05), gloss=0.7, sharpness=10)
+
+
+def shell(spacing: float) -> list[Patch]:
+    """Outside, lining and lip of the shell, standing on the drum."""
+    patches = [_outside(spacing), _lining(spacing), _lip(spacing)]
+    tilt = _turn(0, -0.12) @ _turn(2, -0.30) @ _turn(1, 0.35)
+    lowest = min((patch.positions @ tilt.T)[:, 1].min() for patch in patches)
+    centre = np.mean(patches[0].positions @ tilt.T, axis=0)
+    offset = (-centre[0], TOP - lowest - 0.012, -centre[2])
+    return [move(patch, tilt, offset) for patch in patches]
+
+
+def drum(spacing: float) -> Patch:
+    """The pedestal: a turned profile with mouldings, fluted at the waist."""
+    profile = np.array([
+        (0.345, -0.01), (0.345, 0.016), (0.335, 0.026), (0.325, 0.030), (0.318, 0.040), (0.296, 0.048),
+        (0.288, 0.058), (0.286, 0.108), (0.292, 0.118), (0.308, 0.126), (0.314, 0.136), (0.326, 0.141),
+        (0.326, 0.158), (0.318, 0.165), (0.20, 0.1655), (0.0, 0.1655),
+    ])  # fmt: skip
+    reach = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
+
+    def surface(s: F64, t: F64) -> F64:
+        at = s * reach[-1]
+        radius, y = np.interp(at, reach, profile[:, 0]), np.interp(at, reach, profile[:, 1])
+        waist = np.clip((y - 0.052) / 0.008, 0, 1) * np.clip((0.114 - y) / 0.008, 0, 1)
+        angle = 2 * math.pi * t
+        radius = radius - 0.011 * waist * np.abs(np.cos(24 * angle)) * (y < 0.12)
+        return np.stack([radius * np.cos(angle), y, -radius * np.sin(angle)], axis=1)
+
+    found = sweep(surface, spacing * 1.15)
+    p = found.positions
+    warp = p + 0.05 * np.stack([noise(p, scale=0.3, seed=s) for s in (1, 2, 3)], axis=1)
+    vein = np.abs(noise(warp, scale=0.35, seed=4, octaves=4))
+    fine = np.abs(noise(warp, scale=0.11, seed=5, octaves=3))
+    albedo = mix((0.20, 0.24, 0.24), (0.74, 0.73, 0.70), 0.15 + vein / 0.16)
+    albedo = albedo * (0.80 + 0.20 * np.clip(fine / 0.10, 0, 1))[:, None]
+    return _patch(found, albedo, MARBLE)
+
+
+def _outside(spacing: float) -> Patch:
+    """The outer wall, without what neighbouring whorls bury."""
+    found = sweep(_tube, lambda s: spacing * np.clip(0.45 + 0.7 * s**2, 0.3, 1))
+    angle, phi = _angles(found.s, found.t)
+    p = found.positions
+    age = _growth(angle)
+    cream, rose, sea, deep = (0.86, 0.70, 0.52), (0.80, 0.30, 0.24), (0.10, 0.42, 0.40), (0.07, 0.10, 0.20)
+    wander = noise(p, scale=0.16, seed=11)
+    albedo = mix(rose, sea, age * 1.5 - 0.25 + 0.25 * wander)
+    albedo = mix(albedo, cream, 0.55 + 0.9 * np.cos(2 * phi - 1.2) + 0.3 * wander)
+    flame = np.sin(9 * angle + 2.4 * np.sin(3 * phi) + 1.3 * wander) + 0.45 * np.cos(2 * phi)
+    albedo = mix(albedo, deep, 0.9 * np.clip((flame - 0.62) / 0.22, 0, 1))
+    lines = np.sin(150 * angle + 3 * wander)
+    albedo = albedo * (1 + 0.10 * lines)[:, None]
+    film = 330 + 130 * wander + 50 * np.sin(2 * phi) + 12 * lines
+    return keep(_patch(found, albedo, NACRE, film), ~_buried(p, angle))
+
+
+def _lining(spacing: float) -> Patch:
+    """The inner wall behind the aperture: mother of pearl."""
+    span = 0.62 / _WHORLS  # whorls one can look into
+
+    def surface(s: F64, t: F64) -> F64:
+        return _tube(1 - span * (1 - s), 1 - t, 0.93)
+
+    found = sweep(surface, spacing * 1.1)
+    wander = noise(found.positions, scale=0.2, seed=12)
+    albedo = mix((0.85, 0.62, 0.55), (0.62, 0.70, 0.72), 0.5 + 0.5 * wander)
+    return _patch(found, albedo, LINING, 420 + 150 * wander + 120 * np.sin(6 * found.t))
+
+
+def _lip(spacing: float) -> Patch:
+    """A gold bead around the aperture."""
+    t = np.linspace(0, 1, max(40, round(0.9 / (0.6 * spacing))) + 1)
+    rims = [_tube(np.ones_like(t), t, size) for size in (0.94, 0.97, 1.0, 1.03)]
+    curves = np.stack(rims)
+    curves[1:3, :, 2] += 0.006
+    middle, axes, sigmas = string(curves, np.full((4, len(t) - 1), 0.010), lay=0.6)
+    albedo = np.tile([0.16, 0.09, 0.03], (len(middle), 1))
+    return Patch(
+        positions=middle, axes=axes, sigmas=sigmas, albedo=albedo, finish=GOLD, is_strand=True
+    )
+
+
+def _tube(s: F64, t: F64, size: float = 1.0) -> F64:
+    """The wall of the coiling tube, apex at the origin, axis down y."""
+    angle, phi = _angles(s, t)
+    g = _growth(angle)
+    cords = 0.018 * np.abs(np.sin(6 * phi)) + 0.006 * np.sin(48 * angle)
+    shoulder = np.exp(-(((phi - 0.75) / 0.26) ** 2))
+    knobs = 0.17 * shoulder * np.maximum(np.cos(11 * angle), 0) ** 3
+    flare = 0.10 * np.clip((s - 0.985) / 0.015, 0, 1) ** 2
+    relief = size * (1 + (cords + knobs) * (size == 1.0) + flare) * _TUBE * g
+    out = _RADIUS * g + relief * np.cos(phi)
+    y = -_HEIGHT * g + 1.06 * relief * np.sin(phi)
+    return np.stack([out * np.cos(angle), y, out * np.sin(angle)], axis=1)
+
+
+def _angles(s: F64, t: F64) -> tuple[F64, F64]:
+    """Angle about the axis and angle about the tube, in -pi..pi with 0 outward and up positive."""
+    phi = (2 * math.pi * t + math.pi) % (2 * math.pi) - math.pi
+    return _END - 2 * math.pi * _WHORLS * (1 - s), phi
+
+
+def _growth(angle: F64) -> F64:
+    """Size relative to the aperture."""
+    return _WIDEN ** ((angle - _END) / (2 * math.pi))
+
+
+def _buried(p: F64, angle: F64) -> F64:
+    """Which points lie within the tube a whorl before or after, where no eye gets."""
+    hidden = np.zeros(len(p), bool)
+    out = np.hypot(p[:, 0], p[:, 2])
+    for turn in (-1, 1):
+        other = angle + 2 * math.pi * turn
+        g = _growth(other)
+        inside = np.hypot(out - _RADIUS * g, (p[:, 1] + _HEIGHT * g) / 1.06) < 0.97 * _TUBE * g
+        hidden |= inside & (other < _END - 0.62 * 2 * math.pi if turn > 0 else True)
+    return hidden
+
+
+def _patch(found: Lattice, albedo: F64, finish: Finish, film: F64 | float = 0.0) -> Patch:
+    """A lattice with paint."""
+    return Patch(
+        positions=found.positions,
+        axes=found.axes,
+        sigmas=found.sigmas,
+        albedo=albedo,
+        finish=finish,
+        film=film,
+    )
+
+
+def _turn(axis: int, angle: float) -> F64:
+    """Rotation about a coordinate axis, right-handed [rad]."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = np.eye(3)
+    out[i, i] = out[j, j] = math.cos(angle)
+    out[i, j], out[j, i] = -math.sin(angle), math.sin(angle)
+    return out
+
+
+def tendrils(density: float) -> list[Patch]:
+    """Gold filigree: vines that rise around the drum, curl and branch, with leaves of gold."""
+    rng = np.random.default_rng(21)
+    curves, radii, leaves = [], [], []
+    links = max(24, round(150 * density))
+    for index in range(30):
+        angle = 2 * math.pi * index / 30
+        tall = index % 2 == 0
+        length = (0.44 if tall else 0.27) * rng.uniform(0.95, 1.05)
+        main = _curl(length, links, start=1.5, bend=(-1.2, -3.2) if tall else (0.9, 4.0))
+        curves.append(_upright(main, angle, 0.372))
+        radii.append(np.linspace(0.0042, 0.0016, links))
+        for share, side in ((0.26, 1), (0.42, -1)) if tall else ((0.3, -1),):
+            at = round(share * links)
+            heading = np.arctan2(*(main[at + 1] - main[at])[::-1])
+            twig = main[at] + _curl(
+                0.13 * (1 - share), links, start=heading + 0.5 * side, bend=(2.0 * side, 4.5 * side)
+            )
+            curves.append(_upright(twig, angle, 0.372))
+            radii.append(np.linspace(0.0026, 0.0012, links))
+            leaves.append(_upright(twig[links // 4 :: max(1, links // 10)], angle, 0.372))
+    middle, axes, sigmas = string(np.stack(curves), np.stack(radii), lay=0.6)
+    albedo = np.tile([0.16, 0.09, 0.03], (len(middle), 1))
+    wires = Patch(
+        positions=middle, axes=axes, sigmas=sigmas, albedo=albedo, finish=GOLD, is_strand=True
+    )
+    return [wires, _leaves(np.concatenate(leaves), rng)]
+
+
+def _curl(length: float, links: int, *, start: float, bend: tuple[float, float]) -> F64:
+    """A plane curve whose curvature grows along it, ending in a spiral, shape (links + 1, 2)."""
+    s = np.linspace(0, 1, links + 1)
+    heading = start + bend[0] * s + bend[1] * s**4 * 1.6
+    steps = length / links * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps[:-1], axis=0)])
+
+
+def _upright(plane: F64, angle: float, radius: float) -> F64:
+    """A curve of the (outward, up) plane, set at an angle around the drum, leaning a little."""
+    out, up = radius + plane[:, 0], plane[:, 1] + 0.004
+    about = angle + 0.55 * plane[:, 1]
+    return np.stack([out * np.cos(about), up, out * np.sin(about)], axis=1)
+
+
+def _leaves(points: F64, rng: np.random.Generator) -> Patch:
+    """Flat gold leaves at points."""
+    n = len(points)
+    outward = unit(points * [1, 0.3, 1] + rng.normal(0, 0.25, (n, 3)))
+    u = unit(np.cross(outward, rng.normal(size=(n, 3))))
+    axes = np.stack([u, np.cross(outward, u), outward], axis=2)
+    size = rng.uniform(0.7, 1.1, (n, 1))
+    return Patch(
+        positions=points + 0.004 * u,
+        axes=axes,
+        sigmas=size * [0.0042, 0.0019, 0.0003],
+        albedo=np.tile([0.16, 0.09, 0.03], (n, 1)),
+        finish=GOLD,
+    )

@@ -1,0 +1,187 @@
+"""Blend each tile's list front to back: colour and coverage.
+
+A tile's state is one array of 16 rows of 64 floats: transmittance, red, green and blue, 16 pixels each.
+Side by side in one array the four provably do not alias, and the loop over 16 pixels becomes a few
+vector instructions. A pixel that has ended keeps its transmittance with the sign turned: it neither
+changes again nor decays into denormals. (Half rows were tried: 14 % fewer pixels, twice the overhead.)
+
+Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .bins import SLACK, TILE, span
+from .jit import parallel, scalar
+from .project import BLUE, GREEN, HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, RED, A, B, C, U, V
+
+CHANNELS = 4
+ROW = CHANNELS * TILE
+"""Floats of one row of a tile's state."""
+LOOK = 32
+"""Splats between two looks at which rows of a tile are saturated."""
+
+END = np.float32(1e-4)
+"""A pixel ends before the splat that would take its transmittance under this."""
+LOG_MOST = np.float32(math.log(0.999))
+"""ln of the largest contribution of one splat at one pixel."""
+
+
+# --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
+
+
+@scalar
+def exponential(y):
+    """e**y for y in [-6, 0], 7e-7 relative: a polynomial of y/8, squared three times.
+
+    Unlike math.exp it is vectorised without a vector mathematics library. Below -6 it is wrong but
+    never NaN.
+    """
+    z = y * np.float32(0.125)
+    w = np.float32(1) + z * (
+        np.float32(0.99999934)
+        + z * (np.float32(0.49996948) + z * (np.float32(0.16620952) + z * np.float32(0.03805110)))
+    )
+    w = w * w
+    w = w * w
+    return w * w
+
+
+@scalar
+def alpha_at(dx, a, slope, rest):
+    """Contribution of a splat at offset dx along a row, 0 where it is under 1/255."""
+    e = (a * dx + slope) * dx + rest
+    e = e if e < LOG_MOST else LOG_MOST
+    alpha = exponential(e)
+    return alpha if e >= LOG_CUTOFF else np.float32(0)
+
+
+@scalar
+def blend_row(state, row, u, a, slope, rest, r, g, b):
+    """Blend one splat into row `row` of a tile's state; u is its centre relative to the tile.
+
+    a dx² + slope dx + rest is the exponent at offset dx, the logarithm of opacity included.
+    """
+    at = np.uint64(row * ROW)
+    for x in range(TILE):
+        j = at + np.uint64(x)
+        alpha = alpha_at(np.float32(x) - u, a, slope, rest)
+        t = state[j]
+        weight = alpha * t
+        left = t - weight
+        goes_on = left >= END
+        weight = weight if goes_on else np.float32(0)
+        state[j] = left if goes_on else -abs(t)
+        state[j + np.uint64(TILE)] += weight * r
+        state[j + np.uint64(2 * TILE)] += weight * g
+        state[j + np.uint64(3 * TILE)] += weight * b
+
+
+@scalar
+def rows_touched(a, b, c, log_opacity, half_height, u, v):
+    """First and one past the last row of a tile that a splat touches; (u, v) relative to the tile."""
+    one, most = np.float32(1), np.float32(TILE - 1)
+    reach = np.float32(2) * (log_opacity - LOG_CUTOFF)
+    lowest, highest = span(c, b, a, reach, half_height, -u - SLACK, most - u + SLACK)
+    # int() cuts towards zero: of x >= 0 it is the floor, and of x + 1 − slack the ceiling of x − slack
+    first = np.int32(max(v + lowest, np.float32(0)) + (one - SLACK))
+    end = np.int32(max(min(v + highest + SLACK, most), -one) + one)
+    return first, end
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+FIELDS = 10
+"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height r g b."""
+
+
+@scalar
+def load_batch(records, lists, first, count, left, top, batch, rows):
+    """Fetch `count` splats of a list and find the rows of this tile that each touches.
+
+    Fetching many before blending any hides the latency of memory, and the square roots of the row
+    spans are taken for several splats at once.
+    """
+    for i in range(count):
+        s = records[lists[first + i]]
+        batch[i] = s[U] - left
+        batch[LOOK + i] = s[V] - top
+        batch[2 * LOOK + i] = s[A]
+        batch[3 * LOOK + i] = s[B]
+        batch[4 * LOOK + i] = s[C]
+        batch[5 * LOOK + i] = s[LOG_OPACITY]
+        batch[6 * LOOK + i] = s[HALF_HEIGHT]
+        batch[7 * LOOK + i] = s[RED]
+        batch[8 * LOOK + i] = s[GREEN]
+        batch[9 * LOOK + i] = s[BLUE]
+    for i in range(LOOK):
+        k = np.uint64(i)
+        rows[k], rows[k + np.uint64(LOOK)] = rows_touched(
+            batch[k + np.uint64(2 * LOOK)], batch[k + np.uint64(3 * LOOK)],
+            batch[k + np.uint64(4 * LOOK)], batch[k + np.uint64(5 * LOOK)],
+            batch[k + np.uint64(6 * LOOK)], batch[k], batch[k + np.uint64(LOOK)],
+        )  # fmt: skip
+
+
+@scalar
+def look(state, row_floats, live):
+    """Mark rows with a pixel that goes on; returns how many there are."""
+    rows = 0
+    for y in range(TILE):
+        most = np.float32(0)
+        for x in range(TILE):
+            most = max(most, state[y * row_floats + x])
+        live[y] = most > np.float32(0)
+        rows += live[y]
+    return rows
+
+
+@parallel
+def blend(records, starts, lists, grid, image, work):
+    """Blend all tiles of a band.
+
+    Args:
+        records, starts, lists, grid: What `bins` made.
+        image: Receives premultiplied RGBA of the band, shape (y1 - y0, x1 - x0, 4) f32.
+        work: Receives the rows of 16 pixels blended in each tile, shape (tiles,) i64.
+    """
+    for tile in prange(starts.shape[0] - 1):
+        g = grid[0]
+        left = g.left + tile % g.columns * TILE
+        top = g.top + tile // g.columns * TILE
+        state = np.zeros(TILE * ROW, np.float32)
+        for y in range(TILE):
+            for x in range(TILE):
+                state[y * ROW + x] = np.float32(1)
+        live = np.ones(TILE, np.uint8)
+        batch = np.ones(FIELDS * LOOK, np.float32)
+        rows = np.empty(2 * LOOK, np.int32)
+        done = 0
+        end = starts[tile + 1]
+        for first in range(starts[tile], end, LOOK):
+            count = min(LOOK, end - first)
+            load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
+            for i in range(count):
+                u, v = batch[i], batch[LOOK + i]
+                a, b, c = batch[2 * LOOK + i], batch[3 * LOOK + i], batch[4 * LOOK + i]
+                log_opacity = batch[5 * LOOK + i]
+                red, green, blue = batch[7 * LOOK + i], batch[8 * LOOK + i], batch[9 * LOOK + i]
+                for y in range(rows[i], rows[LOOK + i]):
+                    if live[y]:
+                        dy = np.float32(y) - v
+                        rest = c * dy * dy + log_opacity
+                        blend_row(state, y, u, a, b * dy, rest, red, green, blue)
+                        done += 1
+            if look(state, ROW, live) == 0:
+                break
+        work[tile] = done
+        for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
+            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
+                j = y * ROW + x
+                to = image[top + y - g.y0, left + x - g.x0]
+                to[0], to[1], to[2] = state[j + TILE], state[j + 2 * TILE], state[j + 3 * TILE]
+                to[3] = np.float32(1) - abs(state[j])

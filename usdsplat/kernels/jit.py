@@ -1,0 +1,79 @@
+"""How kernels are compiled: flags, and a cache that notices when any kernel changes.
+
+Numba's own cache looks at the file of the function it caches, not at the functions that one calls. So
+the cache folder is keyed by a hash of every kernel source: edit one formula, and all that might use
+it is compiled again. Where no folder can be written, kernels are compiled afresh in each process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config
+
+FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+"""No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,
+so a loop gives the same bits whether LLVM vectorises it or not."""
+
+
+def _cache_root() -> Path:
+    """The user's cache folder by each platform's custom."""
+    if os.environ.get("XDG_CACHE_HOME"):
+        return Path(os.environ["XDG_CACHE_HOME"])
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", str(Path.home())))
+    return Path.home() / ".cache"
+
+
+def _open_cache() -> Path | None:
+    """The folder of this version of the kernels, created; None where nothing can be written."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode() + source.read_bytes())
+    try:
+        folder = _cache_root() / "usdsplat" / f"kernels-{digest.hexdigest()[:16]}"
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, RuntimeError):  # RuntimeError: no home directory at all
+        return None
+    return folder
+
+
+CACHE = _open_cache()
+"""Where compiled kernels are kept, or None."""
+
+
+def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """njit with our cache folder, and the caller's own put back: it is one setting per process."""
+    before = config.CACHE_DIR
+    try:
+        if CACHE is not None:
+            config.CACHE_DIR = str(CACHE)
+        return numba.njit(cache=CACHE is not None, **FLAGS, **options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+def scalar(function: Callable[..., Any]) -> Any:
+    """Mathematics of one element, inlined into the loops that call it so that they vectorise."""
+    return numba.njit(forceinline=True, **FLAGS)(function)
+
+
+def serial(function: Callable[..., Any]) -> Any:
+    """A loop for one thread. It does not hold the GIL."""
+    return _compile(function, {"nogil": True})
+
+
+def parallel(function: Callable[..., Any]) -> Any:
+    """A loop for all threads of the device; `prange` marks what may run at once."""
+    return _compile(function, {"nogil": True, "parallel": True})

@@ -1,0 +1,112 @@
+"""The splat in which half of a pixel's own coverage is passed: what depth and ids are read from.
+
+How much a pixel covers is known only when it is finished, so the lists are walked a second time, with
+the same arithmetic and without colour; each pixel ends at the splat that passes its half.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .bins import TILE
+from .blend import END, FIELDS, LOOK, alpha_at, load_batch, look
+from .jit import parallel, scalar
+from .project import DEPTH
+
+ROW = 3 * TILE
+"""Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list of
+the splat that passed it, counted from 1 (exact in float32: no list holds 2**24 splats)."""
+NONE = np.int32(-1)
+
+
+# --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
+
+
+@scalar
+def pass_row(state, row, u, a, slope, rest, place):
+    """Let one splat dim row `row` of a tile's state; mark the pixels whose half it passes."""
+    at = np.uint64(row * ROW)
+    for x in range(TILE):
+        j = at + np.uint64(x)
+        alpha = alpha_at(np.float32(x) - u, a, slope, rest)
+        t = state[j]
+        left = t - alpha * t
+        goes_on = left >= END
+        passed = goes_on and left <= state[j + np.uint64(TILE)] and alpha > np.float32(0)
+        state[j] = left if goes_on and not passed else -abs(t)
+        mark = state[j + np.uint64(2 * TILE)]
+        state[j + np.uint64(2 * TILE)] = place if passed else mark
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def median(records, starts, lists, grid, image, ranks):
+    """Find the median splat of every pixel of a band that `blend` has finished.
+
+    Args:
+        records, starts, lists, grid, image: As `blend` had and left them.
+        ranks: Receives rows of `records`, NONE where nothing is, shape (y1 - y0, x1 - x0) i32.
+    """
+    for tile in prange(starts.shape[0] - 1):
+        g = grid[0]
+        left = g.left + tile % g.columns * TILE
+        top = g.top + tile // g.columns * TILE
+        state = np.zeros(TILE * ROW, np.float32)
+        for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
+            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
+                covered = image[top + y - g.y0, left + x - g.x0, 3]
+                if covered > np.float32(0):
+                    state[y * ROW + x] = np.float32(1)
+                    state[y * ROW + TILE + x] = np.float32(1) - covered * np.float32(0.5)
+        live = np.zeros(TILE, np.uint8)
+        batch = np.ones(FIELDS * LOOK, np.float32)
+        rows = np.empty(2 * LOOK, np.int32)
+        begin, end = starts[tile], starts[tile + 1]
+        for first in range(begin, end, LOOK):
+            if look(state, ROW, live) == 0:
+                break
+            count = min(LOOK, end - first)
+            load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
+            for i in range(count):
+                u, v = batch[i], batch[LOOK + i]
+                a, b, c = batch[2 * LOOK + i], batch[3 * LOOK + i], batch[4 * LOOK + i]
+                log_opacity = batch[5 * LOOK + i]
+                place = np.float32(first - begin + i + 1)
+                for y in range(rows[i], rows[LOOK + i]):
+                    if live[y]:
+                        dy = np.float32(y) - v
+                        pass_row(state, y, u, a, b * dy, c * dy * dy + log_opacity, place)
+        for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
+            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
+                place = int(state[y * ROW + 2 * TILE + x])
+                rank = lists[begin + place - 1] if place > 0 else NONE
+                ranks[top + y - g.y0, left + x - g.x0] = rank
+
+
+@parallel
+def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
+    """Read depth and identity off the median splats.
+
+    Args:
+        ranks: What `median` found, shape (h, w) i32.
+        records: Depth-ordered splats; order: their slots; sources: each slot's row in its field.
+        first_slots: First slot of each drawn instance, ascending, shape (m,) i64.
+        labels: (prim, instance) of each drawn instance, shape (m, 2) i32.
+        depth: Receives planar depth [scene unit], +inf where nothing is, shape (h, w) f32.
+        ids: Receives (prim, instance, element), -1 where nothing is, shape (3, h, w) i32.
+    """
+    for y in prange(ranks.shape[0]):
+        for x in range(ranks.shape[1]):
+            rank = ranks[y, x]
+            if rank < 0:
+                depth[y, x] = np.float32(np.inf)
+                ids[0, y, x], ids[1, y, x], ids[2, y, x] = NONE, NONE, NONE
+            else:
+                depth[y, x] = records[rank, DEPTH]
+                slot = order[rank]
+                drawn = np.searchsorted(first_slots, slot, side="right") - 1
+                ids[0, y, x], ids[1, y, x] = labels[drawn, 0], labels[drawn, 1]
+                ids[2, y, x] = sources[slot]

@@ -1,0 +1,206 @@
+"""Project splats: a Gaussian in its prim's space becomes an ellipse on the screen.
+
+Camera space here is x right, y down, z forward; pixel (0, 0) is centred on (0, 0), so a pixel's index
+is its coordinate. The loop runs over blocks of a fixed number of splats of one field, whatever the
+thread count, and each block packs its visible splats to the front of its own slots of the output.
+
+Source: Zwicker et al. 2002, "EWA Splatting", local affine approximation; Kerbl et al. 2023 for the
+low-pass and the cutoffs; Yu et al. 2024, "Mip-Splatting", for the antialiased opacity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+
+BLOCK = 1024
+"""Splats of one block. It depends on nothing, so results depend on no thread count."""
+
+RECORD = 12
+"""Floats of a projected splat: u v | a b c | ln(opacity) | half width, half height | r g b | depth.
+
+The exponent of the Gaussian at a pixel is `a dx² + b dx dy + c dy²`: a, b, c hold −½ Σ'⁻¹.
+"""
+U, V, A, B, C, LOG_OPACITY, HALF_WIDTH, HALF_HEIGHT, RED, GREEN, BLUE, DEPTH = range(RECORD)
+
+LOW_PASS = np.float32(0.3)
+"""[pixel²] added to the screen covariance; a splat covers about one pixel at least."""
+LOG_CUTOFF = np.float32(math.log(1.0 / 255.0))
+"""ln of the smallest contribution that counts."""
+
+PERSPECTIVE, TANGENTIAL, ORTHOGRAPHIC = 0, 1, 2
+SORT_Z, SORT_DISTANCE = 0, 1
+
+CAMERA = np.dtype(
+    [
+        ("fx", "f4"), ("fy", "f4"), ("cx", "f4"), ("cy", "f4"),
+        ("near", "f4"), ("far", "f4"),
+        ("low_u", "f4"), ("high_u", "f4"), ("low_v", "f4"), ("high_v", "f4"),
+        ("left", "f4"), ("top", "f4"), ("right", "f4"), ("bottom", "f4"),
+        ("low_pass", "f4"), ("projection", "i4"), ("sorting", "i4"), ("antialiased", "i4"),
+    ]
+)  # fmt: skip
+"""A view as the kernel reads it: focal lengths and principal point [pixel], clipping depths, the
+bounds on x/z and y/z at which the affine map is taken, the data window in pixel indices (inclusive),
+the low-pass [pixel²], and the modes."""
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def screen_rows(cam, x, y, z, m, q, s):
+    """Rows of J·M·R·S: the screen covariance is their products, before the low-pass.
+
+    (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s the
+    standard deviations. Returns p0 p1 p2 g0 g1 g2 [pixel].
+    """
+    one = np.float32(1)
+    two = np.float32(2)
+    zero = np.float32(0)
+    m00, m01, m02 = np.float32(m[0, 0]), np.float32(m[0, 1]), np.float32(m[0, 2])
+    m10, m11, m12 = np.float32(m[1, 0]), np.float32(m[1, 1]), np.float32(m[1, 2])
+    m20, m21, m22 = np.float32(m[2, 0]), np.float32(m[2, 1]), np.float32(m[2, 2])
+    if cam.projection == PERSPECTIVE:
+        iz = one / z
+        tx = min(cam.high_u, max(cam.low_u, x * iz))
+        ty = min(cam.high_v, max(cam.low_v, y * iz))
+        jx, jxy, jxz = cam.fx * iz, zero, -cam.fx * tx * iz
+        jy, jyx, jyz = cam.fy * iz, zero, -cam.fy * ty * iz
+    elif cam.projection == TANGENTIAL:
+        # the shortest rotation that takes the viewing ray to the axis, then f / distance
+        ir = one / math.sqrt(x * x + y * y + z * z)
+        dx, dy, dz = x * ir, y * ir, z * ir
+        k = one / (one + dz)
+        fx, fy = cam.fx * ir, cam.fy * ir
+        jx, jxy, jxz = fx * (one - dx * dx * k), -fx * dx * dy * k, -fx * dx
+        jyx, jy, jyz = -fy * dx * dy * k, fy * (one - dy * dy * k), -fy * dy
+    else:
+        jx, jxy, jxz = cam.fx, zero, zero
+        jyx, jy, jyz = zero, cam.fy, zero
+    a0 = jx * m00 + jxy * m10 + jxz * m20
+    a1 = jx * m01 + jxy * m11 + jxz * m21
+    a2 = jx * m02 + jxy * m12 + jxz * m22
+    b0 = jyx * m00 + jy * m10 + jyz * m20
+    b1 = jyx * m01 + jy * m11 + jyz * m21
+    b2 = jyx * m02 + jy * m12 + jyz * m22
+    w, i, j, k = q[0], q[1], q[2], q[3]
+    r00, r01, r02 = one - two * (j * j + k * k), two * (i * j - w * k), two * (i * k + w * j)
+    r10, r11, r12 = two * (i * j + w * k), one - two * (i * i + k * k), two * (j * k - w * i)
+    r20, r21, r22 = two * (i * k - w * j), two * (j * k + w * i), one - two * (i * i + j * j)
+    return (
+        (a0 * r00 + a1 * r10 + a2 * r20) * s[0],
+        (a0 * r01 + a1 * r11 + a2 * r21) * s[1],
+        (a0 * r02 + a1 * r12 + a2 * r22) * s[2],
+        (b0 * r00 + b1 * r10 + b2 * r20) * s[0],
+        (b0 * r01 + b1 * r11 + b2 * r21) * s[1],
+        (b0 * r02 + b1 * r12 + b2 * r22) * s[2],
+    )
+
+
+@scalar
+def project_one(cam, m, position, q, s, opacity, record):
+    """Fill columns U..HALF_HEIGHT and DEPTH of `record`; True if the splat may touch the data window.
+
+    The centre is transformed in float64: a capture far from the origin, seen by a camera near it,
+    loses nothing. Everything after is relative to the camera and float32.
+    """
+    px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
+    z = np.float32(m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3])
+    if not (cam.near <= z <= cam.far):
+        return False
+    x = np.float32(m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3])
+    y = np.float32(m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3])
+    p0, p1, p2, g0, g1, g2 = screen_rows(cam, x, y, z, m, q, s)
+    pp = p0 * p0 + p1 * p1 + p2 * p2
+    gg = g0 * g0 + g1 * g1 + g2 * g2
+    pg = p0 * g0 + p1 * g1 + p2 * g2
+    # det(rows · rowsᵀ) = |p × g|² (Lagrange): a sum of squares, where pp·gg − pg² would cancel
+    n0, n1, n2 = p1 * g2 - p2 * g1, p2 * g0 - p0 * g2, p0 * g1 - p1 * g0
+    area = n0 * n0 + n1 * n1 + n2 * n2
+    low = cam.low_pass
+    uu, vv = pp + low, gg + low
+    det = area + low * (pp + gg) + low * low
+    if cam.antialiased:
+        opacity = opacity * math.sqrt(area / det)
+    if not (opacity > np.float32(0)):
+        return False
+    log_opacity = np.float32(math.log(opacity))
+    reach = np.float32(2) * (log_opacity - LOG_CUTOFF)
+    if not (reach >= np.float32(0) and det < np.float32(np.inf)):
+        return False
+    if cam.projection == ORTHOGRAPHIC:
+        u, v = cam.fx * x + cam.cx, cam.fy * y + cam.cy
+    else:
+        u, v = cam.fx * (x / z) + cam.cx, cam.fy * (y / z) + cam.cy
+    half_width = np.float32(math.sqrt(reach * uu))
+    half_height = np.float32(math.sqrt(reach * vv))
+    if (
+        u + half_width < cam.left
+        or u - half_width > cam.right
+        or v + half_height < cam.top
+        or v - half_height > cam.bottom
+    ):
+        return False
+    scale = np.float32(-0.5) / det
+    record[U], record[V] = u, v
+    record[A], record[B], record[C] = vv * scale, np.float32(-2) * pg * scale, uu * scale
+    record[LOG_OPACITY] = log_opacity
+    record[HALF_WIDTH], record[HALF_HEIGHT] = half_width, half_height
+    record[DEPTH] = z
+    return True
+
+
+@scalar
+def sort_key(cam, m, position):
+    """Squared distance from the eye, in float64 until the end; a positive float sorts as its bits."""
+    px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
+    x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
+    y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
+    z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
+    return np.float32(x * x + y * y + z * z)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def project(camera, matrices, positions, rotations, scales, opacities, block, base, out, found):
+    """Project all instances of one field.
+
+    Args:
+        camera: One CAMERA record, shape (1,).
+        matrices: Local to camera, float64, shape (m, 3, 4), one per instance.
+        positions, rotations, scales, opacities: A SplatCloud's arrays, n rows.
+        block: Slots per block, min(n, BLOCK).
+        base: First slot of this field; block b of instance i owns `block` slots from
+            base + (i * blocks + b) * block.
+        out: (records (slots, RECORD) f32, keys (slots,) f32, sources (slots,) i32). A source is the
+            row of the splat in its field.
+        found: Visible splats of each block, from this field's first block on, shape (m * blocks,) i32.
+    """
+    records, keys, sources = out
+    n = positions.shape[0]
+    blocks = (n + block - 1) // block
+    for item in prange(matrices.shape[0] * blocks):
+        cam = camera[0]
+        m = matrices[item // blocks]
+        slot = base + item * block
+        first = (item % blocks) * block
+        count = 0
+        for i in range(first, min(first + block, n)):
+            at = slot + count
+            if project_one(
+                cam, m, positions[i], rotations[i], scales[i], opacities[i], records[at]
+            ):
+                if cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC:
+                    keys[at] = sort_key(cam, m, positions[i])
+                else:
+                    keys[at] = records[at, DEPTH]
+                sources[at] = i
+                count += 1
+        found[item] = count

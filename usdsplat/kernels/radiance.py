@@ -1,0 +1,129 @@
+"""Radiance of the visible splats: harmonics in the direction of sight, converted to the blend space.
+
+A stage of its own, after projection has said what is visible and before any pixel is touched; light
+cached per splat would enter here.
+
+Source: Sloan 2008, "Stupid Spherical Harmonics Tricks", app. A2; signs and the 0.5 offset are 3DGS's.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .color import convert
+from .jit import parallel, scalar
+from .project import BLUE, GREEN, RED
+
+C0 = np.float32(0.28209479177387814)
+C1 = np.float32(0.4886025119029199)
+C2A, C2B, C2C = (
+    np.float32(1.0925484305920792),
+    np.float32(0.31539156525252005),
+    np.float32(0.5462742152960396),
+)
+C3A, C3B, C3C, C3D, C3E = (
+    np.float32(0.5900435899266435),
+    np.float32(2.890611442640554),
+    np.float32(0.4570457994644658),
+    np.float32(0.3731763325901154),
+    np.float32(1.445305721320277),
+)
+C4A, C4B, C4C, C4D, C4E, C4F, C4G = (
+    np.float32(2.5033429417967046),
+    np.float32(1.7701307697799304),
+    np.float32(0.9461746957575601),
+    np.float32(0.6690465435572892),
+    np.float32(0.10578554691520431),
+    np.float32(0.47308734787878004),
+    np.float32(0.6258357354491761),
+)
+
+
+# --- 1. mathematics: one splat, one channel --------------------------------------------
+
+
+@scalar
+def harmonics(sh, c, degree, x, y, z):
+    """0.5 + the sum over bands up to `degree` of channel `c` in unit direction (x, y, z), clamped at 0."""
+    value = np.float32(0.5) + C0 * sh[0, c]
+    if degree >= 1:
+        value += C1 * (z * sh[2, c] - y * sh[1, c] - x * sh[3, c])
+    if degree >= 2:
+        xx, yy, zz = x * x, y * y, z * z
+        value += (
+            C2A * (x * y * sh[4, c] - y * z * sh[5, c] - x * z * sh[7, c])
+            + C2B * (zz + zz - xx - yy) * sh[6, c]
+            + C2C * (xx - yy) * sh[8, c]
+        )
+        if degree >= 3:
+            three, four, two = np.float32(3), np.float32(4), np.float32(2)
+            value += (
+                C3B * x * y * z * sh[10, c]
+                - C3A * (y * (three * xx - yy) * sh[9, c] + x * (xx - three * yy) * sh[15, c])
+                - C3C * (four * zz - xx - yy) * (y * sh[11, c] + x * sh[13, c])
+                + C3D * z * (two * zz - three * (xx + yy)) * sh[12, c]
+                + C3E * z * (xx - yy) * sh[14, c]
+            )
+            if degree >= 4:
+                seven, one = np.float32(7), np.float32(1)
+                value += (
+                    C4A * x * y * (xx - yy) * sh[16, c]
+                    - C4B
+                    * z
+                    * (y * (three * xx - yy) * sh[17, c] + x * (xx - three * yy) * sh[23, c])
+                    + C4C * x * y * (seven * zz - one) * sh[18, c]
+                    - C4D * z * (seven * zz - three) * (y * sh[19, c] + x * sh[21, c])
+                    + C4E * (zz * (np.float32(35) * zz - np.float32(30)) + three) * sh[20, c]
+                    + C4F * (xx - yy) * (seven * zz - one) * sh[22, c]
+                    + C4G * (xx * (xx - three * yy) - yy * (three * xx - yy)) * sh[24, c]
+                )
+    return max(value, np.float32(0))
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def radiance(sights, positions, sh, degree, conversion, converts, block, base, out, found):
+    """Colour the visible splats of all instances of one field.
+
+    Args:
+        sights: Affine map from a splat's position to its direction of sight in the field's space, of
+            any length, shape (m, 3, 4) f64, one per instance. It carries the inverse of the orthogonal
+            factor of the field's transform, reflection included.
+        positions, sh: The field's arrays.
+        degree: Highest degree evaluated; at most what `sh` holds.
+        conversion: 13 numbers, see `color`; read only if `converts`.
+        block, base, found: As `project` left them.
+        out: (records, keys, sources) of `project`; RED, GREEN and BLUE are written.
+    """
+    records, _, sources = out
+    n = positions.shape[0]
+    blocks = (n + block - 1) // block
+    for item in prange(sights.shape[0] * blocks):
+        m = sights[item // blocks]
+        slot = base + item * block
+        x, y, z = np.float32(0), np.float32(0), np.float32(0)
+        for at in range(slot, slot + found[item]):
+            i = sources[at]
+            if degree > 0:
+                px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+                dx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
+                dy = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
+                dz = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
+                length = math.sqrt(dx * dx + dy * dy + dz * dz)
+                inverse = 1.0 / length if length > 0.0 else 0.0
+                x, y, z = (
+                    np.float32(dx * inverse),
+                    np.float32(dy * inverse),
+                    np.float32(dz * inverse),
+                )
+            r = harmonics(sh[i], 0, degree, x, y, z)
+            g = harmonics(sh[i], 1, degree, x, y, z)
+            b = harmonics(sh[i], 2, degree, x, y, z)
+            if converts:
+                r, g, b = convert(r, g, b, conversion)
+            records[at, RED], records[at, GREEN], records[at, BLUE] = r, g, b

@@ -1,0 +1,32 @@
+"""Take a finished, premultiplied picture from its blend space to its output space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .color import convert
+from .jit import parallel
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def recolor(image, conversion):
+    """Un-premultiply, convert and premultiply again, in place.
+
+    Args:
+        image: Premultiplied RGBA, shape (h, w, 4) f32; where A is 0 nothing is done.
+        conversion: 13 numbers, see `color`.
+    """
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            alpha = image[y, x, 3]
+            if alpha > np.float32(0):
+                r, g, b = convert(
+                    image[y, x, 0] / alpha,
+                    image[y, x, 1] / alpha,
+                    image[y, x, 2] / alpha,
+                    conversion,
+                )
+                image[y, x, 0], image[y, x, 1], image[y, x, 2] = r * alpha, g * alpha, b * alpha

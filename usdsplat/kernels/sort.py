@@ -1,0 +1,97 @@
+"""One global depth order: pack what is visible, sort it by key, lay its records out in that order.
+
+A stable radix sort of positive float32 keys by their bits, 11 at a time. Splats enter in the order of
+prim path and row, and stability keeps that order among equal keys: a picture is reproducible.
+
+Source: Knuth, TAOCP vol. 3, 5.2.5; Satish et al. 2009 for the chunked histograms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, serial
+
+DIGIT_BITS = 11
+DIGITS = 1 << DIGIT_BITS
+PASSES = 3
+"""3 x 11 bits cover the 32 of a key."""
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@serial
+def visible_slots(found, starts, blocks, visible):
+    """List the used slots in order; returns how many.
+
+    Args:
+        found: Visible splats per block, shape (k,).
+        starts: First slot of each block, shape (k,) i64.
+        blocks: k, how many blocks there are.
+        visible: Receives slots, i32, room for all.
+    """
+    count = 0
+    for b in range(blocks):
+        start = starts[b]
+        for i in range(found[b]):
+            visible[count] = start + i
+            count += 1
+    return count
+
+
+@parallel
+def depth_order(visible, count, keys, chunks, work, histogram):
+    """Sort slots by key, stably; returns which of the two halves of `work` holds the result.
+
+    Args:
+        visible: Slots in tie order, shape (>= count,) i32.
+        keys: Key of each slot, positive f32.
+        chunks: How many pieces the pass is cut into; any number gives the same result.
+        work: (key bits (2, count) u32, slots (2, count) i32).
+        histogram: Scratch, shape (chunks, DIGITS) i64.
+    """
+    bits, slots = work
+    raw = keys.view(np.uint32)
+    for t in prange(chunks):
+        for k in range(count * t // chunks, count * (t + 1) // chunks):
+            bits[0, k] = raw[visible[k]]
+            slots[0, k] = visible[k]
+    source = 0
+    for digit in range(PASSES):
+        shift = np.uint32(DIGIT_BITS * digit)
+        mask = np.uint32(DIGITS - 1)
+        for t in prange(chunks):
+            row = histogram[t]
+            row[:] = 0
+            for k in range(count * t // chunks, count * (t + 1) // chunks):
+                row[(bits[source, k] >> shift) & mask] += 1
+        total = 0
+        for d in range(DIGITS):
+            for t in range(chunks):
+                here = histogram[t, d]
+                histogram[t, d] = total
+                total += here
+        for t in prange(chunks):
+            row = histogram[t]
+            for k in range(count * t // chunks, count * (t + 1) // chunks):
+                d = (bits[source, k] >> shift) & mask
+                to = row[d]
+                row[d] = to + 1
+                bits[1 - source, to] = bits[source, k]
+                slots[1 - source, to] = slots[source, k]
+        source = 1 - source
+    return source
+
+
+@parallel
+def gather(order, records, out):
+    """out[k] = records[order[k]]: what blending reads, in the order it reads it."""
+    n = order.shape[0]
+    blocks = (n + 1023) // 1024
+    for b in prange(blocks):
+        for k in range(b * 1024, min(n, (b + 1) * 1024)):
+            slot = order[k]
+            for c in range(records.shape[1]):
+                out[k, c] = records[slot, c]

@@ -1,0 +1,219 @@
+"""A splat field on a stage: what every other package reads and writes it through."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from pxr import Sdf, Usd, UsdVol, Vt
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.schema import attributes, hints, packed, proxy, registration, stock, tokens
+from usdsplat.schema.attributes import Time, set_array, set_uniform
+from usdsplat.schema.extent import compute_extent
+from usdsplat.schema.tokens import Form
+from usdsplat.schema.vt import to_vt
+
+_Type = Sdf.ValueTypeNames
+
+
+def author(
+    stage: Usd.Stage,
+    path: str | Sdf.Path,
+    cloud: SplatCloud,
+    *,
+    form: Form = "float",
+    time: float | Usd.TimeCode | None = None,
+    color_space: str | None = None,
+    rasterize_mode: str | None = None,
+    projection_mode: str | None = None,
+    sorting_mode: str | None = None,
+) -> Usd.Prim:
+    """Write a cloud as a splat field on the stage's edit target.
+
+    An existing prim is retyped by an `over`, so a layer of results leaves the original untouched;
+    its arrays of another form are dropped. Calling again with other times adds samples.
+
+    Args:
+        stage: Where to write.
+        path: Absolute path of the prim.
+        cloud: What to write.
+        form: "float" and "half" are the stock type; "packed" is our own, a third of the size.
+        time: Time code of a sample; None writes default values and removes samples.
+        color_space: Space the harmonics were trained in; None keeps what the prim or its
+            ancestors say, or writes srgb_rec709_scene where nobody does.
+        rasterize_mode: "classic" or "antialiased"; None keeps what the prim says.
+        projection_mode: "perspective" or "tangential"; None keeps what the prim says.
+        sorting_mode: "zDepth", "cameraDistance" or "rayHitDistance"; None keeps what the prim says.
+
+    Returns:
+        The prim.
+
+    Raises:
+        UsageError: If an option has a value it cannot have, or a number does not fit the form.
+        StageError: If the prim cannot be written there, or its samples have another degree.
+        SchemaUnavailableError: If the form is "packed" and USD does not know the type.
+    """
+    _check_options(form, color_space, rasterize_mode, projection_mode, sorting_mode)
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    if form == "packed":
+        registration.require(str(path))
+    prim = _define(stage, path, tokens.PACKED_TYPE if form == "packed" else tokens.STOCK_TYPE)
+    _check_degree(prim, cloud, code)
+    if form == "packed":
+        packed.author(prim, cloud, code=code)
+        proxy.author(prim, cloud, code=code)
+        _author_fallback_type(stage)
+        slack = packed.SLACK
+    else:
+        stock.author(prim, cloud, half=form == "half", code=code)
+        proxy.remove(prim)
+        prim.AddAppliedSchema(tokens.FIELD_API)
+        slack = stock.HALF_SLACK if form == "half" else 0.0
+    box = to_vt(compute_extent(cloud, slack=slack), Vt.Vec3fArray)
+    set_array(prim, tokens.EXTENT, _Type.Float3Array, box, code)
+    _author_identity(prim, cloud, code)
+    _author_color_space(prim, color_space)
+    modes = {
+        tokens.RASTERIZE_MODE: rasterize_mode,
+        tokens.PROJECTION_MODE: projection_mode,
+        tokens.SORTING_MODE: sorting_mode,
+    }
+    for name, value in modes.items():
+        if value is not None:
+            set_uniform(prim, name, _Type.Token, value)
+    return prim
+
+
+def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
+    """Read a splat field of any form, instance proxies included.
+
+    Args:
+        prim: A prim for which `is_splat_field` is true.
+        time: Time code; None is the default value or, without one, the first sample.
+
+    Returns:
+        The cloud in the prim's own space; its arrays may be read-only views of USD's memory.
+
+    Raises:
+        StageError: If the prim is no splat field, or its packed arrays cannot be decoded.
+        SchemaUnavailableError: If the prim is packed and USD does not know the type.
+    """
+    if not is_splat_field(prim):
+        where = str(prim.GetPath()) if prim else "prim"
+        raise StageError(where, f"a prim of type {prim.GetTypeName()!s}", _EXPECTED)
+    if is_packed(prim):
+        registration.require(str(prim.GetPath()))
+        return packed.fetch(prim, attributes.time_code(prim, time))
+    return stock.fetch(prim, attributes.time_code(prim, time))
+
+
+def is_splat_field(prim: Usd.Prim) -> bool:
+    """Whether `fetch` reads this prim: stock (derived or by fallback too), its draft, or packed."""
+    if not prim:
+        return False
+    named = prim.GetTypeName() in (tokens.PACKED_TYPE, tokens.PRERELEASE_TYPE)
+    return named or prim.IsA(UsdVol.ParticleField3DGaussianSplat)
+
+
+def is_packed(prim: Usd.Prim) -> bool:
+    """Whether the prim is of our compact type, known to USD or not."""
+    return bool(prim.GetTypeName() == tokens.PACKED_TYPE)
+
+
+def form_of(prim: Usd.Prim) -> Form:
+    """How a splat field is stored."""
+    if is_packed(prim):
+        return "packed"
+    name = stock.source_name(prim, tokens.SH_COEFFICIENTS)
+    has_half = bool(prim.GetAttribute(name) and prim.GetAttribute(name).HasAuthoredValue())
+    return "half" if name == tokens.SH_COEFFICIENTS_HALF and has_half else "float"
+
+
+def is_time_varying(prim: Usd.Prim) -> bool:
+    """Whether `fetch` may return different clouds at different times."""
+    found = (prim.GetAttribute(name) for name in tokens.DATA_ATTRIBUTES)
+    return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+
+
+_EXPECTED = f"{tokens.STOCK_TYPE} or {tokens.PACKED_TYPE}"
+
+
+def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
+    """The prim of that type at `path`: defined if new, else retyped where it is not yet."""
+    prim = stage.GetPrimAtPath(path)
+    if prim and (prim.IsInstanceProxy() or prim.IsInPrototype()):
+        raise StageError(str(path), "a prim inside an instance", "a prim that can be edited")
+    if not prim or not prim.IsDefined():
+        prim = stage.DefinePrim(path, type_name)
+    elif prim.GetTypeName() != type_name:
+        prim = stage.OverridePrim(path)
+        prim.SetTypeName(type_name)
+    return prim
+
+
+def _check_options(
+    form: Form,
+    color_space: str | None,
+    rasterize_mode: str | None,
+    projection_mode: str | None,
+    sorting_mode: str | None,
+) -> None:
+    """Refuse option values before anything is written."""
+    for name, value, allowed in (
+        ("form", form, get_args(Form)),
+        ("rasterize_mode", rasterize_mode, tokens.RASTERIZE_MODES),
+        ("projection_mode", projection_mode, tokens.PROJECTION_MODES),
+        ("sorting_mode", sorting_mode, tokens.SORTING_MODES),
+    ):
+        if value is not None and value not in allowed:
+            raise UsageError(name, repr(value), f"one of {', '.join(allowed)}")
+    if color_space is not None and not hints.is_known_color_space(color_space):
+        raise UsageError(
+            "color_space", repr(color_space), f"a Gf name such as {tokens.DEFAULT_COLOR_SPACE}"
+        )
+
+
+def _check_degree(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
+    """The degree is uniform: a sample must have that of the samples before it."""
+    attribute = prim.GetAttribute(tokens.SH_DEGREE)
+    if code.IsDefault() or not attribute.HasAuthoredValue():
+        return
+    if not prim.GetAttribute(tokens.POSITIONS).GetNumTimeSamples():
+        return
+    degree = attribute.Get()
+    if degree != cloud.sh_degree:
+        where = f"{prim.GetPath()} at {code.GetValue():g}"
+        raise StageError(where, f"harmonics of degree {cloud.sh_degree}", f"{degree}, as before")
+
+
+def _author_fallback_type(stage: Usd.Stage) -> None:
+    """Let applications without our schema take packed prims for their base type."""
+    root = stage.GetEditTarget().GetLayer().pseudoRoot
+    known = dict(root.GetInfo("fallbackPrimTypes") or {})
+    known[tokens.PACKED_TYPE] = Vt.TokenArray([tokens.BASE_TYPE])
+    root.SetInfo("fallbackPrimTypes", known)
+
+
+def _author_identity(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
+    """Write ids and velocities, or take away those of an earlier cloud."""
+    for name, kind, vt_kind, value in (
+        (tokens.IDS, _Type.Int64Array, Vt.Int64Array, cloud.ids),
+        (tokens.VELOCITIES, _Type.Vector3fArray, Vt.Vec3fArray, cloud.velocities),
+    ):
+        if value is not None:
+            set_array(prim, name, kind, to_vt(value, vt_kind), code)
+        elif code.IsDefault():
+            attributes.silence(prim, (name,))
+        elif prim.GetAttribute(name).HasAuthoredValue():
+            set_array(prim, name, kind, vt_kind(), code)
+
+
+def _author_color_space(prim: Usd.Prim, name: str | None) -> None:
+    """Write the space that is asked for, or the default where nobody names one."""
+    if name is None:
+        if hints.written_color_space(prim):
+            return
+        name = tokens.DEFAULT_COLOR_SPACE
+    api = Usd.ColorSpaceAPI.Apply(prim)
+    api.CreateColorSpaceNameAttr(tokens.COLOR_SPACE_ALIASES.get(name, name))

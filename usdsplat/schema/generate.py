@@ -1,0 +1,128 @@
+"""Generate plugInfo/ from schema.usda: `python -m usdsplat.schema.generate [--check]`.
+
+Runs the generator that ships with USD (it needs jinja2, in the dev extra) in a process of its own,
+then adds what it leaves out: whole documentation instead of first sentences, and the validators.
+Documentation of inherited properties is dropped: its wording changes from one USD to the next.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf
+
+from usdsplat.schema.registration import plugin_folder
+from usdsplat.schema.validation import VALIDATORS
+
+SOURCE = Path(__file__).with_name("schema.usda")
+PLUGIN_MODULE = "usdsplat.schema.validation.plugin"
+VALIDATED_TYPES = ["UsdVolParticleField3DGaussianSplat", "UsdSplatParticleFieldPackedSplat"]
+
+_BRIEF = "userDocBrief"
+
+
+def generate() -> dict[str, str]:
+    """The files of plugInfo/, name -> text.
+
+    Raises:
+        subprocess.CalledProcessError: If USD's generator refuses the schema or misses jinja2.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder, "schema.usda"), Path(folder, "out")
+        target.mkdir()
+        source.write_text(_documented(SOURCE), encoding="utf-8")
+        command = [
+            sys.executable,
+            "-m",
+            "pxr.Usd.usdGenSchema",
+            "--quiet",
+            str(source),
+            str(target),
+        ]
+        # Our own registration would make the generator meet these classes twice.
+        environment = {k: v for k, v in os.environ.items() if k != "PXR_PLUGINPATH_NAME"}
+        subprocess.run(command, check=True, capture_output=True, env=environment)
+        schema = (target / "generatedSchema.usda").read_text(encoding="utf-8")
+        plugin = (target / "plugInfo.json").read_text(encoding="utf-8")
+    return {"generatedSchema.usda": _without_inherited(schema), "plugInfo.json": _completed(plugin)}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the files, or with --check say which ones are stale; status 1 if any is."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    check = parser.parse_args(argv).check
+    folder = plugin_folder()
+    stale = 0
+    for name, text in generate().items():
+        path = folder / name
+        if path.is_file() and path.read_text(encoding="utf-8") == text:
+            continue
+        stale += 1
+        if not check:
+            path.write_text(text, encoding="utf-8")
+        print(f"{path}: {'stale' if check else 'written'}")
+    return 1 if check and stale else 0
+
+
+def _documented(path: Path) -> str:
+    """The schema's text, with whole documentation where the generator takes the first sentence."""
+    layer = _parse(path.read_text(encoding="utf-8"))
+    for prim in layer.rootPrims:
+        for spec in (prim, *prim.properties):
+            if spec.documentation:
+                spec.customData[_BRIEF] = inspect.cleandoc(spec.documentation)
+    return layer.ExportToString()
+
+
+def _without_inherited(text: str) -> str:
+    """Drop the documentation of properties that schema.usda does not declare."""
+    own = _parse(SOURCE.read_text(encoding="utf-8"))
+    layer = _parse(text)
+    for prim in layer.rootPrims:
+        for spec in prim.properties:
+            if not own.GetPropertyAtPath(spec.path):
+                spec.ClearInfo("customData")
+    return layer.ExportToString()
+
+
+def _completed(text: str) -> str:
+    """plugInfo.json with the generator's place holders filled in and our validators added."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    info: dict[str, Any] = json.loads("\n".join(lines))
+    info["Plugins"][0].update(LibraryPath="", ResourcePath=".", Root=".")
+    validators = {
+        name: {"doc": text, "schemaTypes": VALIDATED_TYPES, "isTimeDependent": True}
+        for name, text in VALIDATORS.items()
+    }
+    info["Plugins"].append(
+        {
+            "Type": "python",
+            "Name": PLUGIN_MODULE,
+            "Root": "..",  # USD takes one plug-in for each path, and "." is the schema's
+            "ResourcePath": ".",
+            "LibraryPath": "",
+            "Info": {"Validators": {**validators, "keywords": ["usdsplat"]}},
+        }
+    )
+    return json.dumps(info, indent=4) + "\n"
+
+
+def _parse(text: str) -> Sdf.Layer:
+    """A layer in memory that resolves nothing."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString(text)
+    return layer
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

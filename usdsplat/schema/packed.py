@@ -1,0 +1,144 @@
+"""Our compact type, ParticleFieldPackedSplat: prims to clouds and back.
+
+USD holds integer arrays between time samples, so motion between them is found here: both samples
+are decoded and what they decode to is interpolated, as USD does for stock arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, Vt
+
+from usdsplat.core import quaternion
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.errors import StageError
+from usdsplat.core.sh import MAX_DEGREE, coefficient_count
+from usdsplat.schema import attributes, packing, tokens
+from usdsplat.schema.attributes import set_array, set_uniform
+from usdsplat.schema.vt import as_float32, to_vt
+
+SLACK = packing.SCALE_ERROR + packing.ROTATION_ERROR
+"""By how much packing can widen a splat, relative to its largest scale."""
+
+_Type = Sdf.ValueTypeNames
+_EMPTY = {
+    tokens.PACKED: (0, 4),
+    tokens.COLOR_RANGE: (0, 3),
+    tokens.PACKED_HARMONICS: (0, 4),
+    tokens.HARMONICS_RANGE: (0,),
+}
+_FLOATS = (tokens.COLOR_RANGE, tokens.HARMONICS_RANGE)
+
+
+def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
+    """Write the arrays of a packed prim and drop the stock ones that the edit target holds.
+
+    Stock arrays that weaker layers hold stay: the type says that they do not count.
+
+    Raises:
+        UsageError: If a value is not finite.
+    """
+    arrays = packing.pack(cloud)
+    attributes.forget(prim, {*tokens.HALF_OF, *tokens.HALF_OF.values()} - {tokens.POSITIONS})
+    positions = to_vt(cloud.positions, Vt.Vec3fArray)
+    set_array(prim, tokens.POSITIONS, _Type.Point3fArray, positions, code)
+    for name, kind, vt_kind, value in (
+        (tokens.PACKED, _Type.Int4Array, Vt.Vec4iArray, arrays.core),
+        (tokens.COLOR_RANGE, _Type.Float3Array, Vt.Vec3fArray, arrays.color_range),
+        (tokens.PACKED_HARMONICS, _Type.Int4Array, Vt.Vec4iArray, arrays.harmonics),
+        (tokens.HARMONICS_RANGE, _Type.FloatArray, Vt.FloatArray, arrays.harmonics_range),
+    ):
+        set_array(prim, name, kind, to_vt(value, vt_kind), code)
+    set_uniform(prim, tokens.PACKING, _Type.Token, packing.TOKEN)
+    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
+
+
+def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
+    """Read a packed prim, interpolated between samples as the stage's interpolation says.
+
+    Where the numbers of splats of two samples differ, the earlier one is held, as USD does.
+
+    Raises:
+        StageError: If the layout is not one we know, or an array is missing or too short.
+    """
+    token = prim.GetAttribute(tokens.PACKING).Get()
+    if token != packing.TOKEN:
+        raise _unfit(prim, tokens.PACKING, repr(token), repr(packing.TOKEN))
+    centres = attributes.array(prim, tokens.POSITIONS, code)
+    positions = np.empty((0, 3), np.float32) if centres is None else as_float32(centres)
+    attribute = prim.GetAttribute(tokens.PACKED)
+    around = attributes.bracket(attribute, code)
+    cloud = _decode(prim, around.lower, positions, code)
+    if not around.fraction or _length(attribute, around.lower) != _length(attribute, around.upper):
+        return cloud
+    return _mix(cloud, _decode(prim, around.upper, positions, code), around.fraction)
+
+
+def _decode(prim: Usd.Prim, sample: Usd.TimeCode, positions: F32, code: Usd.TimeCode) -> SplatCloud:
+    """The splats packed at `sample`, at the given centres, with ids and velocities of `code`."""
+    n = len(positions)
+    return packing.unpack(
+        positions,
+        _arrays(prim, sample, n),
+        ids=attributes.ids(prim, code, n),
+        velocities=attributes.velocities(prim, code, n),
+    )
+
+
+def _arrays(prim: Usd.Prim, sample: Usd.TimeCode, n: int) -> packing.PackedArrays:
+    """The packed arrays of a sample, checked and cut to `n` splats."""
+    degree = attributes.degree(prim, sample)
+    if not 0 <= degree <= MAX_DEGREE:
+        raise _unfit(prim, tokens.SH_DEGREE, str(degree), f"0 to {MAX_DEGREE}")
+    if not n:
+        return packing.pack(_nothing(degree))
+    return packing.PackedArrays(
+        core=_rows(prim, tokens.PACKED, sample, n),
+        color_range=_rows(prim, tokens.COLOR_RANGE, sample, 2),
+        harmonics=_rows(prim, tokens.PACKED_HARMONICS, sample, n * packing.harmonics_width(degree)),
+        harmonics_range=_rows(prim, tokens.HARMONICS_RANGE, sample, degree),
+    )
+
+
+def _rows(prim: Usd.Prim, name: str, sample: Usd.TimeCode, count: int) -> Any:
+    """The first `count` rows of an array that must have as many."""
+    found = attributes.array(prim, name, sample)
+    if found is None:
+        found = np.empty(_EMPTY[name], np.float32 if name in _FLOATS else np.int32)
+    if len(found) < count:
+        raise _unfit(prim, name, f"{len(found)} values", str(count))
+    return found[:count]
+
+
+def _mix(before: SplatCloud, after: SplatCloud, t: float) -> SplatCloud:
+    """Interpolate decoded samples the way USD does stock ones; writes into `after`'s arrays."""
+    for name in ("scales", "opacities", "sh"):
+        start, end = getattr(before, name), getattr(after, name)
+        end -= start
+        end *= np.float32(t)
+        end += start
+    return replace(after, rotations=quaternion.slerp(before.rotations, after.rotations, t))
+
+
+def _length(attribute: Usd.Attribute, sample: Usd.TimeCode) -> int:
+    """Number of packed splats in a sample."""
+    value = attribute.Get(sample)
+    return 0 if value is None else len(value)
+
+
+def _nothing(degree: int) -> SplatCloud:
+    """No splats."""
+    return SplatCloud(
+        positions=np.empty((0, 3), np.float32),
+        scales=np.empty((0, 3), np.float32),
+        rotations=np.empty((0, 4), np.float32),
+        opacities=np.empty(0, np.float32),
+        sh=np.empty((0, coefficient_count(degree), 3), np.float32),
+    )
+
+
+def _unfit(prim: Usd.Prim, name: str, found: str, expected: str) -> StageError:
+    return StageError(f"{prim.GetPath()}.{name}", found, expected)

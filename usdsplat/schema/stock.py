@@ -1,0 +1,166 @@
+"""The stock type, ParticleField3DGaussianSplat: prims to clouds and back.
+
+The rules for reading are usdVol's: centres say how many splats there are; of another array the rest
+is cut off when it is too long, and all of it is ignored when it is too short, which leaves no
+rotation, unit scale, full opacity or grey; float arrays win over half ones that are there too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pxr import Sdf, Usd, UsdGeom, Vt
+
+from usdsplat.core import quaternion
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.errors import UsageError
+from usdsplat.core.sh import MAX_DEGREE, coefficient_count
+from usdsplat.schema import attributes, tokens
+from usdsplat.schema.attributes import set_array, set_uniform
+from usdsplat.schema.vt import as_float32, to_vt
+
+HALF_SLACK = 2e-3
+"""By how much half scales and rotations can widen a splat, relative to its largest scale."""
+HALF_MAX = 65504.0
+HALF_TINY = 2.0**-24
+
+_UNIT_TOLERANCE = 1e-5  # of the squared length; above it, quaternions are normalised
+
+_Type = Sdf.ValueTypeNames
+_FLOAT = {
+    tokens.ORIENTATIONS: (_Type.QuatfArray, Vt.QuatfArray),
+    tokens.SCALES: (_Type.Float3Array, Vt.Vec3fArray),
+    tokens.OPACITIES: (_Type.FloatArray, Vt.FloatArray),
+    tokens.SH_COEFFICIENTS: (_Type.Float3Array, Vt.Vec3fArray),
+}
+_HALF = {
+    tokens.ORIENTATIONS: (_Type.QuathArray, Vt.QuathArray),
+    tokens.SCALES: (_Type.Half3Array, Vt.Vec3hArray),
+    tokens.OPACITIES: (_Type.HalfArray, Vt.HalfArray),
+    tokens.SH_COEFFICIENTS: (_Type.Half3Array, Vt.Vec3hArray),
+}
+
+
+def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode) -> None:
+    """Write the arrays of a stock prim and take away those of the other precision.
+
+    Args:
+        prim: Of the stock type.
+        cloud: What to write.
+        half: Write everything but the centres as half: 124 bytes a splat instead of 236 at degree
+            3. Half centres cost up to 27 dB, so they stay float.
+        code: Default, or the time code of a sample.
+
+    Raises:
+        UsageError: If `half` is asked for and a number is beyond half's range.
+    """
+    if half:
+        _check_half(cloud)
+    attributes.forget(prim, (*tokens.PACKED_ARRAYS, tokens.PACKING))
+    stale = [name if half else tokens.HALF_OF[name] for name in _FLOAT]
+    attributes.silence(prim, (tokens.POSITIONS_HALF, *stale))
+    positions = to_vt(cloud.positions, Vt.Vec3fArray)
+    set_array(prim, tokens.POSITIONS, _Type.Point3fArray, positions, code)
+    values = {
+        tokens.ORIENTATIONS: cloud.rotations,
+        tokens.SCALES: _positive_half(cloud.scales) if half else cloud.scales,
+        tokens.OPACITIES: cloud.opacities,
+        tokens.SH_COEFFICIENTS: cloud.sh.reshape(-1, 3),
+    }
+    for name, value in values.items():
+        kind, vt_kind = (_HALF if half else _FLOAT)[name]
+        target = tokens.HALF_OF[name] if half else name
+        written = set_array(prim, target, kind, to_vt(value, vt_kind), code)
+        if name == tokens.SH_COEFFICIENTS:
+            _set_primvar_metadata(written, cloud.sh.shape[1])
+    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
+
+
+def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
+    """Read a stock prim; float arrays are views of USD's own memory.
+
+    Returns:
+        Unit quaternions, whatever the prim holds; degrees above 4 are cut to 4. Other values come
+        as they are: `validate` says what is wrong with them.
+    """
+    centres = _array(prim, tokens.POSITIONS, code)
+    positions = np.empty((0, 3), np.float32) if centres is None else as_float32(centres)
+    n = len(positions)
+    rotations = attributes.rows(_array(prim, tokens.ORIENTATIONS, code), n)
+    scales = attributes.rows(_array(prim, tokens.SCALES, code), n)
+    opacities = attributes.rows(_array(prim, tokens.OPACITIES, code), n)
+    return SplatCloud(
+        positions=positions,
+        rotations=_identities(n) if rotations is None else _unit(as_float32(rotations)),
+        scales=np.ones((n, 3), np.float32) if scales is None else as_float32(scales),
+        opacities=np.ones(n, np.float32) if opacities is None else as_float32(opacities),
+        sh=_harmonics(prim, code, n),
+        ids=attributes.ids(prim, code, n),
+        velocities=attributes.velocities(prim, code, n),
+    )
+
+
+def source_name(prim: Usd.Prim, name: str) -> str:
+    """Which of the two precisions counts: float, unless it is empty at its earliest time.
+
+    Source: the rule of usdVol's `UsesFloat...()`, which Python does not wrap.
+    """
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get(Usd.TimeCode.EarliestTime()) if attribute else None
+    return name if value is not None and len(value) else tokens.HALF_OF[name]
+
+
+def _array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> npt.NDArray[Any] | None:
+    """The value of a stock array in the precision that counts."""
+    return attributes.array(prim, source_name(prim, name), code)
+
+
+def _harmonics(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:
+    """Coefficients, shape (n, k, 3); grey of degree 0 where the prim has too few."""
+    degree = attributes.degree(prim, code)
+    count = coefficient_count(max(degree, 0))
+    flat = attributes.rows(_array(prim, tokens.SH_COEFFICIENTS, code), n * count)
+    if flat is None or degree < 0:
+        return np.zeros((n, 1, 3), np.float32)
+    kept = coefficient_count(min(degree, MAX_DEGREE))
+    return as_float32(flat.reshape(n, count, 3)[:, :kept])
+
+
+def _unit(rotations: F32) -> F32:
+    """Quaternions of length 1; the same array if they are already."""
+    squared = np.einsum("ni,ni->n", rotations, rotations)
+    if np.all(np.abs(squared - 1) <= _UNIT_TOLERANCE):
+        return rotations
+    return as_float32(quaternion.normalize(rotations))
+
+
+def _identities(n: int) -> F32:
+    """No rotation, n times."""
+    rotations = np.zeros((n, 4), np.float32)
+    rotations[:, 0] = 1
+    return rotations
+
+
+def _positive_half(scales: F32) -> F32:
+    """Scales that do not vanish in half unless they are zero."""
+    return np.where((scales > 0) & (scales < HALF_TINY), np.float32(HALF_TINY), scales)
+
+
+def _check_half(cloud: SplatCloud) -> None:
+    """Refuse numbers that would become infinite."""
+    for name in ("scales", "sh"):
+        values = getattr(cloud, name)
+        peak = max(np.max(values, initial=0), -np.min(values, initial=0))
+        if peak > HALF_MAX:
+            raise UsageError(
+                f"half form, {name}", f"the magnitude {peak:g}", f"at most {HALF_MAX:g}, or float"
+            )
+
+
+def _set_primvar_metadata(attribute: Usd.Attribute, element_size: int) -> None:
+    """What importers and validators of others look for: coefficients per splat, one set each."""
+    primvar = UsdGeom.Primvar(attribute)
+    primvar.SetElementSize(element_size)
+    primvar.SetInterpolation(UsdGeom.Tokens.vertex)

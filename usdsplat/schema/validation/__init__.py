@@ -1,0 +1,101 @@
+"""Find what is wrong with the splat fields of a stage, each with its cure.
+
+`validate` serves `usdsplat validate`; the same checks are plug-in validators of UsdValidation (see
+`plugin`), which other applications discover through plugInfo.json.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from pxr import Usd
+
+from usdsplat.core.progress import Progress, silent
+from usdsplat.schema import tokens
+from usdsplat.schema.field import is_splat_field
+from usdsplat.schema.validation import arrays, box, packing, radiance
+from usdsplat.schema.validation.finding import Finding, Sample
+
+__all__ = ["CHECKS", "VALIDATORS", "Finding", "check_field", "splat_fields", "validate"]
+
+Check = Callable[[Sample], Iterator[Finding]]
+
+VALIDATORS = {
+    "SplatArrays": "Arrays of splats have one length and legal, finite numbers.",
+    "SplatRadiance": "Harmonics have a legal degree, matching counts and a named colour space.",
+    "SplatExtent": "The extent holds every splat out to where it stops contributing.",
+    "SplatPacking": "Packed arrays have a known layout and fit together.",
+}
+"""Validator -> what it validates."""
+
+CHECKS: dict[str, Sequence[Check]] = {
+    "SplatArrays": (arrays.lengths, arrays.values, arrays.identities, arrays.half_only),
+    "SplatRadiance": (radiance.degree, radiance.coefficients, radiance.color_space),
+    "SplatExtent": (box.extent,),
+    "SplatPacking": (packing.layout, packing.arrays, packing.ranges),
+}
+"""Validator -> its checks."""
+
+
+def validate(
+    stage: Usd.Stage, *, time: float | None = None, progress: Progress = silent
+) -> list[Finding]:
+    """Check every splat field of a stage.
+
+    Args:
+        stage: Is not changed.
+        time: Time code to check; None checks every sample there is, which reads all data.
+        progress: Told about each field.
+
+    Returns:
+        Findings in the order of the prims, each fault of an attribute once however many samples
+        have it; empty when all is well.
+    """
+    fields = list(splat_fields(stage))
+    checks = [check for group in CHECKS.values() for check in group]
+    findings: list[Finding] = []
+    for done, prim in enumerate(fields):
+        progress.step("validating", done, len(fields))
+        codes = None if time is None else [Usd.TimeCode(time)]
+        findings += check_field(prim, checks, codes)
+    progress.step("validating", len(fields), len(fields))
+    return findings
+
+
+def check_field(
+    prim: Usd.Prim, checks: Iterable[Check], codes: Iterable[Usd.TimeCode] | None = None
+) -> list[Finding]:
+    """Run checks on one field at some times or every sample; equal faults are one finding."""
+    merged: dict[tuple[str, str], Finding] = {}
+    for code in sample_codes(prim) if codes is None else codes:
+        sample = Sample(prim, code)
+        for check in checks:
+            for finding in check(sample):
+                key = (finding.attribute, finding.name)
+                seen = merged.get(key)
+                merged[key] = replace(seen, samples=seen.samples + 1) if seen else finding
+    return [
+        finding if finding.time is not None else replace(finding, samples=1)
+        for finding in merged.values()
+    ]
+
+
+def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Splat fields of a stage; of equal instances the first."""
+    seen = set()
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if not is_splat_field(prim):
+            continue
+        own = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
+        if own.GetPath() not in seen:
+            seen.add(own.GetPath())
+            yield prim
+
+
+def sample_codes(prim: Usd.Prim) -> list[Usd.TimeCode]:
+    """Times at which a field has samples; the default time where it has none."""
+    names = sorted(tokens.DATA_ATTRIBUTES | {tokens.EXTENT})
+    found = [prim.GetAttribute(name) for name in names]
+    times = sorted({t for attribute in found if attribute for t in attribute.GetTimeSamples()})
+    return [Usd.TimeCode(t) for t in times] or [Usd.TimeCode.Default()]

@@ -1,0 +1,167 @@
+"""Are the arrays of a field as long as they must be, and their numbers what they must be?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.schema import tokens
+from usdsplat.schema.validation.finding import Finding, Sample
+
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a quaternion may be from 1; the bound of NVIDIA's rule VG.035."""
+
+_WITHOUT = {
+    tokens.ORIENTATIONS: "no rotation",
+    tokens.SCALES: "unit scale",
+    tokens.OPACITIES: "full opacity",
+}
+
+
+def lengths(sample: Sample) -> Iterator[Finding]:
+    """Every per-splat array has as many values as there are centres."""
+    n = sample.count
+    if not n:
+        cure = "author positions"
+        found, expected = "no centres", "at least one"
+        yield sample.finding("warning", tokens.POSITIONS, "noSplats", found, expected, cure)
+        return
+    for name, consequence in ({} if sample.is_packed else _WITHOUT).items():
+        yield from _length(sample, name, n, f"readers use {consequence} instead")
+    for name in (tokens.IDS, tokens.VELOCITIES):
+        values = sample.array(name)
+        if values is not None and len(values):
+            yield from _length(sample, name, n, "readers ignore it")
+
+
+def values(sample: Sample) -> Iterator[Finding]:
+    """Centres are finite, deviations positive, quaternions of length 1, opacities in [0..1]."""
+    yield from _finite(sample, tokens.POSITIONS)
+    yield from _finite(sample, tokens.VELOCITIES)
+    if sample.is_packed:
+        return
+    for name in (tokens.SCALES, tokens.ORIENTATIONS, tokens.OPACITIES, tokens.SH_COEFFICIENTS):
+        yield from _finite(sample, name)
+    yield from _scales(sample)
+    yield from _quaternions(sample)
+    yield from _opacities(sample)
+
+
+def identities(sample: Sample) -> Iterator[Finding]:
+    """No two splats have the same id."""
+    ids = sample.array(tokens.IDS)
+    if ids is None or len(ids) < 2:
+        return
+    ordered = np.sort(ids)
+    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(repeated):
+        found = f"{len(repeated)} repeated (first: {repeated[0]})"
+        cure = "give every splat an id of its own, or remove the attribute"
+        yield sample.finding("error", tokens.IDS, "repeatedIds", found, "each id once", cure)
+
+
+def half_only(sample: Sample) -> Iterator[Finding]:
+    """Others ask for the float arrays."""
+    if sample.is_packed:
+        return
+    name = sample.name(tokens.SH_COEFFICIENTS)
+    if name == tokens.SH_COEFFICIENTS_HALF and sample.array(name) is not None:
+        yield sample.finding(
+            "warning",
+            name,
+            "halfOnly",
+            "half arrays without float ones",
+            f"{tokens.SH_COEFFICIENTS} and its like: NVIDIA's rule VG.035 asks for them",
+            "convert to the float form for interchange",
+        )
+
+
+def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterator[Finding]:
+    """One array against the number of centres."""
+    values = sample.array(attribute)
+    found = 0 if values is None else len(values)
+    name = sample.name(attribute)
+    if values is None:
+        cure = f"author it; {consequence}"
+        yield sample.finding("warning", name, "missing", "no value", f"{n} values", cure)
+    elif found < n:
+        cure = f"author one value for each centre; {consequence}"
+        yield sample.finding("error", name, "tooShort", f"{found} values", f"{n} values", cure)
+    elif found > n:
+        cure = "author one value for each centre; readers cut the rest off"
+        yield sample.finding("warning", name, "tooLong", f"{found} values", f"{n} values", cure)
+
+
+def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
+    """No NaN, no infinity."""
+    numbers = sample.numbers(attribute)
+    if not numbers.size or (np.isfinite(numbers.min()) and np.isfinite(numbers.max())):
+        return
+    bad = np.logical_not(np.isfinite(numbers).reshape(len(numbers), -1).all(axis=1))
+    yield sample.finding(
+        "error",
+        sample.name(attribute),
+        "notFinite",
+        _rows(bad, numbers),
+        "finite numbers",
+        "prune the splats with NaN or infinity",
+    )
+
+
+def _scales(sample: Sample) -> Iterator[Finding]:
+    """Negative ones are wrong, zero is legal for flat splats but refused by others."""
+    scales = sample.numbers(tokens.SCALES)
+    lowest = scales.min(axis=1, initial=np.inf) if scales.size else scales
+    if (lowest < 0).any():
+        cure = "author standard deviations; if these are logarithms, take their exponential"
+        found = _rows(lowest < 0, scales)
+        name = sample.name(tokens.SCALES)
+        yield sample.finding("error", name, "negativeScale", found, "positive numbers", cure)
+    if (lowest == 0).any():
+        cure = "give flat splats a small thickness: NVIDIA's rule VG.035 asks for scales above 0"
+        found = _rows(lowest == 0, scales)
+        name = sample.name(tokens.SCALES)
+        yield sample.finding("warning", name, "zeroScale", found, "positive numbers", cure)
+
+
+def _quaternions(sample: Sample) -> Iterator[Finding]:
+    """Length 1."""
+    quaternions = sample.numbers(tokens.ORIENTATIONS)
+    if not quaternions.size:
+        return
+    lengths = np.sqrt(np.einsum("ni,ni->n", quaternions, quaternions))
+    bad = np.abs(lengths - 1) > UNIT_TOLERANCE
+    if bad.any():
+        yield sample.finding(
+            "error",
+            sample.name(tokens.ORIENTATIONS),
+            "notUnit",
+            _rows(bad, lengths),
+            f"length 1 within {UNIT_TOLERANCE:g}",
+            "normalise the quaternions",
+        )
+
+
+def _opacities(sample: Sample) -> Iterator[Finding]:
+    """Between 0 and 1."""
+    opacities = sample.numbers(tokens.OPACITIES)
+    bad = (opacities < 0) | (opacities > 1)
+    if bad.any():
+        yield sample.finding(
+            "error",
+            sample.name(tokens.OPACITIES),
+            "opacityRange",
+            _rows(bad, opacities),
+            "0 to 1",
+            "author opacities; if these are logits, take their sigmoid",
+        )
+
+
+def _rows(bad: Any, numbers: F32) -> str:
+    """How many rows are bad, and the first of them."""
+    first = int(np.argmax(bad))
+    value = " ".join(f"{x:g}" for x in np.atleast_1d(numbers[first])[:4])
+    return f"{int(bad.sum())} of {len(bad)} (first: splat {first}, {value})"

@@ -1,0 +1,93 @@
+"""Can the colours of a field be read, and does it say in which space they are?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pxr import UsdGeom
+
+from usdsplat.core.sh import MAX_DEGREE
+from usdsplat.schema import hints, tokens
+from usdsplat.schema.validation.finding import Finding, Sample
+
+INTERCHANGE_DEGREE = 3
+"""Highest degree that other applications read."""
+
+
+def degree(sample: Sample) -> Iterator[Finding]:
+    """0 to 4, and 0 to 3 for others."""
+    found = sample.degree
+    if not 0 <= found <= MAX_DEGREE:
+        cure = "author the degree that the coefficients have"
+        yield sample.finding(
+            "error", tokens.SH_DEGREE, "degree", str(found), f"0 to {MAX_DEGREE}", cure
+        )
+    elif found > INTERCHANGE_DEGREE:
+        yield sample.finding(
+            "warning",
+            tokens.SH_DEGREE,
+            "interchangeDegree",
+            str(found),
+            f"at most {INTERCHANGE_DEGREE}, which other applications read",
+            "lower the degree for interchange",
+        )
+
+
+def coefficients(sample: Sample) -> Iterator[Finding]:
+    """(degree + 1)^2 of them for each splat, and metadata that says so."""
+    if sample.is_packed or not sample.count or sample.degree < 0:
+        return
+    name = sample.name(tokens.SH_COEFFICIENTS)
+    values = sample.array(name)
+    if values is None:
+        cure = "author coefficients; readers draw grey instead"
+        yield sample.finding("warning", name, "missing", "no value", "harmonics", cure)
+        return
+    expected = sample.count * sample.coefficients
+    if len(values) != expected:
+        short = len(values) < expected
+        cure = "author (degree + 1)^2 for each centre; readers "
+        yield sample.finding(
+            "error" if short else "warning",
+            name,
+            "coefficientCount",
+            f"{len(values)} coefficients",
+            f"{expected} ({sample.count} splats of degree {sample.degree})",
+            cure + ("draw grey instead" if short else "cut the rest off"),
+        )
+    yield from _metadata(sample, name)
+
+
+def color_space(sample: Sample) -> Iterator[Finding]:
+    """Named, with a name that USD knows."""
+    name = hints.written_color_space(sample.prim)
+    cure = f"apply ColorSpaceAPI and set {tokens.COLOR_SPACE} to {tokens.DEFAULT_COLOR_SPACE}"
+    if not name:
+        yield sample.finding(
+            "warning", tokens.COLOR_SPACE, "noColorSpace", "no colour space", "a named one", cure
+        )
+    elif name in tokens.COLOR_SPACE_ALIASES or not hints.is_known_color_space(name):
+        known = name in tokens.COLOR_SPACE_ALIASES
+        yield sample.finding(
+            "warning" if known else "error",
+            tokens.COLOR_SPACE,
+            "unknownColorSpace",
+            f"{name!r}, which USD does not know",
+            "a name from Gf.ColorSpaceNames",
+            f"write {tokens.COLOR_SPACE_ALIASES[name]!r}" if known else cure,
+        )
+
+
+def _metadata(sample: Sample, name: str) -> Iterator[Finding]:
+    """What Pixar's importer writes and NVIDIA's rule VG.035 asks for."""
+    primvar = UsdGeom.Primvar(sample.prim.GetAttribute(name))
+    size, interpolation = primvar.GetElementSize(), primvar.GetInterpolation()
+    if size != sample.coefficients:
+        expected = f"{sample.coefficients}, (degree + 1)^2"
+        cure = "set the attribute's elementSize"
+        yield sample.finding("warning", name, "elementSize", f"elementSize {size}", expected, cure)
+    if interpolation != UsdGeom.Tokens.vertex:
+        cure = "set the attribute's interpolation"
+        yield sample.finding(
+            "warning", name, "interpolation", f"interpolation {interpolation}", "vertex", cure
+        )
