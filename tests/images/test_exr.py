@@ -207,7 +207,7 @@ def test_a_missing_array_is_refused(tmp_path):
     ("change", "options", "message"),
     [
         ({"pixel_type": "uint8"}, {}, "found uint8 pixels, expected half or float"),
-        ({"aovs": ("color", "depth")}, {}, "found 'depth', expected one of color, Z"),
+        ({"aovs": ("color", "zz")}, {}, "found 'zz', expected one of color, Z"),
         ({"aovs": ("Z", "Z")}, {}, "'Z,Z', expected one or more names, each once"),
         ({"aovs": ()}, {}, "one or more names"),
         ({"color_space": "acescg"}, {}, "output color space: found 'acescg'"),

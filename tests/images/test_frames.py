@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frames import frame_path, frame_paths, parse_frames
+from usdsplat.images.frames import frame_path, frame_paths, has_place, parse_frames
 
 
 @pytest.mark.parametrize(
@@ -67,6 +67,7 @@ def test_a_slip_of_the_finger_is_not_a_week_of_rendering():
 def test_names_take_the_number(pattern, frame, expected):
     """Oracle: written out by hand; C's printf for the sign."""
     assert frame_path(pattern, frame) == Path(expected)
+    assert has_place(pattern) == (expected != pattern)
 
 
 def test_names_without_room_are_refused():

@@ -1,1 +1,1 @@
-"""The `usdsplat` command: one module for each thing it does, none of them loaded before it is named."""
+"""The `usdsplat` command: a module for each thing it does, none loaded before it is named."""

@@ -1,8 +1,8 @@
 """Pick the command, read its options, run it, and turn errors into one line and a status.
 
-A command is a module of this package with a dataclass `Options`, whose fields are its arguments, and
-`run(options)`, which returns the exit status. Its docstring is its help. Only the module that is
-named gets loaded, and USD and Numba only once it runs, so help is there at once.
+A command is a module of this package with a dataclass `Options`, whose fields are its arguments,
+and `run(options)`, which returns the exit status. Its docstring is its help. Only the module that
+is named gets loaded, and USD and Numba only once it runs, so help is there at once.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from usdsplat import __version__
-from usdsplat.core.errors import UsdSplatError, UsageError
+from usdsplat.core.errors import UsageError, UsdSplatError
 
 COMMANDS = {
-    "convert": "turn a capture into a USD stage, a stage into a capture, or one capture into another",
+    "convert": "turn a capture into a stage, a stage into a capture, or one capture into another",
     "info": "say what is in a capture or a stage",
     "validate": "check the splats of a stage, each finding with its cure",
     "render": "draw a stage, or a capture, to EXR or PNG",
@@ -83,7 +83,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
-    command: Command = importlib.import_module(f"usdsplat.cli.{name}")  # type: ignore[assignment]
+    command: Command = importlib.import_module(f"usdsplat.cli.{name}")
     from usdsplat.cli.parsing import parse
 
     options = parse(command.Options, name, command.__doc__ or "", rest)

@@ -7,7 +7,7 @@ import io
 import re
 import sys
 from dataclasses import fields, make_dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import tyro
 from tyro.conf import arg
@@ -16,7 +16,7 @@ from usdsplat.core.knobs import Knob, knobs
 
 T = TypeVar("T")
 
-_FRAME = re.compile(r"^[│╭╰]─*\s?|─*\s*[│╮╯]$")
+_FRAME = re.compile(r"^[│╭╰|+][─-]*\s?|[─-]*\s*[│╮╯|+]$")
 
 
 def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T | int:
@@ -53,6 +53,16 @@ def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T 
         return 2
 
 
+def option(metavar: str | None = None, *, name: str | None = None, short: str = "") -> Any:
+    """How a field is shown: its placeholder, another name, a short form; put it in Annotated.
+
+    The string below a field says what its default means, so tyro's own remark is left out.
+    """
+    return arg(
+        metavar=metavar, name=name, aliases=(short,) if short else None, help_behavior_hint=""
+    )
+
+
 def flags_of(cls: type) -> type:
     """Make a dataclass with one optional flag for each knob of `cls`; None is "not given"."""
     return make_dataclass(
@@ -70,23 +80,20 @@ def given(flags: Any) -> dict[str, Any]:
 
 
 def _flag(knob: Knob) -> Any:
-    """The annotation of a flag: the knob's choices or type, and its help with unit and range."""
-    kind = Literal[knob.choices] if knob.choices else knob.type
+    """The annotation of a flag; `core.knobs.checked` says whether its value is a legal one."""
+    kind, metavar = knob.type, None
+    if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
+        kind, metavar = str, "|".join(knob.choices)
     limits = f" [{knob.expected}]" if knob.range else ""
-    return Annotated[kind | None, arg(help=f"{knob.text}{limits}; default: what the stage says")]
+    text = f"{knob.text}{limits}; default: what the stage says"
+    return Annotated[kind | None, arg(help=text, metavar=metavar, help_behavior_hint="")]
 
 
 def _plain(complaint: str, command: str) -> str:
-    """tyro's complaint without its box, rules and advice, which are not for logs."""
-    lines = [_FRAME.sub("", line).rstrip() for line in complaint.splitlines()]
-    wanted = []
-    for line in lines:
-        if line.lstrip().startswith("For full helptext"):
-            break
-        if line.strip("─ "):
-            wanted.append(line)
-    first, *rest = wanted
-    title = first.strip("─ ").lower()
+    """tyro's complaint without its box, title, rules and advice, which are not for logs."""
+    lines = [_FRAME.sub("", line).rstrip() for line in complaint.splitlines()[1:]]
+    advice = next((i for i, x in enumerate(lines) if x.startswith("For full helptext")), None)
+    wanted = [line for line in lines[:advice] if line.strip(" ─-")]
     return "\n".join(
-        [f"usdsplat {command}: {title}", *rest, f"usdsplat {command} --help tells more"]
+        [f"usdsplat {command}: {wanted[0]}", *wanted[1:], f"usdsplat {command} --help tells more"]
     )

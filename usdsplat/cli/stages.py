@@ -1,4 +1,4 @@
-"""Open what a command is pointed at: a stage with the options of its user, or a capture as a stage."""
+"""Open what a command is pointed at: a stage as its user wants it, or a capture as a stage."""
 
 from __future__ import annotations
 
@@ -7,16 +7,31 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd
 
-import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange.files import is_usd
+from usdsplat.interchange.importing import import_capture
 
 _VARIANT = re.compile(r"(/[^:{}]*):([^=]+)=(.*)")
 
 
-def is_stage(path: Path) -> bool:
-    """Whether USD, going by the suffix, reads this file itself."""
-    return bool(Usd.Stage.IsSupportedFile(str(path)))
+def open_stage_or_capture(
+    path: Path, options: StageOptions, *, keep: tuple[str, ...] = (), progress: Progress = silent
+) -> Usd.Stage:
+    """Open a stage as `open_stage` does, or import a capture onto a stage in memory.
+
+    Raises:
+        UsageError: If options for stages are given for a capture, and as `open_stage` does.
+        FormatError: If a capture is not what it claims to be.
+    """
+    if is_usd(path):
+        return open_stage(path, options, keep=keep)
+    if options != StageOptions():
+        raise UsageError(str(path), "options for stages with a capture", "a USD file")
+    stage = Usd.Stage.CreateInMemory()
+    import_capture(path, stage, progress=progress)
+    return stage
 
 
 def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ()) -> Usd.Stage:
@@ -36,9 +51,7 @@ def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ())
     if options.session_layer:
         session.subLayerPaths.append(_layer(options.session_layer).identifier)
     mask = _mask(options.mask, keep)
-    stage = (
-        Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
-    )
+    stage = Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
     if mask:
         stage.ExpandPopulationMask()
     _mute(stage, options.mute)

@@ -22,10 +22,11 @@ def summarize(cloud: SplatCloud) -> dict[str, Any]:
     # Logarithms, since the product of three small float32 numbers may underflow.
     with np.errstate(divide="ignore", invalid="ignore"):
         mean_scales = np.exp(np.log(cloud.scales.astype(np.float64)).mean(axis=1))
+    bounds = [finite.min(axis=0).tolist(), finite.max(axis=0).tolist()] if len(finite) else None
     summary: dict[str, Any] = {
         "splats": len(cloud),
         "sh_degree": cloud.sh_degree,
-        "bounds": [finite.min(axis=0).tolist(), finite.max(axis=0).tolist()] if len(finite) else None,
+        "bounds": bounds,
         "scale": _percentiles(mean_scales),
         "opacity": _percentiles(cloud.opacities),
         "ids": cloud.ids is not None,

@@ -15,41 +15,50 @@ FIELD_OF_VIEW = math.radians(45)
 DIRECTION = (0.42, 0.3, 1.0)
 """From the scene towards the eye, x right, y up, z back: a front three-quarter view from above."""
 MARGIN = 1.05
-"""How much farther away than where the bounds just fit."""
+"""How much farther away than where the subject just fits."""
 NEAREST = 1e-3
-"""Near plane as a part of the far plane, at least: float32 depths stay distinct."""
+"""The near plane is at least this part of the way to the subject."""
+
+Box = tuple[F64, F64]
 
 
-def frame_bounds(bounds: tuple[F64, F64] | None, *, up_axis: str, aspect: float) -> CameraSpec:
-    """Return a perspective camera that sees all of `bounds`.
+def frame_subject(
+    subject: Box | None, bounds: Box | None, *, up_axis: str, aspect: float
+) -> CameraSpec:
+    """Return a perspective camera that has all of `subject` in the picture.
 
     Args:
-        bounds: Lowest and highest corner in the world [scene unit], shape (3,) each; None for an
-            empty scene, which is framed as a unit cube.
+        subject: What to look at: lowest and highest corner in the world [scene unit], shape (3,)
+            each; None for an empty scene, which is framed as a unit cube.
+        bounds: Of everything, for the clipping range.
         up_axis: The stage's upAxis, "Y" or "Z".
         aspect: Width over height of the picture.
     """
-    low, high = bounds or (np.full(3, -0.5), np.full(3, 0.5))
-    center = 0.5 * (low + high)
-    size = float(np.linalg.norm(high - low)) or 1.0
-    axes = change(UP_AXIS_FRAME[up_axis], "rub")
-    camera = _looking_along(-np.array(DIRECTION)) @ axes
+    subject = subject or (np.full(3, -0.5), np.full(3, 0.5))
+    center = 0.5 * (subject[0] + subject[1])
+    size = float(np.linalg.norm(subject[1] - subject[0])) or 1.0
+    rotation = _looking_along(-np.array(DIRECTION)) @ change(UP_AXIS_FRAME[up_axis], "rub")
     half = math.tan(0.5 * FIELD_OF_VIEW)
     right, top = half * max(aspect, 1.0), half * max(1.0 / aspect, 1.0)
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, 8).T - center
-    x, y, z = (corners @ camera.T).T
-    distance = MARGIN * float(np.max(np.maximum(np.abs(x) / right, np.abs(y) / top) + z))
-    distance = max(distance, MARGIN * float(np.max(z)) + 1e-3 * size)
-    far = 1.01 * (distance - float(np.min(z))) + 1e-3 * size
-    near = max(0.5 * (distance - float(np.max(z))), NEAREST * far)
+    x, y, z = ((_corners(subject) - center) @ rotation.T).T
+    distance = MARGIN * float(np.max(np.maximum(abs(x) / right, abs(y) / top) + z))
+    distance = max(distance, size)
+    depths = distance - ((_corners(bounds or subject) - center) @ rotation.T)[:, 2]
+    far = 1.01 * max(float(depths.max()), distance) + 1e-3 * size
+    near = max(0.5 * float(depths.min()), NEAREST * distance)
     world_to_camera = np.eye(4)
-    world_to_camera[:3, :3] = camera
-    world_to_camera[:3, 3] = -camera @ center - (0.0, 0.0, distance)
+    world_to_camera[:3, :3] = rotation
+    world_to_camera[:3, 3] = -rotation @ center - (0.0, 0.0, distance)
     return CameraSpec(
         world_to_camera=tuple(world_to_camera.ravel().tolist()),
         window=(-right, -top, right, top),
         clipping_range=(near, far),
     )
+
+
+def _corners(box: Box) -> F64:
+    """The eight corners of a box, shape (8, 3)."""
+    return np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, 8).T
 
 
 def _looking_along(direction: F64) -> F64:

@@ -3,6 +3,8 @@
     with Engine(stage, time=12) as engine:
         view = engine.view("/World/Camera", resolution=(1920, 1080))
         color = engine.picture(view)["color"]
+
+Pictures follow edits of the stage by themselves.
 """
 
 from __future__ import annotations
@@ -12,10 +14,9 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
-from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.band import Band
-from usdsplat.delegate.default_camera import frame_bounds
+from usdsplat.delegate.default_camera import frame_subject
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -23,7 +24,7 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.renderer import FrameStats, Renderer
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View
 from usdsplat.kernels.device import open_device
@@ -98,15 +99,19 @@ class Engine:
         return self._open().warnings
 
     @property
-    def splat_count(self) -> int:
-        """Splats held; instances count once. Brings the scene up to date."""
+    def render_scene(self) -> RenderScene:
+        """What is drawn, brought up to date; for reading."""
         self.sync()
-        return self._param.scene.splat_count
+        return self._param.scene
 
-    def bounds(self) -> tuple[F64, F64] | None:
-        """Return the lowest and highest corner in the world of all that is visible, or None."""
-        self.sync()
-        return self._param.scene.bounds()
+    @property
+    def stats(self) -> FrameStats:
+        """What the last picture took."""
+        return self._renderer.stats
+
+    def drawn_paths(self) -> tuple[str, ...]:
+        """Return the paths of the prims that are drawn; entry i is what the AOV primId calls i."""
+        return tuple(dict.fromkeys(seen.path for _, _, seen in self.render_scene.drawn()))
 
     # --- views -----------------------------------------------------------------------------
 
@@ -232,13 +237,15 @@ class Engine:
         if path is None:
             columns, rows = framing.resolution
             aspect = framing.pixel_aspect_ratio * columns / rows
-            bounds = self._param.scene.bounds()
-            return frame_bounds(bounds, up_axis=self._open().up_axis, aspect=aspect)
+            scene = self._param.scene
+            return frame_subject(
+                scene.subject(), scene.bounds(), up_axis=self._open().up_axis, aspect=aspect
+            )
         found = self._index.cameras.get(path)
         if found is None:
             known = ", ".join(sorted(self._index.cameras))
             expected = f"one of {known}" if known else "none: the stage has no cameras"
             raise StageError("camera", path, expected)
         if found.spec is None:
-            raise self._open().problems[path]
+            raise self._open().problems[path, "camera"]
         return found.spec

@@ -69,15 +69,16 @@ def expand(
 
     Args:
         placements: In order of their paths.
-        transforms: For each placement its levels' matrices, shape (4, 4): of the first to the world,
-            of the others to the frame of the prototype they are in.
+        transforms: For each placement its levels' matrices, shape (4, 4) each: of the first to the
+            world, of the others to the frame of the prototype they are in.
         visible: For each placement whether to show it.
         instancers: By path; holds all those that the placements name.
 
     Returns:
-        In order of path, then index. An index is the instance's number in its instancer; through
-        nested ones, counted as the digits of a number, outermost first. Where the same prim is seen
-        by more than one placement, the later ones count on from the earlier.
+        In order of path, then index; those that are not finite are nowhere. An index is the
+        instance's number in its instancer; through nested ones, their numbers are its digits,
+        outermost first. Where the same prim is seen by more than one placement, the later ones
+        count on from the earlier.
     """
     seen = []
     offsets: dict[str, int] = {}
@@ -88,9 +89,10 @@ def expand(
         if not shown:
             continue
         indices, matrices = _scattered(placement.links, levels, instancers)
-        for index, matrix in zip((indices + offset).tolist(), matrices, strict=True):
-            numbers = tuple(matrix.ravel().tolist())
-            seen.append(InstanceSpec(path=placement.path, index=index, transform=numbers))
+        finite = np.isfinite(matrices).all(axis=(1, 2))
+        numbers = matrices[finite].reshape(-1, 16).tolist()
+        for index, row in zip((indices[finite] + offset).tolist(), numbers, strict=True):
+            seen.append(InstanceSpec(path=placement.path, index=index, transform=tuple(row)))
     return tuple(seen)
 
 

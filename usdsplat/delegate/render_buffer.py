@@ -13,8 +13,8 @@ Pixels = npt.NDArray[Any]
 class RenderBuffer:
     """A picture that bands are written into.
 
-    Hydra's Bprim, with this difference: an allocation is never written again once it is complete, so
-    a mapped picture stays what it was after the next one is drawn.
+    Hydra's Bprim, with this difference: an allocation is never written again once it is complete,
+    so a mapped picture stays what it was after the next one is drawn.
     """
 
     def __init__(self, path: str) -> None:

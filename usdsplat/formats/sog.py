@@ -30,10 +30,10 @@ from usdsplat.formats.sog_meta import Meta, Section, parse_meta
 SUFFIXES: tuple[str, ...] = (".sog", f"/{META}")
 
 ERROR_BOUNDS = {
-    "positions": "1/131070 of the range of sign(x) ln(1 + |x|)",
+    "positions": "1/65535 of the range of sign(x) ln(1 + |x|)",
     "scales": "an interval of the file's table of 256 logarithms",
     "rotations": "1.5 degrees",
-    "opacities": "1/510",
+    "opacities": "1/255",
     "sh": "degree 0: an interval of the file's table of 256; above: the nearest of the palette",
 }
 

@@ -73,15 +73,19 @@ AOVS = {aov.name: aov for aov in _ALL}
 """Every AOV that a file can hold, by name."""
 
 
+_BY_EITHER_NAME = {aov.hydra: aov for aov in _ALL} | AOVS
+
+
 def find_aovs(names: Sequence[str], *, where: str = "AOVs") -> tuple[Aov, ...]:
-    """Return the AOVs called `names`, in that order.
+    """Return the AOVs called `names`, in a file's words or a renderer's, in that order.
 
     Raises:
         UsageError: If one is unknown, asked for twice, or there is none at all.
     """
     for name in names:
-        if name not in AOVS:
+        if name not in _BY_EITHER_NAME:
             raise UsageError(where, repr(name), f"one of {', '.join(AOVS)}")
-    if not names or len(set(names)) < len(names):
+    found = tuple(_BY_EITHER_NAME[name] for name in names)
+    if not found or len(set(found)) < len(found):
         raise UsageError(where, repr(",".join(names)), "one or more names, each once")
-    return tuple(AOVS[name] for name in names)
+    return found

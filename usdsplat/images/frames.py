@@ -38,6 +38,11 @@ def parse_frames(text: str) -> tuple[float, ...]:
     return tuple(frames)
 
 
+def has_place(pattern: str | Path) -> bool:
+    """Whether the name holds a frame number."""
+    return _PLACE.search(Path(pattern).name) is not None
+
+
 def frame_path(pattern: str | Path, frame: float) -> Path:
     """Return `pattern` with the frame number in its place; without a place it is returned as it is.
 

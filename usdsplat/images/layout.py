@@ -28,7 +28,7 @@ class ImageLayout:
     pixel_aspect_ratio: float = 1.0
     """Width over height of a pixel."""
     aovs: tuple[str, ...] = ("color",)
-    """Names from `aovs.AOVS`."""
+    """Names in `aovs.AOVS`."""
     pixel_type: PixelType | None = None
     """How colour is kept; None takes the format's own: half in EXR, uint8 in PNG."""
     color_space: str = "lin_rec709_scene"

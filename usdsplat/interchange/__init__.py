@@ -1,0 +1,19 @@
+"""Captures to stages and back, with axes, unit, colour space and provenance accounted for."""
+
+from __future__ import annotations
+
+from usdsplat.interchange.converting import convert
+from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.repacking import repack
+from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport
+
+__all__ = [
+    "ExportReport",
+    "ImportReport",
+    "RepackReport",
+    "convert",
+    "export_capture",
+    "import_capture",
+    "repack",
+]

@@ -27,25 +27,28 @@ LOOK = 32
 
 END = np.float32(1e-4)
 """A pixel ends before the splat that would take its transmittance under this."""
-LOG_MOST = np.float32(math.log(0.999))
-"""ln of the largest contribution of one splat at one pixel."""
+SQUARINGS = 3
+SHRINK = np.float32(1.0 / (1 << SQUARINGS))
+"""Exponents are divided by 8, where a short polynomial is exact enough, and powers squared back."""
+LEAST = LOG_CUTOFF * SHRINK
+"""The shrunk exponent under which a contribution does not count."""
+MOST = np.float32(math.log(0.999)) * SHRINK
+"""The shrunk exponent of the largest contribution of one splat at one pixel."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
 
 
 @scalar
-def exponential(y):
-    """e**y for y in [-6, 0], 7e-7 relative: a polynomial of y/8, squared three times.
+def exponential(z):
+    """e**(8 z) for z in [LEAST, 0], 2e-6 relative.
 
-    Unlike math.exp it is vectorised without a vector mathematics library. Below -6 it is wrong but
-    never NaN.
+    Unlike math.exp it is vectorised without a vector mathematics library. Below that range it is wrong
+    but never NaN. Coefficients: least relative maximum of a polynomial of degree 5 that is 1 at 0.
     """
-    z = y * np.float32(0.125)
-    w = np.float32(1) + z * (
-        np.float32(0.99999934)
-        + z * (np.float32(0.49996948) + z * (np.float32(0.16620952) + z * np.float32(0.03805110)))
-    )
+    w = np.float32(0.0398810700) + z * np.float32(0.00590597)
+    w = np.float32(0.4999036) + z * (np.float32(0.1660462) + z * w)
+    w = np.float32(1) + z * (np.float32(0.999995) + z * w)
     w = w * w
     w = w * w
     return w * w
@@ -53,19 +56,19 @@ def exponential(y):
 
 @scalar
 def alpha_at(dx, a, slope, rest):
-    """Contribution of a splat at offset dx along a row, 0 where it is under 1/255."""
+    """Contribution of a splat at offset dx along a row, 0 where it is under 1/255.
+
+    a dx² + slope dx + rest is the shrunk exponent, the logarithm of opacity included.
+    """
     e = (a * dx + slope) * dx + rest
-    e = e if e < LOG_MOST else LOG_MOST
+    e = e if e < MOST else MOST
     alpha = exponential(e)
-    return alpha if e >= LOG_CUTOFF else np.float32(0)
+    return alpha if e >= LEAST else np.float32(0)
 
 
 @scalar
 def blend_row(state, row, u, a, slope, rest, r, g, b):
-    """Blend one splat into row `row` of a tile's state; u is its centre relative to the tile.
-
-    a dx² + slope dx + rest is the exponent at offset dx, the logarithm of opacity included.
-    """
+    """Blend one splat into row `row` of a tile's state; u is its centre relative to the tile."""
     at = np.uint64(row * ROW)
     for x in range(TILE):
         j = at + np.uint64(x)
@@ -85,7 +88,7 @@ def blend_row(state, row, u, a, slope, rest, r, g, b):
 def rows_touched(a, b, c, log_opacity, half_height, u, v):
     """First and one past the last row of a tile that a splat touches; (u, v) relative to the tile."""
     one, most = np.float32(1), np.float32(TILE - 1)
-    reach = np.float32(2) * (log_opacity - LOG_CUTOFF)
+    reach = np.float32(2) * (log_opacity - LEAST)
     lowest, highest = span(c, b, a, reach, half_height, -u - SLACK, most - u + SLACK)
     # int() cuts towards zero: of x >= 0 it is the floor, and of x + 1 − slack the ceiling of x − slack
     first = np.int32(max(v + lowest, np.float32(0)) + (one - SLACK))
@@ -96,7 +99,8 @@ def rows_touched(a, b, c, log_opacity, half_height, u, v):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 FIELDS = 10
-"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height r g b."""
+"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height r g b, exponents
+shrunk."""
 
 
 @scalar
@@ -110,10 +114,10 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
         s = records[lists[first + i]]
         batch[i] = s[U] - left
         batch[LOOK + i] = s[V] - top
-        batch[2 * LOOK + i] = s[A]
-        batch[3 * LOOK + i] = s[B]
-        batch[4 * LOOK + i] = s[C]
-        batch[5 * LOOK + i] = s[LOG_OPACITY]
+        batch[2 * LOOK + i] = s[A] * SHRINK
+        batch[3 * LOOK + i] = s[B] * SHRINK
+        batch[4 * LOOK + i] = s[C] * SHRINK
+        batch[5 * LOOK + i] = s[LOG_OPACITY] * SHRINK
         batch[6 * LOOK + i] = s[HALF_HEIGHT]
         batch[7 * LOOK + i] = s[RED]
         batch[8 * LOOK + i] = s[GREEN]

@@ -6,13 +6,14 @@ never fails: see `registration` for what happens when it comes too late.
 
 from __future__ import annotations
 
-from usdsplat.schema import registration
+from usdsplat.schema import registration, tokens
 
 registration.register()
 
 from usdsplat.schema.extent import compute_extent  # noqa: E402
 from usdsplat.schema.field import (  # noqa: E402
     author,
+    error_bounds,
     fetch,
     form_of,
     is_packed,
@@ -35,6 +36,7 @@ __all__ = [
     "author",
     "color_space",
     "compute_extent",
+    "error_bounds",
     "fetch",
     "form_of",
     "is_packed",
@@ -43,5 +45,6 @@ __all__ = [
     "projection_mode",
     "rasterize_mode",
     "sorting_mode",
+    "tokens",
     "validate",
 ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import get_args
 
 from pxr import Sdf, Usd, UsdVol, Vt
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.schema import attributes, hints, packed, proxy, registration, stock, tokens
+from usdsplat.schema import attributes, hints, packed, packing, proxy, registration, stock, tokens
 from usdsplat.schema.attributes import Time, set_array, set_uniform
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.tokens import Form
@@ -134,6 +135,11 @@ def is_time_varying(prim: Usd.Prim) -> bool:
     """Whether `fetch` may return different clouds at different times."""
     found = (prim.GetAttribute(name) for name in tokens.DATA_ATTRIBUTES)
     return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+
+
+def error_bounds(form: Form) -> Mapping[str, str]:
+    """Field of the cloud -> what storing it in that form adds to its error; others are exact."""
+    return {"float": {}, "half": stock.HALF_BOUNDS, "packed": packing.BOUNDS}[form]
 
 
 _EXPECTED = f"{tokens.STOCK_TYPE} or {tokens.PACKED_TYPE}"

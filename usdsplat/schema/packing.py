@@ -59,6 +59,14 @@ COLOR_ERROR = 1 / 510
 HARMONICS_ERROR = 1 / 254
 """In units of the degree's range."""
 
+BOUNDS = {
+    "rotations": "0.01 degrees",
+    "scales": "0.034 %",
+    "opacities": "1/1022",
+    "sh": "1/510 of the range of colours, 1/254 of the largest harmonic of each degree",
+}
+"""Field of the cloud -> what packing adds to its error, for people."""
+
 _ROTATION_TOP = 32766
 _SCALE_STEPS = 1024  # an octave
 _SCALE_OFFSET = 32  # octaves below 1

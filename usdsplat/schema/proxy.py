@@ -19,8 +19,8 @@ _Type = Sdf.ValueTypeNames
 def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
     """Write at most MAX_POINTS of the splats as a UsdGeomPoints child of purpose "proxy".
 
-    The field itself gets purpose "render" and names the child as its `proxyPrim`, so that a viewer
-    shows one of the two. Points grow by as much as there are fewer of them.
+    The field itself gets purpose "render", unless it has another, and names the child as its
+    `proxyPrim`, so that a viewer shows one of the two. Points grow by as much as there are fewer of them.
 
     Args:
         prim: The packed prim.
@@ -43,7 +43,8 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
         (tokens.EXTENT, _Type.Float3Array, Vt.Vec3fArray, _extent(centres, widths)),
     ):
         set_array(child, name, kind, to_vt(value, vt_kind), code)
-    set_uniform(prim, tokens.PURPOSE, _Type.Token, UsdGeom.Tokens.render)
+    if UsdGeom.Imageable(prim).GetPurposeAttr().Get() == UsdGeom.Tokens.default_:
+        set_uniform(prim, tokens.PURPOSE, _Type.Token, UsdGeom.Tokens.render)
     prim.CreateRelationship(tokens.PROXY_PRIM, custom=False).SetTargets([child.GetPath()])
 
 

@@ -23,6 +23,13 @@ from usdsplat.schema.vt import as_float32, to_vt
 
 HALF_SLACK = 2e-3
 """By how much half scales and rotations can widen a splat, relative to its largest scale."""
+HALF_BOUNDS = {
+    "rotations": "0.06 degrees",
+    "scales": "0.05 % (3e-8 units below 6e-5)",
+    "opacities": "0.00025",
+    "sh": "0.05 %",
+}
+"""Field of the cloud -> what half adds to its error."""
 HALF_MAX = 65504.0
 HALF_TINY = 2.0**-24
 

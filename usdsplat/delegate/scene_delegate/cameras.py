@@ -37,10 +37,14 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
     )
     near, far = (float(depth) for depth in camera.GetClippingRangeAttr().Get(time))
     scale = UNIT if orthographic else 1.0 / focal if focal > 0 else 0.0
-    window = tuple(
-        scale * edge for edge in (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-    )
-    if not (width > 0 and height > 0 and scale > 0 and all(map(math.isfinite, window))):
+    left, right = scale * (x - width / 2), scale * (x + width / 2)
+    bottom, top = scale * (y - height / 2), scale * (y + height / 2)
+    if not (
+        width > 0
+        and height > 0
+        and scale > 0
+        and all(map(math.isfinite, (left, right, bottom, top)))
+    ):
         found = f"aperture {width:g} x {height:g} and focal length {focal:g}"
         raise StageError(where, found, "positive numbers")
     if not near < far:
@@ -49,7 +53,7 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
         path=where,
         world_to_camera=_inverse(where, column_matrix(cache.GetLocalToWorldTransform(prim))),
         orthographic=orthographic,
-        window=window,
+        window=(left, bottom, right, top),
         clipping_range=(near, far),
     )
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
-from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
@@ -52,8 +53,8 @@ class UsdSceneDelegate:
         self._population = Population()
         self._dependencies = Dependencies(self._population)
         self._varying: dict[str, DirtyBits] = {}
-        self.problems: dict[str, UsdSplatError] = {}
-        """Path -> why the prim there could not be read."""
+        self.problems: dict[tuple[str, str], UsdSplatError] = {}
+        """Path and kind of what could not be read -> why."""
         self._xforms = UsdGeom.XformCache(self._code)
         self._is_new = True
         self._notices = NoticeListener(stage)
@@ -66,8 +67,9 @@ class UsdSceneDelegate:
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim that cannot be used as it is, by path."""
-        problems = {**self._population.problems, **self.problems}
-        return tuple(str(problems[path]) for path in sorted(problems))
+        found = {(path, ""): why for path, why in self._population.problems.items()}
+        found |= self.problems
+        return tuple(str(found[key]) for key in sorted(found))
 
     def set_time(self, time: float | None) -> None:
         """Go to another time with the next update."""
@@ -105,8 +107,8 @@ class UsdSceneDelegate:
         self._population = found
         self._dependencies = Dependencies(found)
         self._varying.clear()
-        for path in self.problems.keys() - {*found.fields, *found.instancers, *found.cameras}:
-            del self.problems[path]
+        known = {*found.fields, *found.instancers, *found.cameras}
+        self.problems = {key: why for key, why in self.problems.items() if key[0] in known}
 
     def _mark(self, changes: Changes) -> None:
         if changes.everything:
@@ -134,7 +136,7 @@ class UsdSceneDelegate:
     def field(self, path: str) -> FieldSpec | None:
         """Implements `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
-        return self._pull("field", path, partial(read_field, prim, self._code), None)
+        return self._pull("field", path, partial(read_field, prim, self.time), None)
 
     def placements(self, path: str) -> tuple[Placement, ...]:
         """Implements `SceneDelegate.placements`."""
@@ -144,8 +146,13 @@ class UsdSceneDelegate:
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
         """Implements `SceneDelegate.transforms`."""
         self.pulls["transforms"] += 1
-        appearances = self._appearances(path)
-        return tuple(placing.transforms(appearance, self._xforms) for appearance in appearances)
+        found = tuple(placing.transforms(each, self._xforms) for each in self._appearances(path))
+        if all(np.isfinite(matrix).all() for levels in found for matrix in levels):
+            self.problems.pop((path, "transforms"), None)
+        else:
+            error = StageError(path, "a transform that is not finite", "numbers")
+            self.problems[path, "transforms"] = error
+        return found
 
     def visible(self, path: str) -> tuple[bool, ...]:
         """Implements `SceneDelegate.visible`."""
@@ -159,7 +166,9 @@ class UsdSceneDelegate:
     def instancer(self, path: str) -> InstancerSpec:
         """Implements `SceneDelegate.instancer`."""
         prim = self._population.instancers[path]
-        return self._pull("instancer", path, partial(read_instancer, prim, self._code), NO_INSTANCES)
+        return self._pull(
+            "instancer", path, partial(read_instancer, prim, self._code), NO_INSTANCES
+        )
 
     def camera(self, path: str) -> CameraSpec | None:
         """Implements `SceneDelegate.camera`."""
@@ -179,9 +188,9 @@ class UsdSceneDelegate:
     def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
         """Count and read; a prim that cannot be read becomes a warning, and others go on."""
         self.pulls[kind] += 1
-        self.problems.pop(path, None)
+        self.problems.pop((path, kind), None)
         try:
             return read()
         except UsdSplatError as error:
-            self.problems[path] = error
+            self.problems[path, kind] = error
             return unusable

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from pxr import Usd
 
 from usdsplat import schema
-from usdsplat.delegate.specs import FieldSpec
+from usdsplat.delegate.specs import FieldSpec, ProjectionMode, RasterizeMode, SortingMode
 from usdsplat.images.color import color_space
 
 
-def read_field(prim: Usd.Prim, time: Usd.TimeCode) -> FieldSpec | None:
+def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
     """Return the splats of `prim`, or None when it has none at this time.
+
+    With None for the time a prim that has time samples only shows its first.
 
     Raises:
         UsdSplatError: If what it holds cannot be drawn.
@@ -23,7 +27,7 @@ def read_field(prim: Usd.Prim, time: Usd.TimeCode) -> FieldSpec | None:
     return FieldSpec(
         cloud=cloud,
         color_space=space,
-        rasterize_mode=schema.rasterize_mode(prim),
-        projection_mode=schema.projection_mode(prim),
-        sorting_mode=schema.sorting_mode(prim),
+        rasterize_mode=cast(RasterizeMode, schema.rasterize_mode(prim)),
+        projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
+        sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
     )

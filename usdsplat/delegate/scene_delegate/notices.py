@@ -83,7 +83,9 @@ class NoticeListener:
             path = path.GetParentPath()
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
-        self._changes.structural |= path.name == "prototypes" or is_color_space(path.name) or colored
+        self._changes.structural |= (
+            path.name == "prototypes" or is_color_space(path.name) or colored
+        )
 
 
 def is_color_space(name: str) -> bool:

@@ -1,9 +1,9 @@
 """Walk a stage for the prims that matter: fields, instancers, cameras.
 
-A field may be seen many times: through native instances, where its arrays are those of one prim in a
-prototype, and through point instancers, nested to any depth. Everything that shares its arrays
-becomes one entry, named after the first path by which it is seen: paths inside prototypes are USD's
-own and change from one stage to the next.
+A field may be seen many times: through native instances, where its arrays are those of one prim in
+a prototype, and through point instancers, nested to any depth. Everything that shares its arrays
+becomes one entry, named after the first path by which it is seen: paths inside prototypes are
+USD's own and change from one stage to the next.
 """
 
 from __future__ import annotations
@@ -112,9 +112,7 @@ class _Walk:
         self._seen: dict[tuple[Sdf.Path, str], list[Appearance]] = {}
         self._found = Population()
 
-    def scan(
-        self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]
-    ) -> None:
+    def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
         """Collect what is at and beneath `root`: the stage's, or the root of a prototype."""
         defined = not links or (root.IsDefined() and not root.IsAbstract())
         prims = iter(Usd.PrimRange(root, IN_WORLD if defined else IN_PROTOTYPE))
@@ -188,4 +186,4 @@ def _classify(prim: Usd.Prim) -> Kind:
 
 def _inherited_space(prim: Usd.Prim) -> str:
     """What an instance inherits and its prototype cannot know: the colour space named above it."""
-    return Usd.ColorSpaceAPI.ComputeColorSpaceName(prim, None) if prim.IsInstanceProxy() else ""
+    return schema.color_space(prim) if prim.IsInstanceProxy() else ""

@@ -6,9 +6,7 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.scene_delegate.population import FieldEntry, Population
 
-SEEN = (
-    DirtyBits.INSTANCE_INDEX | DirtyBits.TRANSFORM | DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG
-)
+SEEN = DirtyBits.INSTANCE_INDEX | DirtyBits.TRANSFORM | DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG
 """What a field must pull when there are other ways to see it than before."""
 
 

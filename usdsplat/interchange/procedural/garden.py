@@ -19,10 +19,10 @@ from usdsplat.interchange.procedural.patch import (
 
 INNER, KERB, OUTER = 0.33, 0.665, 0.985  # radii [m]: where tiles, kerb and meadow end
 
-GLAZE = Finish(specular=(0.06, 0.06, 0.06), gloss=0.9, sharpness=9)
+GLAZE = Finish(specular=(0.05, 0.05, 0.05), gloss=0.6, sharpness=9)
 STONE = Finish(specular=(0.04, 0.04, 0.04), gloss=0.35, sharpness=6)
 EARTH = Finish()
-LEAF = Finish(specular=(0.04, 0.045, 0.03), gloss=0.35, sharpness=5, translucency=0.45, opacity=0.9)
+LEAF = Finish(specular=(0.03, 0.035, 0.02), gloss=0.3, sharpness=5, translucency=0.45, opacity=0.9)
 PETAL = Finish(gloss=0.15, sharpness=4, translucency=0.4, opacity=0.9)
 
 _LINES, _TOUCH = 24, 0.30  # lines of the rosette, all tangent to a circle of this radius [m]
@@ -65,12 +65,18 @@ def stonework(spacing: float) -> list[Patch]:
     def kerb(s: F64, t: F64) -> F64:
         bend = math.pi * s
         radius = KERB + 0.016 - 0.018 * np.cos(bend)
-        return _around(radius, 0.020 * np.sin(bend) ** 0.7 - 0.004, t)
+        return _around(radius, 0.020 * np.sin(bend) ** 0.7 - 0.004, 1 - t)
+
+    profile = np.array([
+        (0.0, -0.008), (0.004, 0.010), (0.014, 0.016), (0.026, 0.016), (0.036, 0.008), (0.036, -0.006),
+        (0.028, -0.012), (0.028, -0.020), (0.040, -0.028), (0.042, -0.038), (0.0, -0.040),
+    ]) + [OUTER - 0.005, 0.0]  # fmt: skip
+    reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
 
     def rim(s: F64, t: F64) -> F64:
-        bend = math.pi * (0.62 * s - 0.05) * 1.6
-        radius = OUTER + 0.012 - 0.030 * np.cos(bend) + 0.012 * s
-        return _around(radius, 0.016 * np.sin(np.minimum(bend, math.pi / 2)) - 0.055 * s**2, t)
+        at = s * reach[-1]
+        radius, y = np.interp(at, reach, profile[:, 0]), np.interp(at, reach, profile[:, 1])
+        return _around(radius, y, 1 - t)
 
     patches = []
     for surface, step in ((kerb, 0.9), (rim, 1.25)):
@@ -80,7 +86,7 @@ def stonework(spacing: float) -> list[Patch]:
         shade = 0.9 + 0.2 * np.sin(block * 12.9898) * np.cos(block * 4.1)
         joint = np.abs(np.arctan2(p[:, 2], p[:, 0]) / (2 * math.pi) * 72 % 1 - 0.5) > 0.485
         grain = noise(p, scale=0.03, seed=33)
-        albedo = mix((0.46, 0.43, 0.38), (0.60, 0.56, 0.50), 0.5 + 0.5 * grain) * shade[:, None]
+        albedo = mix((0.62, 0.55, 0.45), (0.80, 0.74, 0.64), 0.5 + 0.5 * grain) * shade[:, None]
         albedo = np.where(joint[:, None], albedo * 0.45, albedo)
         patches.append(
             Patch(

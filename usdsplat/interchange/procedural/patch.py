@@ -12,7 +12,7 @@ from usdsplat.core.cloud import F64
 Surface = Callable[[F64, F64], F64]
 """(s, t), each shape (n,), to points (n, 3) [m]; s in [0, 1] runs along, t in [0, 1] goes around."""
 
-_COVER = 0.62  # standard deviation over lattice step: neighbours blend without blurring the pattern
+_COVER = 0.70  # standard deviation over lattice step: neighbours blend without blurring the pattern
 _GOLDEN = 0.6180339887498949
 
 
@@ -30,7 +30,7 @@ class Finish:
     """Weight of thin-film colours in the reflection [0..1]."""
     translucency: float = 0.0
     """Share of the light that comes through from behind [0..1]."""
-    opacity: float = 0.96
+    opacity: float = 0.98
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -21,6 +21,7 @@ def capture(count: int = 200_000, seed: int = 7) -> SplatCloud:
     spacing = 0.0050 / density
     patches = [
         *shell.shell(spacing),
+        shell.cup(spacing),
         shell.drum(spacing),
         *shell.tendrils(density),
         garden.tiles(spacing),

@@ -1,4 +1,4 @@
-"""The sculpture: a turban shell with a gilded lip, on a fluted marble drum.
+"""The sculpture: a turban shell with a gilded lip, held by a gold cup on a marble drum.
 
 Source of the shell's form: Raup 1966, "Geometric Analysis of Shell Coiling".
 """
@@ -23,47 +23,73 @@ from usdsplat.interchange.procedural.patch import (
     unit,
 )
 
-TOP = 0.165  # height of the drum [m]
+TOP = 0.124  # height of the drum [m]
 
 _WHORLS = 6.5
 _WIDEN = 1.56  # growth of everything in one whorl
 _RADIUS, _HEIGHT, _TUBE = 0.150, 0.430, 0.142  # of the last whorl: axis to tube, apex to tube, tube
 _END = 2 * math.pi * 8  # the aperture faces +z
 
-NACRE = Finish(specular=(0.10, 0.10, 0.10), gloss=0.62, sharpness=9, film=0.42)
-LINING = Finish(specular=(0.12, 0.11, 0.11), gloss=0.7, sharpness=7, film=0.36)
-GOLD = Finish(specular=(1.0, 0.72, 0.30), gloss=0.85, sharpness=10)
-MARBLE = Finish(specular=(0.05, 0.05, 0.05), gloss=0.7, sharpness=10)
+_SEAT = 0.118  # lowest point of the shell above the drum [m]
+
+NACRE = Finish(specular=(0.10, 0.10, 0.10), gloss=0.75, sharpness=9, film=0.50)
+LINING = Finish(specular=(0.12, 0.11, 0.11), gloss=0.75, sharpness=7, film=0.40)
+GOLD = Finish(specular=(0.95, 0.62, 0.22), gloss=0.95, sharpness=10)
+MARBLE = Finish(specular=(0.05, 0.05, 0.05), gloss=0.6, sharpness=10)
+_GOLD_BODY = (0.13, 0.07, 0.02)
 
 
 def shell(spacing: float) -> list[Patch]:
-    """Outside, lining and lip of the shell, standing on the drum."""
+    """Outside, lining and lip of the shell, as it stands in the cup."""
     patches = [_outside(spacing), _lining(spacing), _lip(spacing)]
-    tilt = _turn(0, -0.12) @ _turn(2, -0.30) @ _turn(1, 0.35)
+    tilt = _turn(0, 0.16) @ _turn(2, 0.42) @ _turn(1, 0.35)
     lowest = min((patch.positions @ tilt.T)[:, 1].min() for patch in patches)
-    centre = np.mean(patches[0].positions @ tilt.T, axis=0)
-    offset = (-centre[0], TOP - lowest - 0.012, -centre[2])
+    middle = np.mean(patches[0].positions @ tilt.T, axis=0)
+    offset = (-middle[0], TOP + _SEAT - lowest, -middle[2])
     return [move(patch, tilt, offset) for patch in patches]
+
+
+def cup(spacing: float) -> Patch:
+    """A gold foot, stem and knop that open into a calyx of eight petals."""
+    profile = np.array([
+        (0.118, 0.000), (0.120, 0.007), (0.100, 0.014), (0.060, 0.020), (0.030, 0.030), (0.020, 0.045),
+        (0.022, 0.052), (0.040, 0.060), (0.043, 0.067), (0.038, 0.074), (0.022, 0.081), (0.020, 0.090),
+        (0.040, 0.102), (0.080, 0.112), (0.115, 0.130), (0.138, 0.156), (0.160, 0.190), (0.180, 0.205),
+    ])  # fmt: skip
+    reach = _reach(profile)
+
+    def surface(s: F64, t: F64) -> F64:
+        angle = 2 * math.pi * t
+        petal = np.abs(np.cos(4 * angle))
+        at = s * reach[-1]
+        at = at - np.maximum(at - 0.62 * reach[-1], 0) * 0.85 * (1 - np.sqrt(petal**2 + 0.02))
+        radius, y = np.interp(at, reach, profile[:, 0]), np.interp(at, reach, profile[:, 1])
+        opened = np.clip((y - 0.10) / 0.05, 0, 1)
+        radius = radius * (1 + 0.10 * opened * (petal - 0.6) + 0.012 * np.cos(40 * angle))
+        return np.stack([radius * np.cos(angle), TOP + y, -radius * np.sin(angle)], axis=1)
+
+    found = sweep(surface, spacing * 0.9)
+    return _patch(found, np.tile(_GOLD_BODY, (len(found.s), 1)), GOLD)
 
 
 def drum(spacing: float) -> Patch:
     """The pedestal: a turned profile with mouldings, fluted at the waist."""
     profile = np.array([
-        (0.345, -0.01), (0.345, 0.016), (0.335, 0.026), (0.325, 0.030), (0.318, 0.040), (0.296, 0.048),
-        (0.288, 0.058), (0.286, 0.108), (0.292, 0.118), (0.308, 0.126), (0.314, 0.136), (0.326, 0.141),
-        (0.326, 0.158), (0.318, 0.165), (0.20, 0.1655), (0.0, 0.1655),
+        (0.345, -0.010), (0.345, 0.012), (0.335, 0.020), (0.324, 0.023), (0.318, 0.030),
+        (0.298, 0.036), (0.292, 0.043), (0.291, 0.081), (0.297, 0.088), (0.310, 0.094),
+        (0.315, 0.101), (0.326, 0.105), (0.327, 0.118), (0.320, 0.124), (0.200, 0.124), (0.0, 0.124),
     ])  # fmt: skip
-    reach = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
+    reach = _reach(profile)
 
     def surface(s: F64, t: F64) -> F64:
         at = s * reach[-1]
         radius, y = np.interp(at, reach, profile[:, 0]), np.interp(at, reach, profile[:, 1])
-        waist = np.clip((y - 0.052) / 0.008, 0, 1) * np.clip((0.114 - y) / 0.008, 0, 1)
+        waist = np.clip((y - 0.040) / 0.006, 0, 1) * np.clip((0.086 - y) / 0.006, 0, 1)
         angle = 2 * math.pi * t
-        radius = radius - 0.011 * waist * np.abs(np.cos(24 * angle)) * (y < 0.12)
+        radius = radius - 0.010 * waist * np.abs(np.cos(30 * angle)) * (radius > 0.28)
         return np.stack([radius * np.cos(angle), y, -radius * np.sin(angle)], axis=1)
 
-    found = sweep(surface, spacing * 1.15)
+    found = sweep(surface, spacing * 1.1)
     p = found.positions
     warp = p + 0.05 * np.stack([noise(p, scale=0.3, seed=s) for s in (1, 2, 3)], axis=1)
     vein = np.abs(noise(warp, scale=0.35, seed=4, octaves=4))
@@ -75,18 +101,18 @@ def drum(spacing: float) -> Patch:
 
 def _outside(spacing: float) -> Patch:
     """The outer wall, without what neighbouring whorls bury."""
-    found = sweep(_tube, lambda s: spacing * np.clip(0.45 + 0.7 * s**2, 0.3, 1))
+    found = sweep(_tube, lambda s: 0.86 * spacing * np.clip(0.45 + 0.7 * s**2, 0.3, 1))
     angle, phi = _angles(found.s, found.t)
     p = found.positions
     age = _growth(angle)
-    cream, rose, sea, deep = (0.86, 0.70, 0.52), (0.80, 0.30, 0.24), (0.10, 0.42, 0.40), (0.07, 0.10, 0.20)
+    cream, rose, sea, deep = (0.58, 0.40, 0.24), (0.34, 0.05, 0.07), (0.015, 0.13, 0.15), (0.03, 0.02, 0.07)
     wander = noise(p, scale=0.16, seed=11)
-    albedo = mix(rose, sea, age * 1.5 - 0.25 + 0.25 * wander)
-    albedo = mix(albedo, cream, 0.55 + 0.9 * np.cos(2 * phi - 1.2) + 0.3 * wander)
-    flame = np.sin(9 * angle + 2.4 * np.sin(3 * phi) + 1.3 * wander) + 0.45 * np.cos(2 * phi)
-    albedo = mix(albedo, deep, 0.9 * np.clip((flame - 0.62) / 0.22, 0, 1))
+    albedo = mix(rose, sea, age * 1.7 - 0.45 + 0.25 * wander)
+    albedo = mix(albedo, cream, -0.2 + 0.8 * np.cos(2 * phi - 1.0) + 0.4 * wander)
+    flame = np.sin(9 * angle + 2.2 * np.sin(3 * phi) + 1.3 * wander) + 0.45 * np.cos(2 * phi)
+    albedo = mix(albedo, deep, 0.92 * np.clip((flame - 0.55) / 0.40, 0, 1))
     lines = np.sin(150 * angle + 3 * wander)
-    albedo = albedo * (1 + 0.10 * lines)[:, None]
+    albedo = albedo * (1 + 0.12 * lines)[:, None]
     film = 330 + 130 * wander + 50 * np.sin(2 * phi) + 12 * lines
     return keep(_patch(found, albedo, NACRE, film), ~_buried(p, angle))
 
@@ -100,21 +126,22 @@ def _lining(spacing: float) -> Patch:
 
     found = sweep(surface, spacing * 1.1)
     wander = noise(found.positions, scale=0.2, seed=12)
-    albedo = mix((0.85, 0.62, 0.55), (0.62, 0.70, 0.72), 0.5 + 0.5 * wander)
+    albedo = mix((0.62, 0.36, 0.30), (0.40, 0.46, 0.50), 0.5 + 0.5 * wander)
     return _patch(found, albedo, LINING, 420 + 150 * wander + 120 * np.sin(6 * found.t))
 
 
 def _lip(spacing: float) -> Patch:
     """A gold bead around the aperture."""
-    t = np.linspace(0, 1, max(40, round(0.9 / (0.6 * spacing))) + 1)
-    rims = [_tube(np.ones_like(t), t, size) for size in (0.94, 0.97, 1.0, 1.03)]
-    curves = np.stack(rims)
-    curves[1:3, :, 2] += 0.006
-    middle, axes, sigmas = string(curves, np.full((4, len(t) - 1), 0.010), lay=0.6)
-    albedo = np.tile([0.16, 0.09, 0.03], (len(middle), 1))
-    return Patch(
-        positions=middle, axes=axes, sigmas=sigmas, albedo=albedo, finish=GOLD, is_strand=True
-    )
+
+    def surface(s: F64, t: F64) -> F64:
+        end = np.ones_like(t)
+        edge, centre = _tube(end, t, 0.97), np.array([_RADIUS, -_HEIGHT, 0.0])
+        bend = 1.5 * math.pi * (s - 0.5)
+        outward = unit(edge - centre) * np.sin(bend)[:, None]
+        return edge + 0.0095 * (outward + np.cos(bend)[:, None] * [0, 0, 1])
+
+    found = sweep(surface, spacing * 0.7)
+    return _patch(found, np.tile(_GOLD_BODY, (len(found.s), 1)), GOLD)
 
 
 def _tube(s: F64, t: F64, size: float = 1.0) -> F64:
@@ -166,6 +193,11 @@ def _patch(found: Lattice, albedo: F64, finish: Finish, film: F64 | float = 0.0)
     )
 
 
+def _reach(profile: F64) -> F64:
+    """Length of a polyline up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
+
+
 def _turn(axis: int, angle: float) -> F64:
     """Rotation about a coordinate axis, right-handed [rad]."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -197,7 +229,7 @@ def tendrils(density: float) -> list[Patch]:
             radii.append(np.linspace(0.0026, 0.0012, links))
             leaves.append(_upright(twig[links // 4 :: max(1, links // 10)], angle, 0.372))
     middle, axes, sigmas = string(np.stack(curves), np.stack(radii), lay=0.6)
-    albedo = np.tile([0.16, 0.09, 0.03], (len(middle), 1))
+    albedo = np.tile(_GOLD_BODY, (len(middle), 1))
     wires = Patch(
         positions=middle, axes=axes, sigmas=sigmas, albedo=albedo, finish=GOLD, is_strand=True
     )
@@ -230,6 +262,6 @@ def _leaves(points: F64, rng: np.random.Generator) -> Patch:
         positions=points + 0.004 * u,
         axes=axes,
         sigmas=size * [0.0042, 0.0019, 0.0003],
-        albedo=np.tile([0.16, 0.09, 0.03], (n, 1)),
+        albedo=np.tile(_GOLD_BODY, (n, 1)),
         finish=GOLD,
     )

@@ -1,0 +1,372 @@
+"""Random edits of a stage, of every kind that a delegate may meet."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
+
+from tests.delegate.stages import add_camera, random_cloud
+from usdsplat import schema
+
+SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "no_such_space")
+PURPOSES = ("default", "render", "proxy", "guide")
+
+
+class Editor:
+    """A stage and a source of edits; equal seeds make equal edits."""
+
+    def __init__(self, seed: int, asset_folder: str) -> None:
+        self._random = random.Random(seed)
+        self._numbers = np.random.default_rng(seed)
+        self._made = 0
+        self.stage = self._make_stage(f"{asset_folder}/asset_{seed}.usda")
+        self.times: list[float | None] = [None, 1.0, 1.5, 2.0, 3.25, 10.0]
+
+    def edit(self) -> str:
+        """Make one edit and return its name; some change nothing."""
+        name, change = self._random.choice(self._edits())
+        layers = [*self._layers(), self.stage.GetSessionLayer()]
+        target = self._random.choice(layers)
+        if self.stage.IsLayerMuted(target.identifier):
+            target = self.stage.GetRootLayer()
+        self.stage.SetEditTarget(self.stage.GetEditTargetForLocalLayer(target))
+        try:
+            change()
+        except Tf.ErrorException:
+            return f"{name} (refused)"
+        return name
+
+    def pick_time(self) -> float | None:
+        return self._random.choice(self.times)
+
+    # --- the stage -------------------------------------------------------------------------
+
+    def _make_stage(self, asset: str) -> Usd.Stage:
+        layer = Sdf.Layer.CreateNew(asset)
+        source = Usd.Stage.Open(layer)
+        UsdGeom.Xform.Define(source, "/Asset").AddTranslateOp().Set((0.5, 0, 0))
+        source.SetDefaultPrim(source.GetPrimAtPath("/Asset"))
+        schema.author(source, "/Asset/Splats", random_cloud(50))
+        schema.author(source, "/Asset/Inner/More", random_cloud(51), form="packed")
+        variants = source.GetPrimAtPath("/Asset").GetVariantSets().AddVariantSet("look")
+        for number, name in enumerate("ab"):
+            variants.AddVariant(name)
+            variants.SetVariantSelection(name)
+            with variants.GetVariantEditContext():
+                schema.author(source, f"/Asset/Look{name}", random_cloud(60 + number))
+        layer.Save()
+        self._asset = layer
+        stage = Usd.Stage.CreateInMemory()
+        self._sublayers = [Sdf.Layer.CreateAnonymous(".usda") for _ in range(2)]
+        for sub in self._sublayers:
+            stage.GetRootLayer().subLayerPaths.append(sub.identifier)
+        stage.GetRootLayer().subLayerOffsets[1] = Sdf.LayerOffset(1.0, 2.0)
+        UsdGeom.Xform.Define(stage, "/World")
+        schema.author(stage, "/World/Field", random_cloud(1))
+        for name in ("One", "Two"):
+            prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
+            prim.GetReferences().AddReference(asset)
+            prim.SetInstanceable(True)
+        stage.OverridePrim("/Prototypes")
+        schema.author(stage, "/Prototypes/Leaf/Splats", random_cloud(3, n=5))
+        scattered = UsdGeom.PointInstancer.Define(stage, "/World/Scatter")
+        scattered.CreatePrototypesRel().SetTargets(["/Prototypes/Leaf", "/World/One"])
+        self._scatter(scattered)
+        schema.author(stage, "/Class/Splats", random_cloud(4, n=4))
+        stage.GetPrimAtPath("/Class").SetSpecifier(Sdf.SpecifierClass)
+        add_camera(stage, "/World/Camera")
+        return stage
+
+    def _layers(self) -> list[Sdf.Layer]:
+        stack = self.stage.GetLayerStack(includeSessionLayers=False)
+        return [layer for layer in stack if layer != self._asset]
+
+    def _prims(self, kind: Callable[[Usd.Prim], bool] = bool) -> list[Usd.Prim]:
+        return [prim for prim in self.stage.TraverseAll() if kind(prim)]
+
+    def _prim(self, kind: Callable[[Usd.Prim], bool] = bool) -> Usd.Prim | None:
+        found = self._prims(kind)
+        return self._random.choice(found) if found else None
+
+    def _field(self) -> Usd.Prim | None:
+        return self._prim(schema.is_splat_field)
+
+    def _instancer(self) -> UsdGeom.PointInstancer | None:
+        prim = self._prim(lambda each: each.IsA(UsdGeom.PointInstancer))
+        return UsdGeom.PointInstancer(prim) if prim else None
+
+    def _new_path(self) -> str:
+        parents = [p for p in self._prims() if not p.IsInstance() and p.GetPath().pathElementCount < 5]
+        parent = self._random.choice([self.stage.GetPseudoRoot(), *parents])
+        self._made += 1
+        return str(parent.GetPath().AppendChild(f"New{self._made}"))
+
+    def _cloud(self):  # noqa: ANN202
+        n, degree = self._random.randint(0, 9), self._random.choice([0, 1])
+        return random_cloud(self._random.randrange(1000), n=n, degree=degree)
+
+    def _code(self) -> Usd.TimeCode:
+        time = self._random.choice([None, None, 1, 2, 3])
+        return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+
+    # --- the edits -------------------------------------------------------------------------
+
+    def _edits(self) -> list[tuple[str, Callable[[], object]]]:
+        names = [name for name in dir(self) if name.startswith("do_")]
+        return [(name[3:], getattr(self, name)) for name in names]
+
+    def do_add_field(self) -> None:
+        form = self._random.choice(["float", "half", "packed"])
+        schema.author(self.stage, self._new_path(), self._cloud(), form=form)
+
+    def do_add_xform(self) -> None:
+        UsdGeom.Xform.Define(self.stage, self._new_path())
+
+    def do_add_camera(self) -> None:
+        add_camera(self.stage, self._new_path())
+
+    def do_add_reference(self) -> None:
+        prim = self.stage.DefinePrim(self._new_path(), "Xform")
+        target = self._random.choice(["", "/Prototypes/Leaf", "/World/Two", "/World/Scatter"])
+        if target:
+            prim.GetReferences().AddInternalReference(target)
+        else:
+            prim.GetReferences().AddReference(self._asset.identifier)
+        prim.SetInstanceable(self._random.random() < 0.5)
+
+    def do_add_class_arc(self) -> None:
+        if prim := self._prim():
+            prim.GetInherits().AddInherit("/Class")
+
+    def do_add_payload(self) -> None:
+        prim = self.stage.DefinePrim(self._new_path(), "Xform")
+        prim.GetPayloads().AddPayload(self._asset.identifier)
+
+    def do_load_or_unload(self) -> None:
+        if prim := self._prim(lambda each: each.HasAuthoredPayloads()):
+            prim.Unload() if prim.IsLoaded() else prim.Load()
+
+    def do_remove(self) -> None:
+        prims = self._prims(lambda each: each.GetPath().pathElementCount > 1)
+        if len(prims) > 12:
+            self.stage.RemovePrim(self._random.choice(prims).GetPath())
+
+    def do_rename(self) -> None:
+        spec_path = (self._prim() or self.stage.GetPseudoRoot()).GetPath()
+        layer = self.stage.GetEditTarget().GetLayer()
+        spec = layer.GetPrimAtPath(spec_path)
+        if spec and spec_path.pathElementCount > 1:
+            self._made += 1
+            spec.name = f"Renamed{self._made}"
+
+    def do_retype(self) -> None:
+        if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
+            names = ("Xform", "Sphere", "ParticleField3DGaussianSplat", "PointInstancer", "Camera")
+            prim.SetTypeName(self._random.choice(names))
+
+    def do_reauthor(self) -> None:
+        if prim := self._field():
+            form = self._random.choice(["float", "half", "packed"])
+            schema.author(self.stage, prim.GetPath(), self._cloud(), form=form)
+
+    def do_sample(self) -> None:
+        if prim := self._field():
+            if attribute := prim.GetAttribute("positions"):
+                points = self._numbers.normal(size=(self._random.randint(3, 6), 3))
+                attribute.Set(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)), self._code())
+
+    def do_set_opacities(self) -> None:
+        if prim := self._field():
+            kind = Sdf.ValueTypeNames.FloatArray
+            values = Vt.FloatArray.FromNumpy(self._numbers.uniform(size=9).astype(np.float32))
+            prim.CreateAttribute("opacities", kind).Set(values, self._code())
+
+    def do_block_or_clear(self) -> None:
+        if prim := self._prim():
+            if attributes := prim.GetAuthoredAttributes():
+                attribute = self._random.choice(attributes)
+                self._random.choice([attribute.Block, attribute.Clear])()
+
+    def do_remove_property(self) -> None:
+        if prim := self._prim():
+            if names := prim.GetAuthoredPropertyNames():
+                prim.RemoveProperty(self._random.choice(names))
+
+    def do_hints(self) -> None:
+        if prim := self._field():
+            choices = {
+                "sortingModeHint": ("zDepth", "cameraDistance"),
+                "projectionModeHint": ("perspective", "tangential"),
+                "splat:rasterizeMode": ("classic", "antialiased"),
+            }
+            name = self._random.choice(list(choices))
+            attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Token)
+            attribute.Set(self._random.choice(choices[name]))
+
+    def do_color_space(self) -> None:
+        if prim := self._prim():
+            api = Usd.ColorSpaceAPI.Apply(prim)
+            api.CreateColorSpaceNameAttr(self._random.choice(SPACES))
+
+    def do_attribute_color_space(self) -> None:
+        if prim := self._field():
+            name = "radiance:sphericalHarmonicsCoefficients"
+            if attribute := prim.GetAttribute(name):
+                if attribute.HasColorSpace():
+                    attribute.ClearColorSpace()
+                else:
+                    attribute.SetColorSpace(self._random.choice(SPACES))
+
+    def do_move(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
+            matrix = np.eye(4)
+            matrix[:3, :3] += 0.4 * self._numbers.normal(size=(3, 3))
+            matrix[3, :3] = self._numbers.normal(size=3)
+            if op := UsdGeom.Xformable(prim).MakeMatrixXform():
+                op.Set(Gf.Matrix4d(matrix), self._code())
+
+    def do_add_op(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
+            xformable = UsdGeom.Xformable(prim)
+            if not any(op.GetName() == "xformOp:rotateX" for op in xformable.GetOrderedXformOps()):
+                xformable.AddRotateXOp().Set(self._random.choice([0.0, 30.0, 90.0]))
+
+    def do_reset_stack(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
+            UsdGeom.Xformable(prim).SetResetXformStack(self._random.random() < 0.5)
+
+    def do_show_or_hide(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
+            token = self._random.choice(["invisible", "inherited"])
+            UsdGeom.Imageable(prim).CreateVisibilityAttr().Set(token, self._code())
+
+    def do_purpose(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
+            UsdGeom.Imageable(prim).CreatePurposeAttr().Set(self._random.choice(PURPOSES))
+
+    def do_activate(self) -> None:
+        if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
+            prim.SetActive(not prim.IsActive())
+
+    def do_instanceable(self) -> None:
+        if prim := self._prim(lambda each: each.HasAuthoredReferences()):
+            prim.SetInstanceable(not prim.IsInstanceable())
+
+    def do_specifier(self) -> None:
+        if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
+            kinds = (Sdf.SpecifierDef, Sdf.SpecifierOver, Sdf.SpecifierClass)
+            prim.SetSpecifier(self._random.choice(kinds))
+
+    def do_variant(self) -> None:
+        if prim := self._prim(lambda each: each.HasVariantSets()):
+            prim.GetVariantSet("look").SetVariantSelection(self._random.choice(["a", "b", ""]))
+
+    def do_edit_asset(self) -> None:
+        source = Usd.Stage.Open(self._asset)
+        prim = source.GetPrimAtPath(self._random.choice(["/Asset/Splats", "/Asset", "/Asset/Inner"]))
+        if self._random.random() < 0.5:
+            UsdGeom.Xformable(prim).MakeMatrixXform().Set(Gf.Matrix4d(1 + self._random.random()))
+        else:
+            schema.author(source, "/Asset/Splats", self._cloud())
+
+    def do_edit_class(self) -> None:
+        schema.author(self.stage, "/Class/Splats", self._cloud())
+
+    def _scatter(self, instancer: UsdGeom.PointInstancer) -> None:
+        count = self._random.randint(0, 4)
+        positions = 3 * self._numbers.normal(size=(count, 3))
+        instancer.CreatePositionsAttr().Set(
+            Vt.Vec3fArray.FromNumpy(positions.astype(np.float32)), self._code()
+        )
+        indices = [self._random.randint(0, 2) for _ in range(count)]
+        instancer.CreateProtoIndicesAttr().Set(indices, self._code())
+
+    def do_add_instancer(self) -> None:
+        instancer = UsdGeom.PointInstancer.Define(self.stage, self._new_path())
+        leaf = schema.author(self.stage, f"{instancer.GetPath()}/Leaf", self._cloud())
+        instancer.CreatePrototypesRel().SetTargets([leaf.GetPath()])
+        self._scatter(instancer)
+
+    def do_scatter(self) -> None:
+        if instancer := self._instancer():
+            self._scatter(instancer)
+
+    def do_prototypes(self) -> None:
+        if instancer := self._instancer():
+            prims = self._random.sample(self._prims(), 2)
+            instancer.CreatePrototypesRel().SetTargets([prim.GetPath() for prim in prims])
+
+    def do_mask(self) -> None:
+        if instancer := self._instancer():
+            number = self._random.randint(0, 3)
+            if self._random.random() < 0.5:
+                instancer.CreateInvisibleIdsAttr().Set([number], self._code())
+            else:
+                instancer.DeactivateId(number)
+
+    def do_velocities(self) -> None:
+        if instancer := self._instancer():
+            velocities = self._numbers.normal(size=(self._random.randint(1, 3), 3))
+            instancer.CreateVelocitiesAttr().Set(
+                Vt.Vec3fArray.FromNumpy(velocities.astype(np.float32)), self._code()
+            )
+
+    def do_camera(self) -> None:
+        if prim := self._prim(lambda each: each.IsA(UsdGeom.Camera)):
+            camera = UsdGeom.Camera(prim)
+            camera.CreateFocalLengthAttr().Set(self._random.choice([0.0, 20.0, 35.0]), self._code())
+
+    def do_mute(self) -> None:
+        layer = self._random.choice(self._layers()[1:] or [self.stage.GetSessionLayer()])
+        if muted := self.stage.GetMutedLayers():
+            self.stage.UnmuteLayer(muted[0])
+        else:
+            self.stage.MuteLayer(layer.identifier)
+
+    def do_offset(self) -> None:
+        root = self.stage.GetRootLayer()
+        if root.subLayerPaths:
+            offset = Sdf.LayerOffset(self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0]))
+            root.subLayerOffsets[self._random.randrange(len(root.subLayerPaths))] = offset
+
+    def do_sublayer(self) -> None:
+        root = self.stage.GetRootLayer()
+        if len(root.subLayerPaths) > 2:
+            del root.subLayerPaths[0]
+        else:
+            layer = Sdf.Layer.CreateAnonymous(".usda")
+            prim = Sdf.CreatePrimInLayer(layer, "/World/Field")
+            spec = Sdf.AttributeSpec(prim, "opacities", Sdf.ValueTypeNames.FloatArray)
+            spec.default = Vt.FloatArray([0.5] * 20)
+            self._sublayers.append(layer)
+            root.subLayerPaths.insert(0, layer.identifier)
+
+    def do_session(self) -> None:
+        self.stage.GetSessionLayer().Clear()
+
+    def do_interpolation(self) -> None:
+        kinds = (Usd.InterpolationTypeHeld, Usd.InterpolationTypeLinear)
+        self.stage.SetInterpolationType(self._random.choice(kinds))
+
+    def do_time_codes(self) -> None:
+        self.stage.SetEditTarget(self.stage.GetRootLayer())
+        self.stage.SetTimeCodesPerSecond(self._random.choice([24.0, 48.0]))
+
+    def do_population_mask(self) -> None:
+        masks = (Usd.StagePopulationMask.All(), Usd.StagePopulationMask(["/World"]))
+        self.stage.SetPopulationMask(self._random.choice(masks))
+
+    def do_block_of_changes(self) -> None:
+        layer = self.stage.GetEditTarget().GetLayer()
+        with Sdf.ChangeBlock():
+            for number in range(2):
+                spec = Sdf.CreatePrimInLayer(layer, f"/World/Block{number}")
+                spec.specifier = Sdf.SpecifierDef
+                spec.typeName = "ParticleField3DGaussianSplat"
+                if "positions" not in spec.attributes:
+                    Sdf.AttributeSpec(spec, "positions", Sdf.ValueTypeNames.Point3fArray)
+                points = self._numbers.normal(size=(2, 3)).astype(np.float32)
+                spec.attributes["positions"].default = Vt.Vec3fArray.FromNumpy(points)

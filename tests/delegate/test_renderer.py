@@ -1,0 +1,242 @@
+"""The renderer with no USD at all, against the float64 reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import UsageError
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import AOVS, Renderer
+from usdsplat.delegate.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
+from usdsplat.kernels import reference
+from usdsplat.kernels.device import open_device
+
+SIZE = (150, 110)
+FOCAL, CENTER = (120.0, 130.0), (70.0, 60.0)
+OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def random_cloud(seed, n=250, degree=3):
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(n, 4))
+    return SplatCloud(
+        positions=rng.normal(size=(n, 3)).astype(np.float32),
+        scales=rng.uniform(0.002, 0.12, (n, 3)).astype(np.float32),
+        rotations=(q / np.linalg.norm(q, axis=1, keepdims=True)).astype(np.float32),
+        opacities=rng.uniform(0, 1, n).astype(np.float32),
+        sh=(0.4 * rng.normal(size=(n, (degree + 1) ** 2, 3))).astype(np.float32),
+    )
+
+
+def random_transform(seed):
+    """Sheared, mirrored or not, never singular."""
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(4)
+    matrix[:3, :3] = rng.normal(size=(3, 3)) + np.diag(rng.choice([-1.0, 1.0], 3))
+    matrix[:3, 3] = rng.normal(size=3)
+    return matrix
+
+
+def lens(model="perspective"):
+    view = np.eye(4)
+    view[2, 3] = 4.0
+    focal = FOCAL if model != "orthographic" else (20.0, 22.0)
+    return reference.Lens(world_to_camera=view, focal=focal, center=CENTER, size=SIZE, model=model)
+
+
+def view_of(eye, data_window=None):
+    """The same lens, said in USD's words."""
+    (fx, fy), (cx, cy), (width, height) = eye.focal, eye.center, eye.size
+    camera = CameraSpec(
+        world_to_camera=tuple((OPENCV @ eye.world_to_camera).ravel()),
+        orthographic=eye.model == "orthographic",
+        window=(-cx / fx, -(height - cy) / fy, (width - cx) / fx, cy / fy),
+        clipping_range=(eye.near, eye.far),
+    )
+    framing = Framing(
+        resolution=eye.size, data_window=data_window, conform="adjustPixelAspectRatio"
+    )
+    return View(camera=camera, framing=framing)
+
+
+def scene_of(*parts, **options):
+    scene = RenderScene()
+    for i, (cloud, matrix) in enumerate(parts):
+        scene.set_field(f"/field{i}", FieldSpec(cloud=cloud, **options))
+        instance = InstanceSpec(path=f"/field{i}", transform=tuple(matrix.ravel()))
+        scene.set_instances(f"/field{i}", (instance,))
+    return scene
+
+
+def picture(scene, view, *, aovs=AOVS, threads=None, **settings):
+    """All bands of a picture, joined."""
+    defaults = {"sorting": "zDepth", "color_mode": "display"}
+    renderer = Renderer(open_device(threads=threads))
+    bands = [
+        {name: array.copy() for name, array in band.arrays.items()}
+        for band in renderer.render(scene, view, RenderSettings(**(defaults | settings)), aovs)
+    ]
+    return {name: np.concatenate([band[name] for band in bands]) for name in aovs}
+
+
+@pytest.mark.parametrize("model", ["perspective", "tangential", "orthographic"])
+@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
+@pytest.mark.parametrize("sorting", ["zDepth", "cameraDistance"])
+def test_picture_equals_the_reference(model, rasterize_mode, sorting):
+    """Oracle: kernels.reference, float64 NumPy; sheared and mirrored fields, harmonics to degree 4."""
+    parts = [
+        (random_cloud(1, degree=4), random_transform(5)),
+        (random_cloud(2, degree=0), random_transform(6)),
+    ]
+    hint = "tangential" if model == "tangential" else "perspective"
+    ours = picture(
+        scene_of(*parts, projection_mode=hint), view_of(lens(model)),
+        sorting=sorting, rasterize_mode=rasterize_mode,
+    )  # fmt: skip
+    expected = reference.render(
+        parts, lens(model), antialiased=rasterize_mode == "antialiased",
+        by_distance=sorting == "cameraDistance",
+    )  # fmt: skip
+    error = np.abs(ours["color"] - expected.color)
+    assert np.quantile(error, 0.999) < 1e-4
+    assert error.max() < 0.1, "only the step of the cutoff, on isolated pixels"
+    assert -10 * np.log10(np.mean(error**2)) > 80
+    element = np.where(
+        ours["primId"] >= 0, ours["elementId"] + len(parts[0][0]) * ours["primId"], -1
+    )
+    assert np.mean(element != expected.element) < 0.002
+    same = element == expected.element
+    np.testing.assert_allclose(ours["depth"][same], expected.depth[same], rtol=1e-6)
+
+
+def test_a_lower_degree_drops_the_bands_above():
+    """Oracle: the reference of the cloud whose higher bands are cut off."""
+    cloud = random_cloud(3, degree=3)
+    ours = picture(scene_of((cloud, np.eye(4))), view_of(lens()), sh_degree=1)["color"]
+    expected = reference.render([(cloud, np.eye(4))], lens(), degree=1).color
+    assert np.quantile(np.abs(ours - expected), 0.999) < 1e-4
+
+
+def test_any_window_has_the_full_frames_pixels_bit_for_bit():
+    """Oracle: the full frame itself, inside; a wider display window's neighbourhood has no part in it."""
+    scene = scene_of((random_cloud(4), random_transform(2)), (random_cloud(7), random_transform(9)))
+    full = picture(scene, view_of(lens(), (-40, -25, 190, 140)))
+    for window in [(0, 0, *SIZE), (17, 33, 90, 71), (-40, 5, 3, 140), (64, 48, 65, 49)]:
+        x0, y0, x1, y1 = window
+        part = picture(scene, view_of(lens(), window))
+        for name in AOVS:
+            np.testing.assert_array_equal(
+                part[name], full[name][y0 + 25 : y1 + 25, x0 + 40 : x1 + 40], err_msg=name
+            )
+
+
+def test_bands_join_without_a_seam(monkeypatch):
+    """Oracle: the same picture in one band."""
+    scene = scene_of((random_cloud(4), random_transform(2)))
+    whole = picture(scene, view_of(lens(), (3, -7, 140, 105)))
+    monkeypatch.setattr("usdsplat.delegate.renderer.BAND_PIXELS", 137 * 20)
+    banded = picture(scene, view_of(lens(), (3, -7, 140, 105)))
+    for name in AOVS:
+        np.testing.assert_array_equal(banded[name], whole[name])
+
+
+def test_threads_do_not_change_a_bit():
+    """Oracle: the picture of one thread."""
+    scene = scene_of((random_cloud(8, n=3000), random_transform(2)))
+    one, all_of_them = (picture(scene, view_of(lens()), threads=t) for t in (1, None))
+    for name in AOVS:
+        np.testing.assert_array_equal(one[name], all_of_them[name])
+
+
+def test_instances_are_copies():
+    """Oracle: two fields with equal clouds, each at one of the places."""
+    cloud = random_cloud(1)
+    places = [random_transform(5), random_transform(6)]
+    scene = RenderScene()
+    scene.set_field("/proto", FieldSpec(cloud=cloud))
+    instances = tuple(
+        InstanceSpec(path=f"/field{i}", index=i, transform=tuple(m.ravel()))
+        for i, m in enumerate(places)
+    )
+    scene.set_instances("/proto", instances)
+    shared = picture(scene, view_of(lens()))
+    apart = picture(scene_of(*((cloud, m) for m in places)), view_of(lens()))
+    for name in ("color", "depth", "elementId", "primId"):
+        np.testing.assert_array_equal(shared[name], apart[name])
+    assert set(np.unique(shared["instanceId"])) == {-1, 0, 1}
+
+
+def test_equal_depths_are_drawn_in_the_order_of_paths():
+    """Oracle: closed form: the first path covers all but a thousandth of the second."""
+    flat = {
+        "positions": np.zeros((1, 3), np.float32), "scales": np.full((1, 3), 9.0, np.float32),
+        "rotations": np.float32([[1, 0, 0, 0]]), "opacities": np.ones(1, np.float32),
+    }  # fmt: skip
+    scene = RenderScene()
+    for path, red in (("/b", -9.0), ("/a", 9.0)):
+        sh = np.float32([[[red, -9.0, -9.0]]])
+        scene.set_field(path, FieldSpec(cloud=SplatCloud(**flat, sh=sh)))
+        scene.set_instances(path, (InstanceSpec(path=path),))
+    ours = picture(scene, view_of(lens()))
+    red = 0.5 + 9.0 * 0.28209479
+    np.testing.assert_allclose(ours["color"][60, 70], [0.999 * red, 0, 0, 0.999], rtol=1e-5)
+    assert ours["primId"][60, 70] == 0
+
+
+def test_fields_in_two_color_spaces_are_blended_in_one():
+    """Oracle: closed form: a linear 0.2140 is sRGB 0.5; alone it is shown as sRGB as well."""
+    cloud = SplatCloud(
+        positions=np.zeros((1, 3), np.float32), scales=np.full((1, 3), 9.0, np.float32),
+        rotations=np.float32([[1, 0, 0, 0]]), opacities=np.ones(1, np.float32),
+        sh=np.full((1, 1, 3), (0.21404114 - 0.5) / 0.28209479, np.float32),
+    )  # fmt: skip
+    linear = scene_of((cloud, np.eye(4)), color_space="lin_rec709_scene")
+    alone = picture(linear, view_of(lens()))["color"][60, 70]
+    np.testing.assert_allclose(alone[:3] / alone[3], 0.5, rtol=1e-4)
+    scene = picture(linear, view_of(lens()), color_mode="scene")["color"][60, 70]
+    np.testing.assert_allclose(scene[:3] / scene[3], 0.21404114, rtol=1e-4)
+    linear.set_field("/z", FieldSpec(cloud=random_cloud(1, n=3), color_space="srgb_rec709_scene"))
+    behind = np.eye(4)
+    behind[2, 3] = 50
+    linear.set_instances("/z", (InstanceSpec(path="/z", transform=tuple(behind.ravel())),))
+    mixed = picture(linear, view_of(lens()))["color"][60, 70]
+    np.testing.assert_allclose(mixed[:3] / mixed[3], 0.5, rtol=1e-3)
+
+
+def test_an_empty_scene_is_transparent():
+    """Oracle: there is nothing to see."""
+    ours = picture(RenderScene(), view_of(lens()))
+    assert not ours["color"].any()
+    assert np.isinf(ours["depth"]).all()
+    assert all((ours[name] == -1).all() for name in ("primId", "instanceId", "elementId"))
+
+
+def test_an_unknown_aov_is_refused():
+    """Oracle: the wording of errors."""
+    with pytest.raises(UsageError, match="AOV: found 'beauty', expected one of color"):
+        picture(RenderScene(), view_of(lens()), aovs=("beauty",))
+
+
+def test_bounds_hold_every_splat_and_the_subject_leaves_strays_out():
+    """Oracle: corners of the analytic footprint; one splat of a hundred lies a thousand units off."""
+    positions = np.random.default_rng(0).uniform(-1, 1, (100, 3)).astype(np.float32)
+    positions[7] = 1000
+    cloud = SplatCloud(
+        positions=positions, scales=np.full((100, 3), 0.1, np.float32),
+        rotations=np.tile(np.float32([1, 0, 0, 0]), (100, 1)),
+        opacities=np.ones(100, np.float32), sh=np.zeros((100, 1, 3), np.float32),
+    )  # fmt: skip
+    matrix = np.diag([2.0, 1.0, -1.0, 1.0])
+    scene = scene_of((cloud, matrix))
+    low, high = scene.bounds()
+    reach = 0.1 * np.sqrt(2 * np.log(255))
+    np.testing.assert_allclose(high[:2], [2 * (1000 + reach), 1000 + reach], rtol=1e-6)
+    np.testing.assert_allclose(low[2], -1000 - reach, rtol=1e-6)
+    assert np.all(np.abs(np.stack(scene.subject())) <= [2, 1, 1])
+    scene.set_visible("/field0", False)
+    assert scene.bounds() is None and scene.subject() is None
+    scene.close()
+    assert scene.paths == () and scene.splat_count == 0

@@ -1,0 +1,108 @@
+"""The door to the machine, and the cache of compiled kernels."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import numba
+import numpy as np
+import pytest
+
+from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.kernels import jit, sort
+from usdsplat.kernels.device import CpuDevice, open_device
+
+
+def test_an_unknown_device_is_one_sentence():
+    """Oracle: the wording of errors, where: found, expected."""
+    with pytest.raises(BackendError, match="device: found 'abacus', expected auto or one of: cpu"):
+        open_device("abacus")
+
+
+@pytest.mark.parametrize("threads", [0, -1, 10_000])
+def test_threads_out_of_range_are_refused(threads):
+    """Oracle: this machine's number of cores, as Numba counts them."""
+    with pytest.raises(UsageError, match="threads"):
+        open_device("cpu", threads=threads)
+
+
+def test_a_launch_leaves_the_callers_thread_count_alone():
+    """Oracle: Numba's own setting, before and after."""
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    before = numba.get_num_threads()
+    seen = CpuDevice(threads=1).run(numba.get_num_threads)
+    assert seen == 1
+    assert numba.get_num_threads() == before
+
+
+def test_upload_copies_only_what_kernels_cannot_read():
+    """Oracle: numpy's own view of shared memory."""
+    device = CpuDevice()
+    array = np.zeros((4, 3), np.float32)
+    assert np.shares_memory(device.upload(array), array)
+    assert not device.upload(array).flags.writeable
+    assert array.flags.writeable
+    turned = device.upload(array[:, ::-1])
+    assert turned.flags.c_contiguous
+    assert not np.shares_memory(turned, array)
+
+
+def test_two_threads_may_launch_at_once():
+    """Oracle: np.argsort; under Numba's plainest threading layer this would abort the process."""
+    keys = np.random.default_rng(0).random(20_000, dtype=np.float32)
+    expected = np.argsort(keys, kind="stable")
+    results = []
+
+    def work():
+        visible = np.arange(len(keys), dtype=np.int32)
+        scratch = (np.zeros((2, len(keys)), np.uint32), np.zeros((2, len(keys)), np.int32))
+        for _ in range(20):
+            half = CpuDevice().run(
+                sort.depth_order,
+                visible,
+                len(keys),
+                keys,
+                8,
+                scratch,
+                np.zeros((8, 2048), np.int64),
+            )
+        results.append(scratch[1][half])
+
+    workers = [threading.Thread(target=work) for _ in range(3)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(results) == 3
+    for result in results:
+        np.testing.assert_array_equal(result, expected)
+
+
+def cache_seen_by(home: str) -> str:
+    """Where a fresh process would keep its kernels."""
+    return subprocess.run(
+        [sys.executable, "-c", "from usdsplat.kernels import jit; print(jit.CACHE)"],
+        env=os.environ | {"XDG_CACHE_HOME": home, "HOME": home},
+        capture_output=True, text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+
+
+def test_the_cache_is_keyed_by_the_kernels_sources(tmp_path):
+    """Oracle: the name of the folder; equal sources share it, in every process."""
+    assert jit.CACHE is None or jit.CACHE.name in cache_seen_by(str(tmp_path))
+    assert cache_seen_by(str(tmp_path)) == cache_seen_by(str(tmp_path))
+
+
+def test_where_nothing_can_be_written_kernels_go_uncached(tmp_path):
+    """Oracle: a home that is a file, so no folder can be made in it."""
+    home = tmp_path / "home"
+    home.write_text("")
+    assert cache_seen_by(str(home)) == "None"
+
+
+def test_numbas_own_cache_folder_is_left_to_its_owner():
+    """Oracle: the setting that other packages of this process read."""
+    assert numba.config.CACHE_DIR != str(jit.CACHE)

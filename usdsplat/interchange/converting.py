@@ -1,0 +1,90 @@
+"""Any file that holds splats to any other, chosen by their suffixes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from usdsplat import formats
+from usdsplat.core import axes
+from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange import files
+from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.repacking import repack
+from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport
+from usdsplat.schema import Form
+
+Report = ImportReport | ExportReport | RepackReport
+
+
+def convert(
+    source: Path | str,
+    target: Path | str,
+    *,
+    form: Form = "float",
+    frame: str | None = None,
+    up_axis: str | None = None,
+    meters_per_unit: float | None = None,
+    prim_path: str | None = None,
+    bake_axes: bool = False,
+    time: float | None = None,
+    progress: Progress = silent,
+) -> Report:
+    """Turn a capture into a stage, a stage into a capture, or either into another of its kind.
+
+    Args:
+        source: A capture or a USD file.
+        target: A capture or a USD file, replaced when the new one is complete.
+        form: Of fields in a USD target.
+        frame: Where x, y and z of the capture file point: of the source if it is one, else of the
+            target. None believes the source; a capture from a stage becomes "rdf".
+        up_axis: See `import_capture`.
+        meters_per_unit: See `import_capture`.
+        prim_path: Of the field that is written to, or read from, a stage.
+        bake_axes: See `import_capture`.
+        time: See `export_capture`.
+        progress: Told about each step.
+
+    Raises:
+        UsdSplatError: As `import_capture`, `export_capture` and `repack` say.
+    """
+    source, target = Path(source), Path(target)
+    if not files.is_usd(source) and files.is_usd(target):
+        return import_capture(
+            source,
+            target,
+            form=form,
+            frame=frame,
+            up_axis=up_axis,
+            meters_per_unit=meters_per_unit,
+            prim_path=prim_path,
+            bake_axes=bake_axes,
+            progress=progress,
+        )
+    if files.is_usd(source) and files.is_usd(target):
+        return repack(source, target, form=form, progress=progress)
+    if files.is_usd(source):
+        return export_capture(
+            source, target, prim_path=prim_path, time=time, frame=frame or "rdf", progress=progress
+        )
+    return _between_captures(source, target, frame, progress)
+
+
+def _between_captures(
+    source: Path, target: Path, frame: str | None, progress: Progress
+) -> ExportReport:
+    """One capture file as another; axes stay, since both kinds leave them unsaid."""
+    files.check_not_input(target, [source])
+    capture = formats.read(source, progress=progress)
+    if frame is not None:
+        axes.frame_matrix(frame)
+    formats.write(capture.cloud, target, antialiased=capture.antialiased, progress=progress)
+    return ExportReport(
+        source=str(source),
+        target=str(target),
+        prim_paths=(),
+        splats=len(capture.cloud),
+        degree=capture.cloud.sh_degree,
+        frame=frame or capture.frame,
+        notes=capture.notes,
+    )

@@ -1,0 +1,99 @@
+"""USD files as whole things: opened with one sentence when that fails, written completely or not."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from pxr import Sdf, Tf, Usd, UsdUtils
+
+import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
+from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
+from usdsplat.core.output import atomic_path
+
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def is_usd(path: Path) -> bool:
+    """Whether the name says that this is a USD file."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def open_stage(path: Path) -> Usd.Stage:
+    """Open a stage.
+
+    Raises:
+        StageError: If USD cannot read it.
+    """
+    if not path.is_file():
+        raise StageError(str(path), "no such file", "a USD file")
+    try:
+        return Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        found = _sentence(error) or "nothing that USD can read"
+        raise StageError(str(path), found, "a USD file") from None
+
+
+def save(layer: Sdf.Layer, target: Path) -> None:
+    """Write a layer as .usd, .usda, .usdc or as the only layer of a .usdz.
+
+    Args:
+        layer: Stays as it is; it need not have a file.
+        target: An older file there is replaced when the new one is complete.
+
+    Raises:
+        UnknownFormatError: If the suffix is none of these.
+        OutputError: If nothing can be written there.
+    """
+    check_suffix(target)
+    with atomic_path(target) as path:
+        try:
+            if target.suffix.lower() == ".usdz":
+                _package(layer, target, path)
+            else:
+                layer.Export(str(path))
+        except Tf.ErrorException as error:
+            raise OutputError(str(target), _sentence(error), "a file that USD can write") from None
+
+
+def check_suffix(target: Path) -> None:
+    """Refuse a target that is no USD file, before any work is done.
+
+    Raises:
+        UnknownFormatError: If its suffix is none of `SUFFIXES`.
+    """
+    if not is_usd(target):
+        found = f"suffix {target.suffix!r}"
+        raise UnknownFormatError(str(target), found, f"one of {' '.join(SUFFIXES)}")
+
+
+def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
+    """Refuse a target that is one of the files being read.
+
+    Raises:
+        OutputError: If it is, under whatever name.
+    """
+    for path in inputs:
+        if target.exists() and path.exists() and os.path.samefile(target, path):
+            raise OutputError(str(target), "a file that is being read", "another name")
+
+
+def layer_files(stage: Usd.Stage) -> list[Path]:
+    """The files that a stage reads, packages included."""
+    found = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
+    return [Path(path.partition("[")[0]) for path in found]
+
+
+def _package(layer: Sdf.Layer, target: Path, path: Path) -> None:
+    """A .usdz around one crate layer named as the target is."""
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".usdz-") as folder:
+        inner = Path(folder, target.stem + ".usdc")
+        layer.Export(str(inner))
+        UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path))
+
+
+def _sentence(error: Tf.ErrorException) -> str:
+    """What USD says about its first error, on one line."""
+    return " ".join(error.args[0].commentary.split()) if error.args else ""

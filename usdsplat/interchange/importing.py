@@ -1,0 +1,161 @@
+"""A capture file becomes a splat field on a stage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from pxr import Usd, UsdGeom
+
+from usdsplat import __version__, formats, schema
+from usdsplat.core import axes, edit
+from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import Capture
+from usdsplat.interchange import files
+from usdsplat.interchange.placement import (
+    OP_SUFFIX,
+    Placement,
+    checked_unit,
+    define_ancestors,
+    field_path,
+    placement,
+    set_default_prim,
+    set_op,
+)
+from usdsplat.interchange.provenance import Provenance, provenance, record
+from usdsplat.interchange.reports import ImportReport
+from usdsplat.schema import Form
+
+_UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
+
+
+def import_capture(
+    source: Path | str,
+    target: Path | str | Usd.Stage,
+    *,
+    form: Form = "float",
+    frame: str | None = None,
+    up_axis: str | None = None,
+    meters_per_unit: float | None = None,
+    prim_path: str | None = None,
+    bake_axes: bool = False,
+    progress: Progress = silent,
+) -> ImportReport:
+    """Write a capture as a splat field, with its axes, unit, colour space and provenance.
+
+    Args:
+        source: A capture in any format that `formats` reads.
+        target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete; or a
+            stage, whose edit target is written and nothing is saved.
+        form: How the field is stored, see `schema.author`.
+        frame: Where x, y and z of the capture point, such as "rdf"; None believes the file.
+        up_axis: "Y" or "Z" of a new file, "Y" if None; a stage has its own.
+        meters_per_unit: Metres in a unit of the capture, and of a new file; None is 1 for a new
+            file and the stage's own for a stage.
+        prim_path: Path of the field; None is the file's name under the default prim.
+        bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        progress: Told about reading, authoring and writing.
+
+    Raises:
+        FormatError: If the source is not what it claims to be.
+        UsageError: If an option has a value it cannot have.
+        StageError: If the stage has something else at `prim_path`.
+        OutputError: If the target cannot be written, or is the source.
+    """
+    source = Path(source)
+    stage, path = _open_target(source, target, up_axis, meters_per_unit)
+    where = field_path(stage, source, prim_path)
+    capture = formats.read(source, progress=progress)
+    capture = replace(capture, frame=frame or capture.frame)
+    placed = placement(stage, capture.frame, meters_per_unit)
+    memory = provenance(
+        source,
+        capture,
+        form=form,
+        axes=_axes_text(placed, bake_axes),
+        notes=capture.notes + ((_UNKNOWN_SIZE,) if meters_per_unit is None else ()),
+    )
+    progress.step("authoring", 0, 1)
+    if bake_axes and not placed.is_identity:
+        capture = replace(capture, cloud=edit.transform(capture.cloud, placed.matrix))
+    define_ancestors(stage, where)
+    prim = _author(stage, str(where), capture, form)
+    set_op(prim, None if bake_axes else placed.matrix)
+    set_default_prim(stage, where)
+    record(prim, memory)
+    progress.step("authoring", 1, 1)
+    if path:
+        progress.step("writing", 0, 1)
+        files.save(stage.GetRootLayer(), path)
+        progress.step("writing", 1, 1)
+    return _report(source, path, prim, capture, form, memory)
+
+
+def _open_target(
+    source: Path, target: Path | str | Usd.Stage, up_axis: str | None, unit: float | None
+) -> tuple[Usd.Stage, Path | None]:
+    """The stage to write, and the file to save it in if it is a new one."""
+    if isinstance(target, Usd.Stage):
+        own = UsdGeom.GetStageUpAxis(target)
+        if up_axis not in (None, own):
+            raise UsageError("up_axis", repr(up_axis), f"{own}, which the stage has")
+        return target, None
+    path = Path(target)
+    files.check_suffix(path)
+    files.check_not_input(path, [source])
+    return _new_stage(up_axis or "Y", 1.0 if unit is None else unit), path
+
+
+def _author(stage: Usd.Stage, path: str, capture: Capture, form: Form) -> Usd.Prim:
+    """The field with what the capture says about itself."""
+    return schema.author(
+        stage,
+        path,
+        capture.cloud,
+        form=form,
+        color_space=capture.color_space,
+        rasterize_mode="antialiased" if capture.antialiased else "classic",
+    )
+
+
+def _new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
+    """An empty stage in memory that says what its coordinates mean."""
+    if up_axis not in axes.UP_AXIS_FRAME:
+        raise UsageError("up_axis", repr(up_axis), f"one of {', '.join(axes.UP_AXIS_FRAME)}")
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, checked_unit(meters_per_unit))
+    stage.GetRootLayer().customLayerData = {"creator": f"usdsplat {__version__}"}
+    return stage
+
+
+def _axes_text(placed: Placement, baked: bool) -> str:
+    """One sentence on what happens to the axes."""
+    if placed.is_identity:
+        return placed.text
+    return placed.text + (" in the arrays" if baked else f" by xformOp:transform:{OP_SUFFIX}")
+
+
+def _report(
+    source: Path,
+    target: Path | None,
+    prim: Usd.Prim,
+    capture: Capture,
+    form: Form,
+    memory: Provenance,
+) -> ImportReport:
+    return ImportReport(
+        source=str(source),
+        target=str(target or ""),
+        prim_path=str(prim.GetPath()),
+        splats=len(capture.cloud),
+        degree=capture.cloud.sh_degree,
+        form=form,
+        format=memory.format,
+        frame=memory.frame,
+        axes=memory.axes,
+        meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
+        error_bounds=memory.error_bounds,
+        notes=memory.notes,
+    )

@@ -1,0 +1,71 @@
+"""The splat fields of a stage in another form: stock to packed and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+from pxr import Sdf, Usd
+
+from usdsplat import schema
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange import files
+from usdsplat.interchange.reports import RepackReport
+from usdsplat.schema import Form
+
+
+def repack(
+    source: Path | str | Usd.Stage,
+    target: Path | str,
+    *,
+    form: Form,
+    progress: Progress = silent,
+) -> RepackReport:
+    """Write a stage as one file in which every splat field has `form`; time samples stay.
+
+    The file stands alone: layers, references, clips and the selected variants are flattened into
+    it. Fields that have the form already are copied as they are.
+
+    Args:
+        source: A USD file, or a stage, which is not changed.
+        target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
+        form: "float", "half" or "packed", see `schema.author`.
+        progress: Told about each cloud and about writing.
+
+    Raises:
+        UsageError: If `form` is none of these, or a number does not fit it.
+        StageError: If the source cannot be opened or has no splat field.
+        OutputError: If the target cannot be written, or belongs to the source.
+    """
+    path = Path(target)
+    files.check_suffix(path)
+    if form not in get_args(Form):
+        raise UsageError("form", repr(form), f"one of {', '.join(get_args(Form))}")
+    stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
+    files.check_not_input(path, files.layer_files(stage))
+    before = stage.Flatten(addSourceFileComment=False)
+    after = Sdf.Layer.CreateAnonymous(".usda")
+    after.TransferContent(before)
+    old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)
+    fields = [prim for prim in old.TraverseAll() if schema.is_splat_field(prim)]
+    if not fields:
+        raise StageError(str(source), "no splat field", "at least one")
+    changed = [prim for prim in fields if schema.form_of(prim) != form]
+    work = [(prim, code) for prim in changed for code in schema.sample_times(prim)]
+    splats = 0
+    for done, (prim, time) in enumerate(work):
+        progress.step("repacking", done, len(work))
+        cloud = schema.fetch(prim, time)
+        schema.author(new, prim.GetPath(), cloud, form=form, time=time)
+        splats += len(cloud)
+    progress.step("repacking", len(work), len(work))
+    files.save(after, path)
+    return RepackReport(
+        source=stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source),
+        target=str(path),
+        prim_paths=tuple(str(prim.GetPath()) for prim in changed),
+        samples=len(work),
+        splats=splats,
+        form=form,
+    )
