@@ -279,7 +279,7 @@ def test_harmonics_are_those_of_a_degree(tmp_path, rest):
     names = (*SPLAT_NAMES, *rest)
     (tmp_path / "a.ply").write_bytes(ply(np.ones((1, len(names))), names=names))
     with pytest.raises(
-        FormatError, match="found . f_rest_ properties.*expected 0, 9, 24, 45 or 72"
+        FormatError, match=r"found . f_rest_ properties.*expected 0, 9, 24, 45 or 72"
     ):
         formats.read(tmp_path / "a.ply")
 

@@ -44,7 +44,7 @@ def test_a_picture_is_converted_where_it_is_not_premultiplied(target):
 
 @pytest.mark.parametrize("degree", range(5))
 def test_harmonics_are_those_of_core(degree):
-    """Oracle: core.sh in float64, which its own tests hold against quadrature and splat-transform."""
+    """Oracle: core.sh in float64, itself held against splat-transform's rotations."""
     rng = np.random.default_rng(degree)
     coefficients = rng.normal(size=(40, 25, 3)).astype(np.float32)
     directions = rng.normal(size=(40, 3))

@@ -105,4 +105,4 @@ def test_where_nothing_can_be_written_kernels_go_uncached(tmp_path):
 
 def test_numbas_own_cache_folder_is_left_to_its_owner():
     """Oracle: the setting that other packages of this process read."""
-    assert numba.config.CACHE_DIR != str(jit.CACHE)
+    assert str(jit.CACHE) != numba.config.CACHE_DIR

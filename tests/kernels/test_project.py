@@ -151,7 +151,7 @@ def test_the_determinant_of_a_needle_does_not_cancel(device):
 def test_a_capture_far_from_the_origin_loses_nothing(device):
     """Oracle: exact translation in float64: only what is relative to the camera matters."""
     rng = np.random.default_rng(0)
-    near = rng.uniform(-1, 1, (100, 3)) + [0, 0, 5]
+    near = rng.uniform(-1, 1, (100, 3)) + np.array([0, 0, 5])
     base = np.float32(4096.0)
     stored = np.float32(near + base)  # what float32 kept of the far capture
     matrix = np.eye(4)
@@ -167,7 +167,8 @@ def test_what_cannot_be_seen_is_left_out(device):
     """Oracle: the rules of culling: clipping range by centre, cutoff, window, and no NaN."""
     nan, inf = np.nan, np.inf
     positions = [
-        [0, 0, 1], [0, 0, -1], [0, 0, 0.005], [0, 0, 50], [0, 0, 1], [0, 0, nan], [inf, 0, 1], [50, 0, 1],
+        [0, 0, 1], [0, 0, -1], [0, 0, 0.005], [0, 0, 50],
+        [0, 0, 1], [0, 0, nan], [inf, 0, 1], [50, 0, 1],
     ]  # fmt: skip
     opacities = [1, 1, 1, 1, 1 / 256, 1, 1, 1]
     _, keys, sources = project_rows(
@@ -194,7 +195,7 @@ def test_distance_keys_do_not_change_when_the_camera_turns(device):
     c, s = np.cos(angle), np.sin(angle)
     yaw = np.eye(4)
     yaw[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    points = np.random.default_rng(1).uniform(-1, 1, (50, 3)) + [0, 0, 6]
+    points = np.random.default_rng(1).uniform(-1, 1, (50, 3)) + np.array([0, 0, 6])
     options = {"scales": np.full((50, 3), 0.01), "sorting": project.SORT_DISTANCE}
     _, straight, _ = project_rows(device, points, **options)
     _, turned, _ = project_rows(device, points, matrix=yaw, **options)

@@ -131,7 +131,7 @@ def test_tile_lists_hold_every_splat_that_counts_and_few_others(device, window, 
 @pytest.mark.parametrize("window", [(0, 0, 100, 70), (-21, -5, 43, 38)])
 @pytest.mark.parametrize("needles", [False, True])
 def test_blending_is_front_to_back_over_the_rules(device, window, needles):
-    """Oracle: the sum of the specification, written in float64 NumPy over all splats and pixels."""
+    """Oracle: the specification's sum in float64 NumPy, over all splats and pixels."""
     records = some_records(300, 100, needles=needles)
     image, ranks = blend_all(device, records, window)
     x0, y0, x1, y1 = window
@@ -148,7 +148,7 @@ def test_blending_is_front_to_back_over_the_rules(device, window, needles):
         left = left * (1 - alpha)
         history.append(left)
     error = np.abs(image - np.concatenate([color, 1 - left[..., None]], axis=2)).max(axis=2)
-    # at 100 pixels from the centre of a needle one float32 step of a coordinate is 1e-4 of its width
+    # 100 pixels from a needle's centre a float32 step of a coordinate is 1e-4 of its width
     assert np.quantile(error, 0.99) < (2e-4 if needles else 2e-5)
     assert error.max() < 0.02, "a contribution that float32 put on the other side of 1/255"
     passed = np.stack(history) <= 1 - 0.5 * (1 - left)
@@ -173,7 +173,7 @@ def test_no_tile_has_a_cap():
 
 
 def test_a_pixel_ends_before_the_splat_that_would_close_it():
-    """Oracle: closed form: 0.999, then 0.999 of what is left would go under 1e-4, so it is not taken."""
+    """Oracle: closed form: after 0.999 another 0.999 would leave 1e-6, so it is not taken."""
     records = records_of(
         np.full((3, 2), 8.0), np.tile(1e9 * np.eye(2), (3, 1, 1)), np.ones(3), np.eye(3), [1, 2, 3]
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -35,6 +35,19 @@ def progress() -> Iterator[Progress]:
 def remark(text: str) -> None:
     """Tell the user something that is neither a result nor an error."""
     print(f"usdsplat: {text}", file=sys.stderr)
+
+
+def announce_compilation() -> Callable[[str], None]:
+    """Return what to call as each kernel is compiled; it speaks the first time only."""
+    spoken = False
+
+    def announce(kernel: str) -> None:
+        nonlocal spoken
+        if not spoken:
+            spoken = True
+            remark("compiling kernels for this machine, once; it takes about half a minute")
+
+    return announce
 
 
 def print_json(value: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ class Drawn:
     """Path of the camera; empty for one that frames the scene."""
     resolution: tuple[int, int]
     """[pixel]"""
+    splats: int
+    """Splats that were drawn, instances counted each."""
     seconds: float
     """Time it took, file included."""
 
@@ -75,6 +78,7 @@ def draw_frames(
             frame=frame,
             camera=view.camera.path,
             resolution=view.framing.resolution,
+            splats=engine.stats.splats,
             seconds=time.perf_counter() - started,
         )
 
@@ -114,7 +118,7 @@ def draw(
         aovs=picture.aovs,
         pixel_type=picture.pixel_type,
         color_space=OUTPUT_SPACE[picture.settings.color_mode],
-        metadata={**camera, **_settings_metadata(picture), **metadata},
+        metadata={**camera, **_drawing_metadata(engine, picture, view), **metadata},
     )
     names = {AOVS[name].hydra: AOVS[name] for name in picture.aovs}
     with open_writer(path, layout) as writer:
@@ -146,11 +150,19 @@ def _jobs(
     return [job for job in jobs if not (resume and job[2].exists())]
 
 
-def _settings_metadata(picture: Picture) -> dict[str, str]:
-    """How it was drawn, for the header."""
-    settings = picture.settings
-    return {
+def _drawing_metadata(engine: Engine, picture: Picture, view: View) -> dict[str, str]:
+    """How it was drawn, and what the ids in it stand for, for the header."""
+    fields = [field.spec for _, field, _ in engine.render_scene.drawn()]
+    settings = picture.settings.resolved(field.sorting_mode for field in fields)
+    modes = {field.rasterize_mode for field in fields}
+    if settings.rasterize_mode != "auto":
+        modes = {settings.rasterize_mode}
+    entries = {
+        "usdsplat:camera": view.camera.path or "framing the scene",
         "usdsplat:sorting": settings.sorting,
-        "usdsplat:rasterizeMode": settings.rasterize_mode,
+        "usdsplat:rasterizeMode": " and ".join(sorted(modes)),
         "usdsplat:colorMode": settings.color_mode,
     }
+    if "id" in picture.aovs:
+        entries["usdsplat:ids"] = json.dumps(engine.drawn_paths())
+    return entries

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg, create_mutex_group
 
+from usdsplat import images
 from usdsplat.cli import console
 from usdsplat.cli.parsing import flags_of, given, option
 from usdsplat.cli.stage_options import StageOptions
@@ -86,10 +87,13 @@ def run(options: Options) -> int:
     from usdsplat.cli.planning import plan
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
+    from usdsplat.kernels.compiling import on_compile
 
     request = _request(options)
+    if options.threads is not None:
+        images.limit_threads(options.threads)
     report = []
-    with console.progress() as progress:
+    with console.progress() as progress, on_compile(console.announce_compilation()):
         keep = ("/Render", *(p for p in (options.camera, options.settings) if p and p[0] == "/"))
         stage = open_stage_or_capture(options.stage, options.opening, keep=keep, progress=progress)
         first = _frames(options, stage, ())[0]

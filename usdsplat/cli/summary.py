@@ -1,17 +1,120 @@
-"""Numbers that tell a person, or a script, what is in a cloud of splats."""
+"""What is in a capture or a stage, in values that JSON can hold."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pxr import Usd, UsdGeom, UsdRender
 
+from usdsplat import formats, schema
+from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange import provenance
+from usdsplat.schema.validation import splat_fields
 
 PERCENTILES = (1, 50, 99)
 
 
-def summarize(cloud: SplatCloud) -> dict[str, Any]:
+def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
+    """Read a capture and describe it.
+
+    Raises:
+        FormatError: If it is not what it claims to be.
+        UnknownFormatError: If neither content nor suffix is known.
+    """
+    capture = formats.read(path, progress=progress)
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    size = sum(file.stat().st_size for file in files)
+    return {
+        "format": capture.format,
+        "frame": capture.frame,
+        "color_space": capture.color_space,
+        "rasterize_mode": "antialiased" if capture.antialiased else "classic",
+        **of_cloud(capture.cloud),
+        "bytes": size,
+        "bytes_per_splat": size / max(1, len(capture.cloud)),
+        "error_bounds": dict(capture.error_bounds),
+        "notes": list(capture.notes),
+    }
+
+
+def of_stage(
+    stage: Usd.Stage, time: float | None, *, progress: Progress = silent
+) -> dict[str, Any]:
+    """Describe a stage and every splat field on it.
+
+    Args:
+        stage: Is not changed.
+        time: Time code at which fields are read; None is the default value, or the first sample.
+        progress: Told about each field.
+
+    Raises:
+        StageError: If a field cannot be decoded.
+    """
+    up_axis = str(UsdGeom.GetStageUpAxis(stage))
+    frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
+    fields = list(splat_fields(stage))
+    described = []
+    for done, prim in enumerate(fields):
+        progress.step("reading fields", done, len(fields))
+        described.append(_of_field(prim, time))
+    progress.step("reading fields", len(fields), len(fields))
+    prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
+    return {
+        "up_axis": up_axis,
+        "frame": UP_AXIS_FRAME[up_axis],
+        "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
+        "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
+        "frames_per_second": stage.GetTimeCodesPerSecond(),
+        "splats": sum(entry["splats"] for entry in described),
+        "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
+        "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
+        "fields": described,
+    }
+
+
+def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
+    """Describe one splat field."""
+    cloud = schema.fetch(prim, time)
+    samples = schema.sample_times(prim)
+    numeric = [code for code in samples if code is not None]
+    imageable = UsdGeom.Imageable(prim)
+    size = _stored_bytes(prim, time)
+    return {
+        "path": str(prim.GetPath()),
+        "type": str(prim.GetTypeName()),
+        "form": schema.form_of(prim),
+        **of_cloud(cloud),
+        "bytes_per_splat": size / max(1, len(cloud)),
+        "samples": len(numeric),
+        "sampled": [numeric[0], numeric[-1]] if numeric else None,
+        "color_space": schema.color_space(prim),
+        "rasterize_mode": schema.rasterize_mode(prim),
+        "projection_mode": schema.projection_mode(prim),
+        "sorting_mode": schema.sorting_mode(prim),
+        "purpose": str(imageable.ComputePurpose()),
+        "provenance": _plain(prim.GetCustomDataByKey(provenance.KEY) or {}),
+    }
+
+
+def _stored_bytes(prim: Usd.Prim, time: float | None) -> int:
+    """Size of a field's arrays at one time, as they are authored."""
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    values = (prim.GetAttribute(name).Get(code) for name in schema.DATA_ATTRIBUTES)
+    return sum(np.asarray(value).nbytes for value in values if hasattr(value, "__len__"))
+
+
+def _plain(value: Any) -> Any:
+    """USD's dictionaries and arrays as JSON can hold them."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+
+
+def of_cloud(cloud: SplatCloud) -> dict[str, Any]:
     """Return count, degree, bounds of the centres and percentiles, as JSON can hold them.
 
     Values that are not finite are counted and otherwise left out. `scale` is the geometric mean of

@@ -102,10 +102,11 @@ def _scattered(
     """Flat indices, shape (m,), and world matrices, shape (m, 4, 4), of one placement."""
     indices = np.zeros(1, np.int64)
     worlds = levels[0][None]
-    for link, inner in zip(links, levels[1:], strict=True):
-        spec = instancers[link.instancer].spec
-        rows = np.flatnonzero(spec.shown & (spec.prototypes == link.prototype))
-        steps = spec.transforms[rows] @ inner
-        indices = (indices[:, None] * len(spec.shown) + rows).ravel()
-        worlds = (worlds[:, None] @ steps).reshape(-1, 4, 4)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is left out later
+        for link, inner in zip(links, levels[1:], strict=True):
+            spec = instancers[link.instancer].spec
+            rows = np.flatnonzero(spec.shown & (spec.prototypes == link.prototype))
+            steps = spec.transforms[rows] @ inner
+            indices = (indices[:, None] * len(spec.shown) + rows).ravel()
+            worlds = (worlds[:, None] @ steps).reshape(-1, 4, 4)
     return indices, worlds

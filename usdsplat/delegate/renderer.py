@@ -306,7 +306,8 @@ def _blend_space(scene: RenderScene) -> str:
 def _groups(
     scene: RenderScene,
 ) -> tuple[list[_Group], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """Cut the drawing order into launches; returns them, and label and first slot of each instance."""
+    """Cut the drawing order into launches; returns them, and label and first slot of each
+    instance."""
     groups: list[_Group] = []
     labels, first_slots = [], []
     prims: dict[str, int] = {}

@@ -18,7 +18,8 @@ from usdsplat.kernels import bins, project
 USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera space of USD (y up, looking down -z) to the kernels' (y down, looking along z)."""
 MARGIN = 0.3
-"""Part of the display window's half width by which the affine map's clamp is wider, on each side."""
+"""Part of the display window's half width by which the affine map's clamp is wider, on each
+side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

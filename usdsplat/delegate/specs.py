@@ -1,7 +1,7 @@
 """Plain frozen values that cross from USD prims to the render scene.
 
-The scene delegate makes them, the renderer reads them, and neither needs the other: a picture can be
-rendered, and tested, with no USD at all. Matrices are 16 numbers, row-major, for column vectors
+The scene delegate makes them, the renderer reads them, and neither needs the other: a picture can
+be rendered, and tested, with no USD at all. Matrices are 16 numbers, row-major, for column vectors
 (`world = M @ local`); Gf's row-vector matrices are transposed where they are read.
 """
 
@@ -53,8 +53,8 @@ class CameraSpec:
     world_to_camera: Matrix = IDENTITY
     orthographic: bool = False
     window: tuple[float, float, float, float] = (-0.5, -0.5, 0.5, 0.5)
-    """(left, bottom, right, top) of the aperture, offsets included: at distance 1 from the eye for a
-    perspective camera, in scene units for an orthographic one."""
+    """(left, bottom, right, top) of the aperture, offsets included: at distance 1 from the eye for
+    a perspective camera, in scene units for an orthographic one."""
     clipping_range: tuple[float, float] = (1.0, 1e6)
     """Near and far planar depth [scene unit]."""
 

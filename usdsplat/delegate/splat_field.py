@@ -27,6 +27,8 @@ class SplatField(Rprim):
         self._transforms: tuple[tuple[F64, ...], ...] = ()
         self._visible: tuple[bool, ...] = ()
         self._instances: tuple[InstanceSpec, ...] = ()
+        self.is_seen = False
+        """Whether anything would show it, if it can be drawn."""
         self._resident = False
         self._shown = False
         self._hint: SortingMode = "zDepth"
@@ -45,6 +47,7 @@ class SplatField(Rprim):
         if bits & (DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG):
             self._visible = scene.visible(self.path)
         seen = expand(self._placements, self._transforms, self._visible, self._instancers)
+        self.is_seen = bool(seen)
         if not seen:
             self._show(param, False)
             return bits & DirtyBits.PRIMVAR

@@ -155,12 +155,13 @@ def _element(source: str, words: list[bytes], properties: list[list[bytes]]) -> 
     types: dict[str, str] = {}
     for line in properties:
         *codes, label = (word.decode("utf-8", "replace") for word in line[1:])
-        unknown = [code for code in codes if code not in _TYPES and code != "list"]
+        is_list = len(codes) > 1
+        unknown = [code for code in codes[is_list:] if code not in _TYPES]
         if unknown:
             raise FormatError(source, f"property type {unknown[0]!r}", "a type of PLY")
         if label in types:
             raise FormatError(source, f"property {label} twice in {name}", "each property once")
-        types[label] = _TYPES.get(codes[0], "")
+        types[label] = "" if is_list else _TYPES[codes[0]]
     return Element(name, int(count), types)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
+from usdsplat.core.cloud import F32, F64
 from usdsplat.core.progress import Progress
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.formats.capture import Capture
@@ -30,6 +30,7 @@ _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_b
 _GRID = (1 << 20) - 1
 _SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours that one order parts, another keeps
 _REACH = 4
+_FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 def read_points(path: Path, header: Header, table: Table, *, progress: Progress) -> Capture:
@@ -82,21 +83,22 @@ def neighbour_distances(positions: F32) -> F32:
     Returns:
         Distances [scene unit], shape (n,), all positive.
     """
-    best = np.full(len(positions), np.inf, np.float32)
+    best = np.full(len(positions), np.inf)
     if len(positions):
         for shift in _SHIFTS:
             _shorten(best, positions, np.argsort(_morton(positions, shift), kind="stable"))
     found = best[np.isfinite(best)]
-    median = np.median(found) if len(found) else np.float32(2 * LONE_SIGMA)
-    return np.minimum(np.where(np.isfinite(best), best, median), LONGEST * median)
+    median = float(np.median(found)) if len(found) else 2 * LONE_SIGMA
+    longest = min(LONGEST * median, _FLOAT32_MAX)
+    return np.minimum(np.where(np.isfinite(best), best, median), longest).astype(np.float32)
 
 
-def _shorten(best: F32, positions: F32, order: npt.NDArray[np.intp]) -> None:
+def _shorten(best: F64, positions: F32, order: npt.NDArray[np.intp]) -> None:
     """Lower `best` to the distances of points that are close to each other in `order`."""
     ordered = positions[order].astype(np.float64)
     for step in range(1, _REACH + 1):
         gaps = ordered[step:] - ordered[:-step]
-        distances = np.sqrt(np.einsum("ni,ni->n", gaps, gaps)).astype(np.float32)
+        distances = np.sqrt(np.einsum("ni,ni->n", gaps, gaps))
         distances[distances == 0] = np.inf
         for ends in (order[step:], order[:-step]):
             best[ends] = np.minimum(best[ends], distances)

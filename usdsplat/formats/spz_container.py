@@ -111,8 +111,11 @@ def open_container(source: str, file: BinaryIO, file_bytes: int) -> SpzContainer
     """
     magic = file.read(len(MAGIC))
     file.seek(0)
-    kind = _Frames if magic == MAGIC else _GzipStream
-    return kind(source, file, file_bytes)
+    if magic == MAGIC:
+        return _Frames(source, file, file_bytes)
+    if magic.startswith(GZIP_MAGIC):
+        return _GzipStream(source, file, file_bytes)
+    raise FormatError(source, f"{magic!r} at the start", f"{MAGIC!r} or gzip")
 
 
 class _GzipStream(SpzContainer):

@@ -43,6 +43,14 @@ def default_color_mode(path: Path | str) -> ColorMode:
     return COLOR_MODES[_suffix(path)]
 
 
+def limit_threads(count: int) -> None:
+    """Let all writers of this process together use `count` threads, where they take all else."""
+    import OpenImageIO
+
+    OpenImageIO.attribute("threads", count)
+    OpenImageIO.attribute("exr_threads", count)
+
+
 def _suffix(path: Path | str) -> str:
     """The suffix in lower case, if it is one we write."""
     suffix = Path(path).suffix.lower()

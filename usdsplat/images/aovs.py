@@ -50,7 +50,8 @@ _ALL = (
         hydra="primId",
         channels=("id",),
         kind="id",
-        meaning="number of the prim that holds Z, in order of path; 4294967295 where nothing is",
+        meaning="number of the prim that holds Z, its place in usdsplat:ids; 4294967295 where "
+        "nothing is",
     ),
     Aov(
         name="instanceId",

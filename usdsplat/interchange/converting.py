@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from usdsplat import formats
-from usdsplat.core import axes
+from usdsplat.core import axes, edit
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
-from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.exporting import FRAME, export_capture
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport
@@ -36,8 +38,8 @@ def convert(
         source: A capture or a USD file.
         target: A capture or a USD file, replaced when the new one is complete.
         form: Of fields in a USD target.
-        frame: Where x, y and z of the capture file point: of the source if it is one, else of the
-            target. None believes the source; a capture from a stage becomes "rdf".
+        frame: Where x, y and z of the capture file point: of the target if that is one, "rdf" if
+            None; else of the source, which is believed if None.
         up_axis: See `import_capture`.
         meters_per_unit: See `import_capture`.
         prim_path: Of the field that is written to, or read from, a stage.
@@ -65,26 +67,26 @@ def convert(
         return repack(source, target, form=form, progress=progress)
     if files.is_usd(source):
         return export_capture(
-            source, target, prim_path=prim_path, time=time, frame=frame or "rdf", progress=progress
+            source, target, prim_path=prim_path, time=time, frame=frame or FRAME, progress=progress
         )
-    return _between_captures(source, target, frame, progress)
+    return _between_captures(source, target, frame or FRAME, progress)
 
 
-def _between_captures(
-    source: Path, target: Path, frame: str | None, progress: Progress
-) -> ExportReport:
-    """One capture file as another; axes stay, since both kinds leave them unsaid."""
+def _between_captures(source: Path, target: Path, frame: str, progress: Progress) -> ExportReport:
+    """One capture file as another."""
     files.check_not_input(target, [source])
     capture = formats.read(source, progress=progress)
-    if frame is not None:
-        axes.frame_matrix(frame)
-    formats.write(capture.cloud, target, antialiased=capture.antialiased, progress=progress)
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes.change(capture.frame, frame)
+    turned = not np.array_equal(matrix, np.eye(4))
+    cloud = edit.transform(capture.cloud, matrix) if turned else capture.cloud
+    formats.write(cloud, target, antialiased=capture.antialiased, progress=progress)
     return ExportReport(
         source=str(source),
         target=str(target),
         prim_paths=(),
-        splats=len(capture.cloud),
-        degree=capture.cloud.sh_degree,
-        frame=frame or capture.frame,
+        splats=len(cloud),
+        degree=cloud.sh_degree,
+        frame=frame,
         notes=capture.notes,
     )

@@ -13,8 +13,11 @@ from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
-from usdsplat.interchange.placement import stage_frame
+from usdsplat.interchange.placement import checked_path, stage_frame
 from usdsplat.interchange.reports import ExportReport
+
+FRAME = "rdf"
+"""Where x, y and z of capture files point unless they say so: COLMAP's axes."""
 
 _PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
@@ -25,7 +28,7 @@ def export_capture(
     *,
     prim_path: str | None = None,
     time: float | None = None,
-    frame: str = "rdf",
+    frame: str = FRAME,
     progress: Progress = silent,
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, turned to the capture's axes.
@@ -75,7 +78,9 @@ def _appearances(
     stage: Usd.Stage, prim_path: str | None, time: float | None
 ) -> tuple[list[Usd.Prim], list[str]]:
     """Fields that can be seen, instances each for themselves, and notes on what is left out."""
-    root = stage.GetPrimAtPath(prim_path) if prim_path else stage.GetPseudoRoot()
+    root = (
+        stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
+    )
     if not root:
         raise StageError(str(prim_path), "no such prim", "a splat field of the stage")
     if schema.is_splat_field(root):

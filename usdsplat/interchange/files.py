@@ -1,4 +1,4 @@
-"""USD files as whole things: opened with one sentence when that fails, written completely or not."""
+"""USD files as whole things: opened, or one sentence why not; written completely, or not at all."""
 
 from __future__ import annotations
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import __version__, formats, schema
 from usdsplat.core import axes, edit
@@ -14,7 +15,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture
 from usdsplat.interchange import files
 from usdsplat.interchange.placement import (
-    OP_SUFFIX,
+    OP,
     Placement,
     checked_unit,
     define_ancestors,
@@ -23,7 +24,7 @@ from usdsplat.interchange.placement import (
     set_default_prim,
     set_op,
 )
-from usdsplat.interchange.provenance import Provenance, provenance, record
+from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
 from usdsplat.schema import Form
 
@@ -69,20 +70,13 @@ def import_capture(
     capture = formats.read(source, progress=progress)
     capture = replace(capture, frame=frame or capture.frame)
     placed = placement(stage, capture.frame, meters_per_unit)
-    memory = provenance(
-        source,
-        capture,
-        form=form,
-        axes=_axes_text(placed, bake_axes),
-        notes=capture.notes + ((_UNKNOWN_SIZE,) if meters_per_unit is None else ()),
-    )
+    text = _axes_text(placed, bake_axes)
+    notes = (*capture.notes, *_assumptions(frame, meters_per_unit))
     progress.step("authoring", 0, 1)
-    if bake_axes and not placed.is_identity:
-        capture = replace(capture, cloud=edit.transform(capture.cloud, placed.matrix))
-    define_ancestors(stage, where)
-    prim = _author(stage, str(where), capture, form)
-    set_op(prim, None if bake_axes else placed.matrix)
-    set_default_prim(stage, where)
+    with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
+        sha256 = beside.submit(fingerprint, source)
+        prim = _author(stage, where, capture, placed, form=form, bake_axes=bake_axes)
+    memory = provenance(source, sha256.result(), capture, form=form, axes=text, notes=notes)
     record(prim, memory)
     progress.step("authoring", 1, 1)
     if path:
@@ -107,16 +101,29 @@ def _open_target(
     return _new_stage(up_axis or "Y", 1.0 if unit is None else unit), path
 
 
-def _author(stage: Usd.Stage, path: str, capture: Capture, form: Form) -> Usd.Prim:
-    """The field with what the capture says about itself."""
-    return schema.author(
+def _author(
+    stage: Usd.Stage,
+    where: Sdf.Path,
+    capture: Capture,
+    placed: Placement,
+    *,
+    form: Form,
+    bake_axes: bool,
+) -> Usd.Prim:
+    """The field, and the groups above it."""
+    define_ancestors(stage, where)
+    bake = bake_axes and not placed.is_identity
+    prim = schema.author(
         stage,
-        path,
-        capture.cloud,
+        where,
+        edit.transform(capture.cloud, placed.matrix) if bake else capture.cloud,
         form=form,
         color_space=capture.color_space,
         rasterize_mode="antialiased" if capture.antialiased else "classic",
     )
+    set_op(prim, None if bake_axes else placed.matrix)
+    set_default_prim(stage, where)
+    return prim
 
 
 def _new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
@@ -130,11 +137,17 @@ def _new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
     return stage
 
 
+def _assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
+    """What was taken for true without the file saying so."""
+    given = [] if frame is None else [f"the axes are {frame!r} because the import was told so"]
+    return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
+
+
 def _axes_text(placed: Placement, baked: bool) -> str:
     """One sentence on what happens to the axes."""
     if placed.is_identity:
         return placed.text
-    return placed.text + (" in the arrays" if baked else f" by xformOp:transform:{OP_SUFFIX}")
+    return placed.text + (" in the arrays" if baked else f" by {OP}")
 
 
 def _report(

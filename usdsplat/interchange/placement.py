@@ -16,8 +16,9 @@ from usdsplat.core.errors import StageError, UsageError
 
 ROOT = "World"
 """Default prim where a stage has none."""
-OP_SUFFIX = "axes"
-"""The op `xformOp:transform:axes` turns a capture's axes and unit into the stage's."""
+_SUFFIX = "axes"
+OP = f"xformOp:transform:{_SUFFIX}"
+"""The op that turns a capture's axes and unit into the stage's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -80,14 +81,13 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
     Other ops stay; None, or the identity, takes the op away.
     """
     xformable = UsdGeom.Xformable(prim)
-    name = UsdGeom.XformOp.GetOpName(UsdGeom.XformOp.TypeTransform, OP_SUFFIX)
-    others = [op for op in xformable.GetOrderedXformOps() if op.GetOpName() != name]
+    others = [op for op in xformable.GetOrderedXformOps() if op.GetOpName() != OP]
     if len(others) < len(xformable.GetOrderedXformOps()):
         xformable.SetXformOpOrder(others, xformable.GetResetXformStack())
-        prim.RemoveProperty(name)
+        prim.RemoveProperty(OP)
     if matrix is None or np.array_equal(matrix, np.eye(4)):
         return
-    op = xformable.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, OP_SUFFIX)
+    op = xformable.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, _SUFFIX)
     op.Set(Gf.Matrix4d(matrix.T.tolist()))  # Gf's vectors are rows
 
 
@@ -102,14 +102,22 @@ def field_path(stage: Usd.Stage, source: Path, asked: str | None) -> Sdf.Path:
         root = stage.GetDefaultPrim()
         parent = root.GetPath() if root else Sdf.Path(f"/{ROOT}")
         return _free(stage, parent.AppendChild(prim_name(source)))
-    if not Sdf.Path.IsValidPathString(asked) or not Sdf.Path(asked).IsAbsoluteRootOrPrimPath():
-        raise UsageError("prim_path", repr(asked), "the path of a prim, such as /World/Tree")
-    path = Sdf.Path(asked)
-    if path.IsAbsoluteRootPath():
-        raise UsageError("prim_path", "the root of the stage", "the path of a prim below it")
+    path = checked_path(asked)
     prim = stage.GetPrimAtPath(path)
     if prim and prim.GetTypeName() and not schema.is_splat_field(prim):
         raise StageError(asked, f"a {prim.GetTypeName()}", "no prim or a splat field")
+    return path
+
+
+def checked_path(text: str) -> Sdf.Path:
+    """The same as a path.
+
+    Raises:
+        UsageError: If it is not the absolute path of a prim.
+    """
+    path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
+    if not path.IsAbsolutePath() or not path.IsPrimPath():
+        raise UsageError("prim_path", repr(text), "the path of a prim, such as /World/Tree")
     return path
 
 
@@ -131,7 +139,7 @@ def define_ancestors(stage: Usd.Stage, path: Sdf.Path) -> None:
 
 
 def set_default_prim(stage: Usd.Stage, path: Sdf.Path) -> None:
-    """Make the root above `path` the default prim, if there is none and the root layer is edited."""
+    """Make the root above `path` the default prim, if there is none and the root layer is open."""
     if not stage.HasDefaultPrim() and stage.GetEditTarget().GetLayer() == stage.GetRootLayer():
         stage.SetDefaultPrim(stage.GetPrimAtPath(path.GetPrefixes()[0]))
 

@@ -33,13 +33,12 @@ class Provenance:
 
 
 def provenance(
-    source: Path, capture: Capture, *, form: Form, axes: str, notes: tuple[str, ...]
+    source: Path, sha256: str, capture: Capture, *, form: Form, axes: str, notes: tuple[str, ...]
 ) -> Provenance:
-    """Gather what is to be remembered; reads the source once more for its fingerprint."""
-    folder = source.parent if source.name == "meta.json" else source
+    """Gather what is to be remembered of a capture that was read from `source`."""
     return Provenance(
-        source=folder.name,
-        sha256=fingerprint(folder),
+        source=_whole(source).name,
+        sha256=sha256,
         format=capture.format,
         reader=f"usdsplat {__version__}",
         frame=capture.frame,
@@ -57,8 +56,17 @@ def record(prim: Usd.Prim, memory: Provenance) -> None:
     prim.SetCustomDataByKey(KEY, entry)
 
 
+def add_form(prim: Usd.Prim, form: Form) -> None:
+    """Add what another form costs to the bounds that a prim remembers, if it remembers any."""
+    entry = prim.GetCustomDataByKey(KEY)
+    if isinstance(entry, dict):
+        bounds = _joined(entry.get("error_bounds", {}), schema.error_bounds(form))
+        prim.SetCustomDataByKey(f"{KEY}:error_bounds", bounds)
+
+
 def fingerprint(path: Path) -> str:
-    """SHA-256 of a file; of a folder, over the names and fingerprints of its files, sorted."""
+    """SHA-256 of a capture; of a folder, over the names and fingerprints of its files, sorted."""
+    path = _whole(path)
     if path.is_file():
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -67,6 +75,11 @@ def fingerprint(path: Path) -> str:
         if item.is_file():
             total.update(f"{item.name}\0{fingerprint(item)}\n".encode())
     return total.hexdigest()
+
+
+def _whole(source: Path) -> Path:
+    """The folder of an unpacked SOG, which may be named by its meta.json; else the file."""
+    return source.parent if source.name == "meta.json" else source
 
 
 def _joined(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:

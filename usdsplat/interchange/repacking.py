@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,7 @@ from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
+from usdsplat.interchange.provenance import add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
 
@@ -48,24 +50,42 @@ def repack(
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(before)
     old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)
-    fields = [prim for prim in old.TraverseAll() if schema.is_splat_field(prim)]
+    fields = _fields(old)
     if not fields:
-        raise StageError(str(source), "no splat field", "at least one")
+        raise StageError(_name(source), "no splat field", "at least one")
     changed = [prim for prim in fields if schema.form_of(prim) != form]
-    work = [(prim, code) for prim in changed for code in schema.sample_times(prim)]
+    work = [(prim, time) for prim in changed for time in _times(prim)]
     splats = 0
     for done, (prim, time) in enumerate(work):
         progress.step("repacking", done, len(work))
         cloud = schema.fetch(prim, time)
         schema.author(new, prim.GetPath(), cloud, form=form, time=time)
         splats += len(cloud)
+    for prim in changed:
+        add_form(new.GetPrimAtPath(prim.GetPath()), form)
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
     return RepackReport(
-        source=stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source),
+        source=_name(source),
         target=str(path),
         prim_paths=tuple(str(prim.GetPath()) for prim in changed),
         samples=len(work),
         splats=splats,
         form=form,
     )
+
+
+def _fields(flat: Usd.Stage) -> list[Usd.Prim]:
+    """Splat fields of a flattened stage: each prototype once, none of its instances."""
+    prims = (prim for prim in flat.TraverseAll() if not prim.IsInstance())
+    return [prim for prim in prims if schema.is_splat_field(prim)]
+
+
+def _times(prim: Usd.Prim) -> Sequence[float | None]:
+    """Samples of a field, or None alone for its default value."""
+    return schema.sample_times(prim) or [None]
+
+
+def _name(source: Path | str | Usd.Stage) -> str:
+    """What to call a source."""
+    return str(source.GetRootLayer().identifier if isinstance(source, Usd.Stage) else source)

@@ -5,5 +5,6 @@ whichever target calls it), then the loops that walk arrays. `device` is the onl
 
     project -> radiance -> sort -> bins -> blend -> median -> recolor
 
-`reference` is the same picture in plain float64 NumPy, slow and readable, for tests to compare with.
+`reference` is the same picture in plain float64 NumPy, slow and readable, for tests to compare
+with.
 """

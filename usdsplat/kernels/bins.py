@@ -1,8 +1,8 @@
 """Which splats touch which tile: exact spans of an ellipse over rows of tiles.
 
-For each row of tiles a splat crosses, the stretch of columns it touches there follows in closed form
-from the ellipse at which a contribution falls under 1/255; no tile is tested one by one. Lists are
-filled by a stable counting scatter over the depth order, so every tile's list is in that order.
+For each row of tiles a splat crosses, the stretch of columns it touches there follows in closed
+form from the ellipse at which a contribution falls under 1/255; no tile is tested one by one. Lists
+are filled by a stable counting scatter over the depth order, so every tile's list is in that order.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def span(a, b, c, reach, half, low, high):
 def tiles_between(lowest, highest, origin, first, end):
     """First and one past the last tile with a pixel in [lowest, highest]; all in pixels.
 
-    `origin` is the edge of tile 0, and pixels first..end-1 exist. int() cuts towards zero: of x >= 0
-    it is the floor, and of x + 1 − slack the ceiling of x − slack.
+    `origin` is the edge of tile 0, and pixels first..end-1 exist. int() cuts towards zero: of
+    x >= 0 it is the floor, and of x + 1 − slack the ceiling of x − slack.
     """
     one = np.float32(1)
     low = max(lowest, np.float32(first)) - np.float32(origin) + (one - SLACK)
@@ -112,7 +112,8 @@ def grid_of(x0: int, y0: int, x1: int, y1: int) -> npt.NDArray[Any]:
 def count_tiles(records, grid, chunks, counts):
     """counts[t, tile] = splats of chunk t that touch the tile.
 
-    Only the ends of each span are marked, +1 and -1; a running sum along the row makes counts of them.
+    Only the ends of each span are marked, +1 and -1; a running sum along the row makes counts of
+    them.
 
     Args:
         records: Depth-ordered splats, shape (n, RECORD).
@@ -133,7 +134,8 @@ def count_tiles(records, grid, chunks, counts):
                 if left < right:
                     row[y * g.columns + left] += 1
                     row[y * g.columns + right] -= 1
-        # a span that ends at the last column marks the next row's first, where the sum is still right
+        # a span that ends at the last column marks the next row's first, where the sum is still
+        # right
         total = 0
         for tile in range(g.columns * g.rows):
             total += row[tile]

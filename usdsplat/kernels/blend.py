@@ -1,9 +1,10 @@
 """Blend each tile's list front to back: colour and coverage.
 
-A tile's state is one array of 16 rows of 64 floats: transmittance, red, green and blue, 16 pixels each.
-Side by side in one array the four provably do not alias, and the loop over 16 pixels becomes a few
-vector instructions. A pixel that has ended keeps its transmittance with the sign turned: it neither
-changes again nor decays into denormals. (Half rows were tried: 14 % fewer pixels, twice the overhead.)
+A tile's state is one array of 16 rows of 64 floats: transmittance, red, green and blue, 16 pixels
+each. Side by side in one array the four provably do not alias, and the loop over 16 pixels becomes
+a few vector instructions. A pixel that has ended keeps its transmittance with the sign turned: it
+neither changes again nor decays into denormals. (Half rows were tried: 14 % fewer pixels, twice the
+overhead.)
 
 Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
 """
@@ -43,8 +44,9 @@ MOST = np.float32(math.log(0.999)) * SHRINK
 def exponential(z):
     """e**(8 z) for z in [LEAST, 0], 2e-6 relative.
 
-    Unlike math.exp it is vectorised without a vector mathematics library. Below that range it is wrong
-    but never NaN. Coefficients: least relative maximum of a polynomial of degree 5 that is 1 at 0.
+    Unlike math.exp it is vectorised without a vector mathematics library. Below that range it is
+    wrong but never NaN. Coefficients: least relative maximum of a polynomial of degree 5 that is 1
+    at 0.
     """
     w = np.float32(0.0398810700) + z * np.float32(0.00590597)
     w = np.float32(0.4999036) + z * (np.float32(0.1660462) + z * w)
@@ -86,11 +88,13 @@ def blend_row(state, row, u, a, slope, rest, r, g, b):
 
 @scalar
 def rows_touched(a, b, c, log_opacity, half_height, u, v):
-    """First and one past the last row of a tile that a splat touches; (u, v) relative to the tile."""
+    """First and one past the last row of a tile that a splat touches; (u, v) relative to the
+    tile."""
     one, most = np.float32(1), np.float32(TILE - 1)
     reach = np.float32(2) * (log_opacity - LEAST)
     lowest, highest = span(c, b, a, reach, half_height, -u - SLACK, most - u + SLACK)
-    # int() cuts towards zero: of x >= 0 it is the floor, and of x + 1 − slack the ceiling of x − slack
+    # int() cuts towards zero: of x >= 0 it is the floor, and of x + 1 − slack the ceiling of x −
+    # slack
     first = np.int32(max(v + lowest, np.float32(0)) + (one - SLACK))
     end = np.int32(max(min(v + highest + SLACK, most), -one) + one)
     return first, end
@@ -99,8 +103,8 @@ def rows_touched(a, b, c, log_opacity, half_height, u, v):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 FIELDS = 10
-"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height r g b, exponents
-shrunk."""
+"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height r g b,
+exponents shrunk."""
 
 
 @scalar

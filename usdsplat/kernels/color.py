@@ -1,9 +1,10 @@
 """Colour spaces in numbers: decode a transfer function, apply a matrix, encode another one.
 
-A conversion is 13 float32 numbers: source gamma, source linear bias, the 3x3 matrix from source-linear
-to target-linear in row order, target gamma, target linear bias. The curve of gamma g and bias b is
-`((1 + b) x^(1/g) − b)`, with the straight line through zero that meets it smoothly; b = 0.055, g = 2.4
-is sRGB's, and g = 1 is none at all. A power without a bias leaves negative values as they are.
+A conversion is 13 float32 numbers: source gamma, source linear bias, the 3x3 matrix from
+source-linear to target-linear in row order, target gamma, target linear bias. The curve of gamma g
+and bias b is `((1 + b) x^(1/g) − b)`, with the straight line through zero that meets it smoothly; b
+= 0.055, g = 2.4 is sRGB's, and g = 1 is none at all. A power without a bias leaves negative values
+as they are.
 
 Source: OpenUSD's `Gf.ColorSpace`, whose parameters these are; IEC 61966-2-1 for sRGB.
 """

@@ -5,6 +5,7 @@ Callers write `device.run(kernel, ...)` and never say how many threads there are
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -22,7 +23,25 @@ _WORKQUEUE_LOCK = threading.Lock()
 which Numba prefers where they exist, do not. A property of the process, hence a module's lock."""
 
 CHUNK = 4
-"""Loop items handed to a thread at a time: small, so that a thread that lags is helped by the rest."""
+"""Loop items handed to a thread at a time: small, so that a thread that lags is helped by the
+rest."""
+
+
+def _launch_threads() -> None:
+    """Start Numba's threads, once per process, so that idle ones sleep.
+
+    OpenMP's idle threads spin by default: on a busy machine each region then waits for a thread
+    that does not run (sorting 68k keys took 64 ms instead of 2), and spinning is billed as CPU
+    time. The setting is read when the library is loaded and belongs to the user, so it is put back.
+    """
+    name = "OMP_WAIT_POLICY"
+    before = os.environ.get(name)
+    os.environ.setdefault(name, "PASSIVE")
+    try:
+        launcher._launch_threads()
+    finally:
+        if before is None:
+            del os.environ[name]
 
 
 class CpuDevice:
@@ -38,16 +57,17 @@ class CpuDevice:
     name = "cpu"
 
     def __init__(self, *, threads: int | None = None) -> None:
-        most = numba.config.NUMBA_NUM_THREADS
+        most: int = numba.config.NUMBA_NUM_THREADS
         if threads is not None and not 1 <= threads <= most:
             raise UsageError("threads", str(threads), f"1 to {most}")
         self.threads = threads or most
-        launcher._launch_threads()
+        _launch_threads()
         shared = numba.threading_layer() == "workqueue"
         self._launch: AbstractContextManager[Any] = _WORKQUEUE_LOCK if shared else nullcontext()
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` as kernels want it: contiguous, aligned and read-only, copied only if it is not."""
+        """`array` as kernels want it: contiguous, aligned and read-only, copied only if it is
+        not."""
         view = np.require(array, requirements=["C", "A"]).view()
         view.flags.writeable = False
         return view

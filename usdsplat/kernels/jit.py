@@ -1,8 +1,9 @@
 """How kernels are compiled: flags, and a cache that notices when any kernel changes.
 
-Numba's own cache looks at the file of the function it caches, not at the functions that one calls. So
-the cache folder is keyed by a hash of every kernel source: edit one formula, and all that might use
-it is compiled again. Where no folder can be written, kernels are compiled afresh in each process.
+Numba's own cache looks at the file of the function it caches, not at the functions that one calls.
+So the cache folder is keyed by a hash of every kernel source: edit one formula, and all that might
+use it is compiled again. Where no folder can be written, kernels are compiled afresh in each
+process.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+
+config: Any = numba.core.config
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 """No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,

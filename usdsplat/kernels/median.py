@@ -1,7 +1,7 @@
 """The splat in which half of a pixel's own coverage is passed: what depth and ids are read from.
 
-How much a pixel covers is known only when it is finished, so the lists are walked a second time, with
-the same arithmetic and without colour; each pixel ends at the splat that passes its half.
+How much a pixel covers is known only when it is finished, so the lists are walked a second time,
+with the same arithmetic and without colour; each pixel ends at the splat that passes its half.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from .jit import parallel, scalar
 from .project import DEPTH
 
 ROW = 3 * TILE
-"""Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list of
-the splat that passed it, counted from 1 (exact in float32: no list holds 2**24 splats)."""
+"""Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list
+of the splat that passed it, counted from 1 (exact in float32: no list holds 2**24 splats)."""
 NONE = np.int32(-1)
 
 

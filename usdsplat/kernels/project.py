@@ -1,8 +1,9 @@
 """Project splats: a Gaussian in its prim's space becomes an ellipse on the screen.
 
-Camera space here is x right, y down, z forward; pixel (0, 0) is centred on (0, 0), so a pixel's index
-is its coordinate. The loop runs over blocks of a fixed number of splats of one field, whatever the
-thread count, and each block packs its visible splats to the front of its own slots of the output.
+Camera space here is x right, y down, z forward; pixel (0, 0) is centred on (0, 0), so a pixel's
+index is its coordinate. The loop runs over blocks of a fixed number of splats of one field,
+whatever the thread count, and each block packs its visible splats to the front of its own slots of
+the output.
 
 Source: Zwicker et al. 2002, "EWA Splatting", local affine approximation; Kerbl et al. 2023 for the
 low-pass and the cutoffs; Yu et al. 2024, "Mip-Splatting", for the antialiased opacity.
@@ -45,8 +46,8 @@ CAMERA = np.dtype(
     ]
 )  # fmt: skip
 """A view as the kernel reads it: focal lengths and principal point [pixel], clipping depths, the
-bounds on x/z and y/z at which the affine map is taken, the data window in pixel indices (inclusive),
-the low-pass [pixel²], and the modes."""
+bounds on x/z and y/z at which the affine map is taken, the data window in pixel indices
+(inclusive), the low-pass [pixel²], and the modes."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -56,8 +57,8 @@ the low-pass [pixel²], and the modes."""
 def screen_rows(cam, x, y, z, m, q, s):
     """Rows of J·M·R·S: the screen covariance is their products, before the low-pass.
 
-    (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s the
-    standard deviations. Returns p0 p1 p2 g0 g1 g2 [pixel].
+    (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s
+    the standard deviations. Returns p0 p1 p2 g0 g1 g2 [pixel].
     """
     one = np.float32(1)
     two = np.float32(2)
@@ -104,7 +105,8 @@ def screen_rows(cam, x, y, z, m, q, s):
 
 @scalar
 def project_one(cam, m, position, q, s, opacity, record):
-    """Fill columns U..HALF_HEIGHT and DEPTH of `record`; True if the splat may touch the data window.
+    """Fill columns U..HALF_HEIGHT and DEPTH of `record`; True if the splat may touch the data
+    window.
 
     The centre is transformed in float64: a capture far from the origin, seen by a camera near it,
     loses nothing. Everything after is relative to the camera and float32.
@@ -157,7 +159,8 @@ def project_one(cam, m, position, q, s, opacity, record):
 
 @scalar
 def sort_key(cam, m, position):
-    """Squared distance from the eye, in float64 until the end; a positive float sorts as its bits."""
+    """Squared distance from the eye, in float64 until the end; a positive float sorts as its
+    bits."""
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
     y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
@@ -181,7 +184,8 @@ def project(camera, matrices, positions, rotations, scales, opacities, block, ba
             base + (i * blocks + b) * block.
         out: (records (slots, RECORD) f32, keys (slots,) f32, sources (slots,) i32). A source is the
             row of the splat in its field.
-        found: Visible splats of each block, from this field's first block on, shape (m * blocks,) i32.
+        found: Visible splats of each block, from this field's first block on, shape (m * blocks,)
+            i32.
     """
     records, keys, sources = out
     n = positions.shape[0]

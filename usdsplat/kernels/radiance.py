@@ -1,9 +1,11 @@
-"""Radiance of the visible splats: harmonics in the direction of sight, converted to the blend space.
+"""Radiance of the visible splats: harmonics in the direction of sight, converted to the blend
+space.
 
 A stage of its own, after projection has said what is visible and before any pixel is touched; light
 cached per splat would enter here.
 
-Source: Sloan 2008, "Stupid Spherical Harmonics Tricks", app. A2; signs and the 0.5 offset are 3DGS's.
+Source: Sloan 2008, "Stupid Spherical Harmonics Tricks", app. A2; signs and the 0.5 offset are
+    3DGS's.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ C4A, C4B, C4C, C4D, C4E, C4F, C4G = (
 
 @scalar
 def harmonics(sh, c, degree, x, y, z):
-    """0.5 + the sum over bands up to `degree` of channel `c` in unit direction (x, y, z), clamped at 0."""
+    """0.5 + the sum over bands up to `degree` of channel `c` in unit direction (x, y, z), clamped
+    at 0."""
     value = np.float32(0.5) + C0 * sh[0, c]
     if degree >= 1:
         value += C1 * (z * sh[2, c] - y * sh[1, c] - x * sh[3, c])
@@ -91,9 +94,9 @@ def radiance(sights, positions, sh, degree, conversion, converts, block, base, o
     """Colour the visible splats of all instances of one field.
 
     Args:
-        sights: Affine map from a splat's position to its direction of sight in the field's space, of
-            any length, shape (m, 3, 4) f64, one per instance. It carries the inverse of the orthogonal
-            factor of the field's transform, reflection included.
+        sights: Affine map from a splat's position to its direction of sight in the field's space,
+            of any length, shape (m, 3, 4) f64, one per instance. It carries the inverse of the
+            orthogonal factor of the field's transform, reflection included.
         positions, sh: The field's arrays.
         degree: Highest degree evaluated; at most what `sh` holds.
         conversion: 13 numbers, see `color`; read only if `converts`.

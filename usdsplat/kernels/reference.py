@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,8 @@ class Picture:
 
 
 def _matrices(q: F64) -> F64:
-    """Rotation matrices of unit quaternions (w, x, y, z), by the sandwich product with unit vectors."""
+    """Rotation matrices of unit quaternions (w, x, y, z), by the sandwich product with unit
+    vectors."""
     w, v = q[:, :1], q[:, 1:]
     columns = []
     for axis in np.eye(3):
@@ -124,7 +126,9 @@ def render(
             cloud.sh[:, :k].astype(np.float64), _directions(lens, centers, linear)
         )
         parts.append((centers, axes @ axes.transpose(0, 2, 1), cloud.opacities, color))
-    centers, covariances, opacities, colors = (np.concatenate(column) for column in zip(*parts))
+    centers, covariances, opacities, colors = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
     view = lens.world_to_camera
     p = centers @ view[:3, :3].T + view[:3, 3]
     keep = np.flatnonzero((p[:, 2] >= lens.near) & (p[:, 2] <= lens.far))
@@ -149,7 +153,7 @@ def render(
 
 
 def _blend(
-    lens: Lens, pixel: F64, screen: F64, opacity: F64, color: F64 | F32, depth: F64, row: F64
+    lens: Lens, pixel: F64, screen: F64, opacity: F64, color: F64 | F32, depth: F64, row: Any
 ) -> Picture:
     """Blend sorted splats front to back, then again to find where half the coverage is passed."""
     width, height = lens.size

@@ -1,7 +1,7 @@
 """One global depth order: pack what is visible, sort it by key, lay its records out in that order.
 
-A stable radix sort of positive float32 keys by their bits, 11 at a time. Splats enter in the order of
-prim path and row, and stability keeps that order among equal keys: a picture is reproducible.
+A stable radix sort of positive float32 keys by their bits, 11 at a time. Splats enter in the order
+of prim path and row, and stability keeps that order among equal keys: a picture is reproducible.
 
 Source: Knuth, TAOCP vol. 3, 5.2.5; Satish et al. 2009 for the chunked histograms.
 """

@@ -19,6 +19,7 @@ from usdsplat.schema.field import (  # noqa: E402
     is_packed,
     is_splat_field,
     is_time_varying,
+    sample_times,
 )
 from usdsplat.schema.hints import (  # noqa: E402
     color_space,
@@ -44,6 +45,7 @@ __all__ = [
     "is_time_varying",
     "projection_mode",
     "rasterize_mode",
+    "sample_times",
     "sorting_mode",
     "tokens",
     "validate",

@@ -60,6 +60,12 @@ def bracket(attribute: Usd.Attribute, code: Usd.TimeCode) -> Bracket:
     return Bracket(Usd.TimeCode(lower), Usd.TimeCode(upper), fraction)
 
 
+def sample_times(prim: Usd.Prim, names: Iterable[str]) -> list[float]:
+    """Time codes at which any of these attributes has a sample, ascending."""
+    found = [prim.GetAttribute(name) for name in names]
+    return sorted({time for item in found if item for time in item.GetTimeSamples()})
+
+
 def array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> Array | None:
     """The value of an array attribute, in place where possible; None when there is none."""
     attribute = prim.GetAttribute(name)

@@ -137,6 +137,11 @@ def is_time_varying(prim: Usd.Prim) -> bool:
     return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
 
 
+def sample_times(prim: Usd.Prim) -> list[float]:
+    """Time codes at which the field has samples, ascending; empty when it does not change."""
+    return attributes.sample_times(prim, tokens.DATA_ATTRIBUTES)
+
+
 def error_bounds(form: Form) -> Mapping[str, str]:
     """Field of the cloud -> what storing it in that form adds to its error; others are exact."""
     return {"float": {}, "half": stock.HALF_BOUNDS, "packed": packing.BOUNDS}[form]

@@ -20,7 +20,8 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
     """Write at most MAX_POINTS of the splats as a UsdGeomPoints child of purpose "proxy".
 
     The field itself gets purpose "render", unless it has another, and names the child as its
-    `proxyPrim`, so that a viewer shows one of the two. Points grow by as much as there are fewer of them.
+    `proxyPrim`, so that a viewer shows one of the two. The fewer points there are, the larger they
+    are.
 
     Args:
         prim: The packed prim.

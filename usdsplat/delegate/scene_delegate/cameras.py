@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
-from usdsplat.delegate.specs import CameraSpec
+from usdsplat.delegate.specs import CameraSpec, Matrix
 
 UNIT = 0.1
 """Apertures, their offsets and focal lengths are authored in tenths of a scene unit."""
@@ -23,42 +23,36 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
             transform without an inverse.
     """
     where = str(prim.GetPath())
-    camera = UsdGeom.Camera(prim)
-    orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
-    width, height, x, y, focal = (
-        float(attribute.Get(time))
-        for attribute in (
-            camera.GetHorizontalApertureAttr(),
-            camera.GetVerticalApertureAttr(),
-            camera.GetHorizontalApertureOffsetAttr(),
-            camera.GetVerticalApertureOffsetAttr(),
-            camera.GetFocalLengthAttr(),
-        )
-    )
-    near, far = (float(depth) for depth in camera.GetClippingRangeAttr().Get(time))
-    scale = UNIT if orthographic else 1.0 / focal if focal > 0 else 0.0
-    left, right = scale * (x - width / 2), scale * (x + width / 2)
-    bottom, top = scale * (y - height / 2), scale * (y + height / 2)
-    if not (
-        width > 0
-        and height > 0
-        and scale > 0
-        and all(map(math.isfinite, (left, right, bottom, top)))
-    ):
-        found = f"aperture {width:g} x {height:g} and focal length {focal:g}"
-        raise StageError(where, found, "positive numbers")
+    lens = UsdGeom.Camera(prim).GetCamera(time)
+    near, far = lens.clippingRange.min, lens.clippingRange.max
     if not near < far:
         raise StageError(where, f"clippingRange ({near:g}, {far:g})", "near less than far")
     return CameraSpec(
         path=where,
-        world_to_camera=_inverse(where, column_matrix(cache.GetLocalToWorldTransform(prim))),
-        orthographic=orthographic,
-        window=(left, bottom, right, top),
+        world_to_camera=_inverse(where, cache.GetLocalToWorldTransform(prim)),
+        orthographic=lens.projection == Gf.Camera.Orthographic,
+        window=_window(where, lens),
         clipping_range=(near, far),
     )
 
 
-def _inverse(where: str, matrix: np.ndarray) -> tuple[float, ...]:
-    if not np.isfinite(matrix).all() or np.linalg.det(matrix) == 0:
+def _window(where: str, lens: Gf.Camera) -> tuple[float, float, float, float]:
+    """The aperture as `CameraSpec.window` has it."""
+    orthographic = lens.projection == Gf.Camera.Orthographic
+    scale = UNIT if orthographic else 1.0 / lens.focalLength if lens.focalLength > 0 else math.nan
+    width, height = scale * lens.horizontalAperture, scale * lens.verticalAperture
+    x, y = scale * lens.horizontalApertureOffset, scale * lens.verticalApertureOffset
+    if not (width > 0 and height > 0 and all(map(math.isfinite, (width, height, x, y)))):
+        size = f"{lens.horizontalAperture:g} x {lens.verticalAperture:g}"
+        found = f"aperture {size} and focal length {lens.focalLength:g}"
+        raise StageError(where, found, "positive numbers")
+    return x - width / 2, y - height / 2, x + width / 2, y + height / 2
+
+
+def _inverse(where: str, local_to_world: Gf.Matrix4d) -> Matrix:
+    with np.errstate(all="ignore"):
+        matrix = column_matrix(local_to_world)
+        inverse = np.linalg.inv(matrix) if np.linalg.det(matrix) else np.full((4, 4), np.nan)
+    if not np.isfinite(inverse).all():
         raise StageError(where, "a transform without an inverse", "one that can be undone")
-    return tuple(np.linalg.inv(matrix).ravel().tolist())
+    return tuple(inverse.ravel().tolist())

@@ -68,7 +68,7 @@ class UsdSceneDelegate:
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim that cannot be used as it is, by path."""
         found = {(path, ""): why for path, why in self._population.problems.items()}
-        found |= self.problems
+        found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
         return tuple(str(found[key]) for key in sorted(found))
 
     def set_time(self, time: float | None) -> None:
@@ -107,8 +107,7 @@ class UsdSceneDelegate:
         self._population = found
         self._dependencies = Dependencies(found)
         self._varying.clear()
-        known = {*found.fields, *found.instancers, *found.cameras}
-        self.problems = {key: why for key, why in self.problems.items() if key[0] in known}
+        self.problems = {key: why for key, why in self.problems.items() if _is_in(found, *key)}
 
     def _mark(self, changes: Changes) -> None:
         if changes.everything:
@@ -182,6 +181,10 @@ class UsdSceneDelegate:
     def _code(self) -> Usd.TimeCode:
         return Usd.TimeCode.Default() if self.time is None else Usd.TimeCode(self.time)
 
+    def _is_of_interest(self, path: str, kind: str) -> bool:
+        """Arrays of what nobody sees may be broken: they are not read again until it shows."""
+        return kind != "field" or self._index.fields[path].is_seen
+
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
         return self._population.fields[path].appearances
 
@@ -194,3 +197,9 @@ class UsdSceneDelegate:
         except UsdSplatError as error:
             self.problems[path, kind] = error
             return unusable
+
+
+def _is_in(population: Population, path: str, kind: str) -> bool:
+    """Whether there is still a prim of the kind that a problem was found with."""
+    prims = {"instancer": population.instancers, "camera": population.cameras}
+    return path in prims.get(kind, population.fields)

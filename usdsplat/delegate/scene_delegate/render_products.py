@@ -90,23 +90,24 @@ class _Reader:
         overrides: Mapping[str, Any],
     ) -> ProductSpec:
         product = UsdRender.Product(self._product)
-        purposes = UsdRender.Settings(self._settings).GetIncludedPurposesAttr().Get()
         return ProductSpec(
             path=str(self._product.GetPath()),
             name=str(product.GetProductNameAttr().Get(self._time) or ""),
-            kind=str(product.GetProductTypeAttr().Get()),
+            kind=str(product.GetProductTypeAttr().Get() or UsdRender.Tokens.raster),
             camera=camera or self._camera(),
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
             aovs=self._aovs(),
-            purposes=tuple(map(str, purposes)),
+            purposes=tuple(map(str, self._value("includedPurposes"))),
         )
 
     def _value(self, name: str) -> Any:
         """An attribute of the product if it authors one, else of the settings."""
         own = self._product.GetAttribute(name)
         prim = self._product if own and own.HasAuthoredValue() else self._settings
-        return prim.GetAttribute(name).Get(self._time)
+        value = prim.GetAttribute(name).Get(self._time)
+        blocked = value is None
+        return prim.GetPrimDefinition().GetAttributeFallbackValue(name) if blocked else value
 
     def _camera(self) -> str:
         for prim in (self._product, self._settings):

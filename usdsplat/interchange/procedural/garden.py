@@ -26,35 +26,86 @@ LEAF = Finish(specular=(0.03, 0.035, 0.02), gloss=0.3, sharpness=5, translucency
 PETAL = Finish(gloss=0.15, sharpness=4, translucency=0.4, opacity=0.9)
 
 _LINES, _TOUCH = 24, 0.30  # lines of the rosette, all tangent to a circle of this radius [m]
-_PALETTE = np.array([
-    (0.80, 0.72, 0.56), (0.02, 0.16, 0.22), (0.85, 0.79, 0.66), (0.02, 0.07, 0.33), (0.70, 0.33, 0.05),
-    (0.84, 0.78, 0.66), (0.02, 0.25, 0.20), (0.46, 0.09, 0.05), (0.84, 0.78, 0.66), (0.03, 0.10, 0.30),
-    (0.60, 0.28, 0.05), (0.02, 0.16, 0.22),
-])  # fmt: skip
-_INLAY = np.roll(_PALETTE, 2, axis=0)
+_CREAM, _TEAL, _COBALT = (0.74, 0.67, 0.53), (0.01, 0.20, 0.21), (0.015, 0.05, 0.30)
+_SAFFRON, _CLAY, _NIGHT = (0.66, 0.32, 0.04), (0.42, 0.08, 0.045), (0.012, 0.025, 0.10)
+# By ring, that is by the number of joints beyond which a tile lies; 4 to 9 are seen.
+_BORDERS = np.array([_NIGHT] * 5 + [_TEAL, _CREAM, _CLAY, _CREAM, _NIGHT])
+_FIELDS = np.array([_SAFFRON] * 5 + [_SAFFRON, _COBALT, _CREAM, _TEAL, _CLAY])
+_HEARTS = np.array([_COBALT] * 5 + [_COBALT, _CREAM, _TEAL, _COBALT, _CREAM])
+_GILT_ROWS, _HEART_ROW = (4, 10, 11), 10  # rows of splats, counted from the joint
+_GILT = (0.50, 0.30, 0.06)
 _GROUT = (0.30, 0.26, 0.21)
 
 
-def tiles(spacing: float) -> Patch:
-    """Rings of rhombi between tangents of a circle, small splats along the joints."""
-    centre, size = _cells(spacing)
-    gap, nearest, ring = _rosette(centre)
-    along = math.pi * 2 * nearest / _LINES + math.pi / 2
-    tile = np.random.default_rng(31).random((4096, 4))[_tile_number(centre)]
-    colour = _PALETTE[ring % len(_PALETTE)] * (0.78 + 0.44 * tile[:, :1])
-    colour = np.where((gap > 0.0105)[:, None] & (tile[:, 1:2] < 2), _INLAY[ring % len(_INLAY)], colour)
-    colour = np.where((np.abs(gap - 0.0105) < 0.0011)[:, None], (0.55, 0.40, 0.12), colour)
-    p = np.stack([centre[:, 0], np.zeros(len(centre)), centre[:, 1]], axis=1)
-    colour = colour * (1 + 0.10 * noise(p, scale=0.05, seed=32))[:, None]
-    is_joint = gap < 0.0016
+def tiles(spacing: float, seed: int) -> list[Patch]:
+    """Rings of rhombi between tangents of a circle: glazed tiles, each with an inlay."""
+    step = 0.6 * spacing
+    return [_glazed(_joint_rows(step), seed), _glazed(_tile_fields(step), seed)]
+
+
+def _joint_rows(step: float) -> tuple[F64, F64, F64]:
+    """Long splats in rows along every joint: places (n, 2), directions [rad], sigmas (n, 3).
+
+    A row ends where another joint is nearer, so rows meet in mitres as laid borders do.
+    """
+    half = math.sqrt(KERB**2 - _TOUCH**2)
+    x = np.arange(-half, half, 2.6 * step)
+    rows = np.array([-11, -10, -4, -3, -2, -1, 0, 1, 2, 3, 4, 10, 11])
+    angle = 2 * math.pi * np.arange(_LINES) / _LINES
+    line, row, at = (grid.ravel() for grid in np.meshgrid(angle, rows, x, indexing="ij"))
+    at = at + 1.3 * step * (row % 2)
+    outward = np.stack([np.cos(line), np.sin(line)], axis=1)
+    along = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
+    places = (_TOUCH + step * row)[:, None] * outward + at[:, None] * along
+    gap, _ = _rosette(places)
+    radius = np.hypot(*places.T)
+    near = (gap > step * np.abs(row) - 1e-9) & (radius < KERB) & (radius > INNER - 0.02)
+    sigmas = np.tile(step * np.array([1.35, 0.52, 0.1]), (near.sum(), 1))
+    return places[near], line[near] + math.pi / 2, sigmas
+
+
+def _tile_fields(step: float) -> tuple[F64, F64, F64]:
+    """Round splats on a lattice within the borders, as `_joint_rows`."""
+    size = 2.0 * step
+    u = np.arange(-KERB, KERB, size)
+    v = np.arange(-KERB, KERB, size * math.sqrt(0.75))
+    places = np.stack(np.meshgrid(u, v), axis=-1)
+    places[1::2, :, 0] += size / 2
+    places = places.reshape(-1, 2)
+    gap, _ = _rosette(places)
+    radius = np.hypot(*places.T)
+    row = gap / step
+    in_field = ((row > 4.6) & (row < 9.4)) | (row > 11.6)
+    inside = in_field & (radius < KERB) & (radius > INNER - 0.02)
+    places = places[inside]
+    return (
+        places,
+        np.zeros(len(places)),
+        np.tile(size * np.array([0.62, 0.62, 0.05]), (len(places), 1)),
+    )
+
+
+def _glazed(found: tuple[F64, F64, F64], seed: int) -> Patch:
+    """Glaze on places of the rosette: colours by ring, each tile a shade and a tilt of its own."""
+    places, heading, sigmas = found
+    gap, ring = _rosette(places)
+    ring = np.minimum(ring, 9)
+    step = sigmas[:, 1] / np.where(sigmas[:, 0] > sigmas[:, 1], 0.52, 1.24)
+    row = np.rint(gap / step)
+    inlay = np.where((row > _HEART_ROW)[:, None], _HEARTS[ring], _FIELDS[ring])
+    colour = np.where((row > _GILT_ROWS[0])[:, None], inlay, _BORDERS[ring])
+    colour = colour * (0.80 + 0.40 * tile[:, :1])
+    is_gilt = np.isin(row, _GILT_ROWS) & (sigmas[:, 0] > sigmas[:, 1])
+    colour = np.where(is_gilt[:, None], _GILT, colour)
+    p = np.stack([places[:, 0], np.zeros(len(places)), places[:, 1]], axis=1)
+    colour = colour * (1 + 0.08 * noise(p, scale=0.05, seed=seed))[:, None]
+    is_joint = row == 0
     colour = np.where(is_joint[:, None], _GROUT, colour)
-    p[:, 1] = np.where(is_joint, -0.0012, 0.0)
-    tilt = 0.10 * (tile[:, 2:] - 0.5) * ~is_joint[:, None]
+    p[:, 1] = np.where(is_joint, -0.001, 0.0)
+    tilt = 0.12 * (tile[:, 1:] - 0.5) * ~is_joint[:, None]
     n = unit(np.stack([tilt[:, 0], np.ones(len(p)), tilt[:, 1]], axis=1))
-    u = np.stack([np.cos(along), np.zeros(len(p)), np.sin(along)], axis=1)
+    u = np.stack([np.cos(heading), np.zeros(len(p)), np.sin(heading)], axis=1)
     u = unit(u - n * np.einsum("ni,ni->n", u, n)[:, None])
-    long = np.where(gap < size, 0.78, 0.6) * size
-    sigmas = np.stack([long, np.where(gap < size, 0.5, 0.6) * size, 0.08 * size], axis=1)
     axes = np.stack([u, np.cross(n, u), n], axis=2)
     return Patch(positions=p, axes=axes, sigmas=sigmas, albedo=colour, finish=GLAZE)
 
@@ -79,7 +130,7 @@ def stonework(spacing: float) -> list[Patch]:
         return _around(radius, y, 1 - t)
 
     patches = []
-    for surface, step in ((kerb, 0.9), (rim, 1.25)):
+    for surface, step in ((kerb, 0.9), (rim, 1.7)):
         found = sweep(surface, spacing * step)
         p = found.positions
         block = np.floor(np.arctan2(p[:, 2], p[:, 0]) / (2 * math.pi) * 72)
@@ -88,11 +139,7 @@ def stonework(spacing: float) -> list[Patch]:
         grain = noise(p, scale=0.03, seed=33)
         albedo = mix((0.62, 0.55, 0.45), (0.80, 0.74, 0.64), 0.5 + 0.5 * grain) * shade[:, None]
         albedo = np.where(joint[:, None], albedo * 0.45, albedo)
-        patches.append(
-            Patch(
-                positions=p, axes=found.axes, sigmas=found.sigmas, albedo=albedo, finish=STONE
-            )
-        )
+        patches.append(found.paint(albedo, STONE))
     return patches
 
 
@@ -104,20 +151,22 @@ def earth(spacing: float) -> Patch:
         hills = 0.008 * np.sin(9 * 2 * math.pi * t + 6 * s) * np.sin(math.pi * s)
         return _around(radius, hills - 0.002, 1 - t)
 
-    found = sweep(surface, spacing * 1.7)
+    found = sweep(surface, spacing * 2.4)
     p = found.positions
-    albedo = mix((0.035, 0.028, 0.014), (0.045, 0.075, 0.018), 0.5 + 0.7 * noise(p, scale=0.1, seed=34))
-    return Patch(positions=p, axes=found.axes, sigmas=found.sigmas, albedo=albedo, finish=EARTH)
+    albedo = mix(
+        (0.060, 0.048, 0.024), (0.060, 0.110, 0.025), 0.5 + 0.7 * noise(p, scale=0.1, seed=34)
+    )
+    return found.paint(albedo, EARTH)
 
 
-def grass(blades: int) -> Patch:
+def grass(blades: int, seed: int) -> Patch:
     """Bent blades of four splats each, in tufts."""
-    rng = np.random.default_rng(35)
+    rng = np.random.default_rng(seed)
     root = _meadow(blades, rng)
-    tuft = noise(root, scale=0.13, seed=36)
+    tuft = noise(root, scale=0.13, seed=seed)
     height = (0.036 + 0.030 * np.clip(tuft, -0.6, 1)) * rng.uniform(0.6, 1.35, blades)
     heading = rng.uniform(0, 2 * math.pi, blades)
-    wind = 0.35 * noise(root, scale=0.5, seed=37)
+    wind = 0.35 * noise(root, scale=0.5, seed=seed + 1)
     lean = np.stack([np.cos(heading) + wind, np.zeros(blades), np.sin(heading) + wind], axis=1)
     lean *= (height * rng.uniform(0.15, 0.75, blades))[:, None]
     s = np.linspace(0, 1, 5)[None, :, None]
@@ -133,12 +182,14 @@ def grass(blades: int) -> Patch:
     )
 
 
-def flowers(count: int) -> list[Patch]:
+def flowers(count: int, seed: int) -> list[Patch]:
     """Poppies, daisies and cornflowers: flat petals on stems, with a dotted heart."""
-    rng = np.random.default_rng(38)
+    rng = np.random.default_rng([seed, 1])
     root = _meadow(count, rng)
     height = rng.uniform(0.05, 0.085, count)
-    face = unit(np.stack([rng.normal(0, 0.35, count), np.ones(count), rng.normal(0, 0.35, count)], 1))
+    face = unit(
+        np.stack([rng.normal(0, 0.35, count), np.ones(count), rng.normal(0, 0.35, count)], 1)
+    )
     head = root + height[:, None] * [0, 1, 0] + 0.012 * face * [1, 0, 1]
     bend = root + 0.55 * height[:, None] * [0, 1, 0]
     stem = string(np.stack([root, bend, head], axis=1), np.full((count, 2), 0.0014), lay=0.5)
@@ -192,40 +243,18 @@ def _hearts(head: F64, face: F64, kind: F64, rng: np.random.Generator) -> Patch:
     )
 
 
-def _cells(spacing: float) -> tuple[F64, F64]:
-    """Square cells over the tiled ring, halved twice where a joint passes: centres (n, 2), sizes."""
-    size = spacing * 2.4
-    steps = np.arange(-KERB, KERB + size, size)
-    centre = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    done, sizes = [], []
-    for level in range(3):
-        radius = np.hypot(*centre.T)
-        centre = centre[(radius > INNER - 0.02) & (radius < KERB + 0.5 * size)]
-        gap, _, _ = _rosette(centre)
-        fine = (gap < 0.85 * size) | (np.abs(gap - 0.0105) < 0.5 * size)
-        split = fine if level < 2 else np.zeros(len(centre), bool)
-        done.append(centre[~split])
-        sizes.append(np.full(len(done[-1]), size))
-        size /= 2
-        corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * size / 2
-        centre = (centre[split][:, None] + corners).reshape(-1, 2)
-    return np.concatenate(done), np.concatenate(sizes)
-
-
-def _rosette(p: F64) -> tuple[F64, F64, F64]:
-    """Distance to the nearest joint [m], number of its line, and how many lines p lies beyond."""
+def _rosette(p: F64) -> tuple[F64, F64]:
+    """Distance to the nearest joint [m], and how many joints p lies beyond."""
     angle = 2 * math.pi * np.arange(_LINES) / _LINES
     beyond = p @ np.stack([np.cos(angle), np.sin(angle)]) - _TOUCH
-    nearest = np.argmin(np.abs(beyond), axis=1)
-    gap = np.abs(beyond[np.arange(len(p)), nearest])
-    return gap, nearest, (beyond > 0).sum(axis=1)
+    return np.abs(beyond).min(axis=1), (beyond > 0).sum(axis=1)
 
 
 def _tile_number(p: F64) -> F64:
     """A number 0..4095 that all points of one tile share."""
     angle = 2 * math.pi * np.arange(_LINES) / _LINES
     beyond = p @ np.stack([np.cos(angle), np.sin(angle)]) > _TOUCH
-    weights = np.random.default_rng(39).integers(1, 4096, _LINES)
+    weights = np.random.default_rng(_LINES).integers(1, 4096, _LINES)
     return (beyond @ weights) % 4096
 
 

@@ -23,7 +23,7 @@ HORIZON = np.array([0.96, 0.84, 0.70])
 GROUND = np.array([0.13, 0.11, 0.08])
 EXPOSURE = 0.62
 
-_SKY_DIRECTIONS = 20
+_SKY_DIRECTIONS = 16
 _FIT_DIRECTIONS = 50  # integrates products of two harmonics of degree 3
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 _CHUNK = 1 << 11
@@ -31,11 +31,11 @@ _CHUNK = 1 << 11
 
 def bake(patches: list[Patch]) -> SplatCloud:
     """Light the patches together and make them one cloud, harmonics of degree 3, frame "rub"."""
-    positions = np.concatenate([patch.positions for patch in patches])
-    normals = np.concatenate([patch.normals for patch in patches])
-    sizes = np.concatenate([np.sort(patch.sigmas, axis=1)[:, 1] for patch in patches])
+    positions = _joined([patch.positions for patch in patches])
+    normals = _joined([patch.normals for patch in patches])
+    sizes = _joined([np.sort(patch.sigmas, axis=1)[:, 1] for patch in patches])
     hairy = np.concatenate([np.full(len(patch), patch.is_strand) for patch in patches])
-    sun = _visibility(positions, normals, sizes, SUN, cell=0.0055, taps=12)
+    sun = _visibility(positions, normals, sizes, SUN.astype(np.float32), cell=0.0055, taps=12)
     sky, openness = _sky_light(positions, normals, sizes, hairy)
     parts, first = [], 0
     for patch in patches:
@@ -43,7 +43,7 @@ def bake(patches: list[Patch]) -> SplatCloud:
         parts.append(_harmonics(patch, sun[rows], sky[rows], openness[rows]))
         first = rows.stop
     return SplatCloud(
-        positions=positions.astype(np.float32),
+        positions=positions,
         scales=_joined([patch.sigmas for patch in patches]),
         rotations=_joined([quaternion.from_matrix(patch.axes) for patch in patches]),
         opacities=_joined([np.full(len(patch), patch.finish.opacity) for patch in patches]),
@@ -57,34 +57,35 @@ def _joined(parts: list[F64]) -> F32:
 
 
 def _visibility(
-    positions: F64, normals: F64, sizes: F64, toward: F64, *, cell: float, taps: int
-) -> F64:
+    positions: F32, normals: F32, sizes: F32, toward: F32, *, cell: float, taps: int
+) -> F32:
     """Share of a distant light that reaches each splat [0..1], by a depth map as it sees them."""
-    right = unit(np.cross([0.0, 1.0, 0.0], toward) + [1e-9, 0, 0])
+    right = unit(np.cross(np.float32([1e-6, 1, 0]), toward))
     depth = -(positions @ toward)
-    plane = positions @ np.stack([right, np.cross(toward, right)], axis=1) / cell
-    plane -= plane.min(axis=0) - 4
-    width, height = (np.ceil(plane.max(axis=0)).astype(int) + 5).tolist()
-    nearest = np.full((width, height), np.inf)
-    i, j = plane.astype(int).T
-    np.minimum.at(nearest, (i, j), depth)
+    x = positions @ (right / np.float32(cell))
+    y = positions @ (np.cross(toward, right) / np.float32(cell))
+    x, y = x - (x.min() - 4), y - (y.min() - 4)
+    width, height = int(x.max()) + 5, int(y.max()) + 5
+    nearest = np.full((width, height), np.inf, np.float32)
+    np.minimum.at(nearest.reshape(-1), x.astype(int) * height + y.astype(int), depth)
     for axis in (0, 1):  # close the gaps between neighbours of one surface
         beside = np.minimum(np.roll(nearest, 1, axis), np.roll(nearest, -1, axis))
         nearest = np.minimum(nearest, beside)
     facing = np.abs(normals @ toward)
     slope = np.sqrt(1 - np.minimum(facing * facing, 1)) / np.maximum(facing, 0.2)
     front = depth - sizes - cell * (2.0 + 2.5 * slope)
-    seen = np.zeros(len(positions))
+    seen = np.zeros(len(positions), np.float32)
     for tap in range(taps):
         radius, angle = 2.6 * math.sqrt((tap + 0.5) / taps), _GOLDEN_ANGLE * tap
-        i, j = (plane + [radius * math.cos(angle), radius * math.sin(angle)]).astype(int).T
-        seen += front <= nearest[i, j]
+        i = (x + np.float32(radius * math.cos(angle))).astype(int)
+        j = (y + np.float32(radius * math.sin(angle))).astype(int)
+        seen += front <= nearest.reshape(-1)[i * height + j]
     return seen / taps
 
 
-def _sky_light(positions: F64, normals: F64, sizes: F64, hairy: F64) -> tuple[F64, F64]:
+def _sky_light(positions: F32, normals: F32, sizes: F32, hairy: F64) -> tuple[F32, F32]:
     """Irradiance from the sky over pi, occluders heeded, shape (n, 3), and openness [0..1]."""
-    directions = _spread(2 * _SKY_DIRECTIONS)[:_SKY_DIRECTIONS]  # the upper half
+    directions = _spread(2 * _SKY_DIRECTIONS)[:_SKY_DIRECTIONS].astype(np.float32)  # upper half
     light, weight, opened = np.zeros_like(positions), 0.0, 0.0
     for toward, radiance in zip(directions, environment(directions), strict=True):
         cosine = np.where(hairy, 0.6, np.maximum(normals @ toward, 0.0))

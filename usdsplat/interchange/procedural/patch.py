@@ -12,7 +12,7 @@ from usdsplat.core.cloud import F64
 Surface = Callable[[F64, F64], F64]
 """(s, t), each shape (n,), to points (n, 3) [m]; s in [0, 1] runs along, t in [0, 1] goes around."""
 
-_COVER = 0.70  # standard deviation over lattice step: neighbours blend without blurring the pattern
+_COVER = 0.66  # standard deviation over lattice step: neighbours blend without blurring the pattern
 _GOLDEN = 0.6180339887498949
 
 
@@ -72,6 +72,17 @@ class Lattice:
     positions: F64
     axes: F64
     sigmas: F64
+
+    def paint(self, albedo: F64, finish: Finish, film: F64 | float = 0.0) -> Patch:
+        """The patch with this paint and finish."""
+        return Patch(
+            positions=self.positions,
+            axes=self.axes,
+            sigmas=self.sigmas,
+            albedo=albedo,
+            finish=finish,
+            film=film,
+        )
 
 
 def sweep(surface: Surface, spacing: float | Callable[[F64], F64]) -> Lattice:

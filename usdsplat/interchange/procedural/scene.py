@@ -18,16 +18,16 @@ def capture(count: int = 200_000, seed: int = 7) -> SplatCloud:
         ground at y = 0, 0.8 m high. Seen best from +z, a little above.
     """
     density = (count / 200_000) ** 0.5
-    spacing = 0.0050 / density
+    spacing = 0.0056 / density
     patches = [
         *shell.shell(spacing),
         shell.cup(spacing),
         shell.drum(spacing),
-        *shell.tendrils(density),
-        garden.tiles(spacing),
+        *shell.tendrils(density, seed),
+        *garden.tiles(spacing, seed),
         *garden.stonework(spacing),
         garden.earth(spacing),
-        garden.grass(round(0.05 * count)),
-        *garden.flowers(round(0.0009 * count)),
+        garden.grass(round(0.05 * count), seed),
+        *garden.flowers(round(0.0013 * count), seed),
     ]
     return light.bake(patches)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pxr import Usd
 
 from usdsplat.core.progress import Progress, silent
-from usdsplat.schema import tokens
+from usdsplat.schema import attributes, tokens
 from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
 from usdsplat.schema.validation.finding import Finding, Sample
@@ -95,7 +95,5 @@ def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 def sample_codes(prim: Usd.Prim) -> list[Usd.TimeCode]:
     """Times at which a field has samples; the default time where it has none."""
-    names = sorted(tokens.DATA_ATTRIBUTES | {tokens.EXTENT})
-    found = [prim.GetAttribute(name) for name in names]
-    times = sorted({t for attribute in found if attribute for t in attribute.GetTimeSamples()})
+    times = attributes.sample_times(prim, tokens.DATA_ATTRIBUTES | {tokens.EXTENT})
     return [Usd.TimeCode(t) for t in times] or [Usd.TimeCode.Default()]

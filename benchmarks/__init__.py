@@ -1,0 +1,2 @@
+"""Measurements that anybody can repeat: each prints a table, with floor and peer in the same
+run."""

@@ -1,0 +1,233 @@
+"""What a frame costs, by stage, beside its floor and the yardstick.
+
+    python -m benchmarks.frame [--quick]
+
+The floor is the inner loop of blending alone (`probe`), run in this process by as many threads as
+the frame uses, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
+where it is present, draws the same garden in the same run, picture after picture in turns with
+ours.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import resource
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.scenes import CAPTURES, SHARED, capture, garden, scaled, scene_of, view_of
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import FrameStats, Renderer
+from usdsplat.delegate.specs import View
+from usdsplat.kernels import blend, reference
+from usdsplat.kernels.bins import TILE
+from usdsplat.kernels.device import open_device
+from usdsplat.kernels.jit import serial
+
+STAGES = ("project", "radiance", "sort", "bins", "blend")
+SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")
+REPEATS = 9
+PROBE_ROWS = 2_000_000
+
+
+@serial
+def probe(state, splats, rows):
+    """Blend `rows` rows of a tile with one random splat after another: blending's inner loop
+    alone."""
+    for k in range(rows):
+        s = splats[k & 63]
+        blend.blend_row(state, k & (TILE - 1), s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+
+
+def probe_ns(threads: int) -> float:
+    """CPU nanoseconds a row takes when `threads` threads do nothing else, the median of 5."""
+    rng = np.random.default_rng(0)
+    low = [0, -0.01, -0.001, -0.6, 0, 0, 0]
+    high = [16, -0.001, 0.001, -0.1, 1, 1, 1]
+    splats = rng.uniform(low, high, (64, 7)).astype(np.float32)
+    spent: list[float] = []
+
+    def work() -> None:
+        state = np.zeros((TILE, 4, TILE), np.float32)
+        state[:, 0] = 1.0
+        probe(state.reshape(-1), splats, PROBE_ROWS)
+
+    work()
+    for _ in range(5):
+        workers = [threading.Thread(target=work) for _ in range(threads)]
+        before = time.process_time()
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join()
+        spent.append((time.process_time() - before) / (threads * PROBE_ROWS))
+    return 1e9 * float(np.median(spent))
+
+
+def draw(renderer: Renderer, scene: RenderScene, view: View) -> tuple[F32, FrameStats]:
+    """One whole picture and what it took."""
+    bands = [
+        band.arrays["color"].copy() for band in renderer.render(scene, view, SETTINGS, ("color",))
+    ]
+    return np.concatenate(bands), renderer.stats
+
+
+def load_yardstick(folder: Path) -> Any | None:
+    """The peer as a module, from a copy: its compiled code is cached beside it."""
+    source = SHARED / "peers" / "yardstick.py"
+    if not source.is_file():
+        return None
+    spec = importlib.util.spec_from_file_location("yardstick", shutil.copy(source, folder))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["yardstick"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def psnr(a: F32, b: Any) -> float:
+    """Peak signal-to-noise ratio [dB] of two pictures whose peak is 1."""
+    return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
+
+
+def totals(stats: list[FrameStats], kind: str) -> Any:
+    """Median milliseconds by stage, and of the whole."""
+    rows = [[getattr(s, kind).get(name, 0.0) for name in STAGES] for s in stats]
+    rows = [[*row, sum(row)] for row in rows]
+    return np.median(rows, axis=0)
+
+
+class Report:
+    """The table that is printed."""
+
+    def __init__(self, probe_time: float) -> None:
+        self._probe = probe_time
+        self._table = Table(
+            title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a row"
+        )
+        for name in (
+            "scene", "size", "splats", "visible", "pairs", "rows", *STAGES, "total", "floor",
+            "× floor", "peak MiB",
+        ):  # fmt: skip
+            self._table.add_column(name, justify="right")
+
+    def add(self, name: str, view: View, stats: list[FrameStats]) -> float:
+        """Add a line; returns the total in CPU-ms."""
+        wall, cpu = totals(stats, "wall_ms"), totals(stats, "cpu_ms")
+        last = stats[-1]
+        floor = last.rows * self._probe * 1e-6
+        width, height = view.framing.resolution
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        self._table.add_row(
+            name, f"{width}×{height}", f"{last.splats:,}", f"{last.visible:,}", f"{last.pairs:,}",
+            f"{last.rows:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
+            f"{floor:.0f}", f"{cpu[-1] / floor:.2f}", f"{peak:.0f}",
+        )  # fmt: skip
+        return float(cpu[-1])
+
+    def show(self) -> None:
+        """Print it, as wide as it is."""
+        Console(width=220).print(self._table)
+
+
+def against_yardstick(
+    yardstick: Any,
+    renderer: Renderer,
+    report: Report,
+    grid: int,
+    size: tuple[int, int],
+    repeats: int,
+) -> None:
+    """The garden, in turns with the peer; prints the ratio and how alike the pictures are."""
+    cloud, view_matrix, k = garden(grid)
+    scene, view = scene_of(cloud), view_of(view_matrix, scaled(k, size[0] / 1920), size)
+    ours, _ = draw(renderer, scene, view)
+    stats, log = [], []
+    theirs: Any = None
+    if yardstick is not None:
+        npz = SHARED / "data" / "garden" / "scene.npz"
+        peer_scene, peer_view, peer_k = yardstick.garden(npz, grid, size)
+        work = yardstick.Work(len(peer_scene[0]))
+        theirs = yardstick.render(work, peer_scene, peer_view, peer_k, *size)[0].copy()
+    for _ in range(repeats):
+        stats.append(draw(renderer, scene, view)[1])
+        if yardstick is not None:
+            yardstick.render(work, peer_scene, peer_view, peer_k, *size, log=log)
+    name = f"garden {grid}×{grid}"
+    cpu = report.add(name, view, stats)
+    if yardstick is None:
+        return
+    peer_wall, peer_cpu = np.median(np.array(log), axis=0)[[4, 9]]
+    wall = totals(stats, "wall_ms")[-1]
+    print(
+        f"{name} {size[0]}x{size[1]}: ours {wall:.1f} wall ms {cpu:.1f} CPU ms, yardstick "
+        f"{peer_wall:.1f} and {peer_cpu:.1f}: ratio {wall / peer_wall:.2f} and "
+        f"{cpu / peer_cpu:.2f}; "
+        f"pictures {psnr(ours, theirs):.1f} dB apart"
+    )
+
+
+def against_reference(renderer: Renderer) -> None:
+    """The garden at 1080p against float64; prints the ratio of signal to noise."""
+    cloud, view_matrix, k = garden()
+    ours, _ = draw(renderer, scene_of(cloud), view_of(view_matrix, k, (1920, 1080)))
+    lens = reference.Lens(
+        world_to_camera=view_matrix.astype(np.float64), focal=(k[0, 0], k[1, 1]),
+        center=(k[0, 2], k[1, 2]), size=(1920, 1080),
+    )  # fmt: skip
+    expected = reference.render([(cloud, np.eye(4))], lens).color
+    error = np.abs(ours - expected)
+    print(
+        f"garden 1920x1080: {psnr(ours, expected):.1f} dB against float64, worst {error.max():.4f}"
+    )
+
+
+def with_sh3(cloud: SplatCloud) -> str:
+    """How a line says what it was drawn with."""
+    return f"garden 1×1 SH {cloud.sh_degree}"
+
+
+def main(quick: bool = False) -> None:
+    """Print everything."""
+    device = open_device()
+    renderer = Renderer(device)
+    print(f"numba {numba.__version__}, {device.threads} threads, {REPEATS} repeats, medians")
+    report = Report(probe_ns(device.threads))
+    with tempfile.TemporaryDirectory() as folder:
+        yardstick = load_yardstick(Path(folder))
+        repeats = 3 if quick else REPEATS
+        against_yardstick(yardstick, renderer, report, 1, (1920, 1080), repeats)
+        if not quick:
+            against_yardstick(yardstick, renderer, report, 3, (1920, 1080), repeats)
+            for size in ((960, 720), (1920, 1080), (3840, 2160)):
+                against_yardstick(yardstick, renderer, report, 7, size, repeats)
+    cloud, view_matrix, k = garden(degree=3)
+    view = view_of(view_matrix, k, (1920, 1080))
+    scene = scene_of(cloud)
+    draw(renderer, scene, view)
+    report.add(with_sh3(cloud), view, [draw(renderer, scene, view)[1] for _ in range(repeats)])
+    for name in CAPTURES:
+        captured, view_matrix, k = capture(name)
+        for size in ((960, 720),) if quick else ((960, 720), (1920, 1080), (3840, 2160)):
+            view = view_of(view_matrix, scaled(k, size[1] / 480), size)
+            draw(renderer, captured, view)
+            runs = [draw(renderer, captured, view)[1] for _ in range(repeats)]
+            report.add(name, view, runs)
+    report.show()
+    against_reference(renderer)
+
+
+if __name__ == "__main__":
+    main("--quick" in sys.argv)

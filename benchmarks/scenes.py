@@ -1,0 +1,79 @@
+"""What is measured on: the captures and the garden of the test data, as render scenes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat import formats
+from usdsplat.core.cloud import F32, F64, SplatCloud
+from usdsplat.core.sh import rgb_to_dc
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+DATA = Path(os.environ.get("USDSPLAT_TEST_DATA") or SHARED / "data")
+CAPTURES = ("statue_angel.sog", "playbot_lod2.sog", "flowers_lod2_0.sog", "pod.spz")
+OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def scene_of(cloud: SplatCloud) -> RenderScene:
+    """A scene with one field, at the origin."""
+    scene = RenderScene()
+    scene.set_field("/field", FieldSpec(cloud=cloud))
+    scene.set_instances("/field", (InstanceSpec(path="/field"),))
+    return scene
+
+
+def view_of(view: F64, k: F64, size: tuple[int, int]) -> View:
+    """A view from an OpenCV world-to-camera matrix and intrinsics [pixel]."""
+    fx, fy, cx, cy = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
+    camera = CameraSpec(
+        world_to_camera=tuple((OPENCV @ view.astype(np.float64)).ravel()),
+        window=(-cx / fx, -(size[1] - cy) / fy, (size[0] - cx) / fx, cy / fy),
+        clipping_range=(0.01, 1e10),
+    )
+    return View(camera=camera, framing=Framing(resolution=size, conform="adjustPixelAspectRatio"))
+
+
+def capture(name: str) -> tuple[RenderScene, F64, F64]:
+    """One of CAPTURES, with the view matrix of its first reference picture and K at 640x480."""
+    oracle = np.load(DATA / "oracle" / "images" / f"{Path(name).stem}.npz")
+    cloud = formats.read(DATA / "splats" / name).cloud
+    return scene_of(cloud), oracle["viewmats"][0], oracle["K"].astype(np.float64)
+
+
+def garden(grid: int = 1, *, degree: int = 0) -> tuple[SplatCloud, F64, F64]:
+    """The garden tiled grid x grid with period 4, its camera 0 and K at 1920x1080.
+
+    Harmonics above degree 0 are small random numbers with a fixed seed: they cost what real ones
+    do.
+    """
+    scene = np.load(DATA / "garden" / "scene.npz")
+    reach = grid // 2
+    shifts = 4.0 * np.array(
+        [(i, j, 0) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)], np.float32
+    )
+    positions = (scene["means"][None] + shifts[:, None]).reshape(-1, 3)
+    n, copies = len(positions), len(shifts)
+    sh: F32 = np.zeros((n, (degree + 1) ** 2, 3), np.float32)
+    if degree:
+        sh[:] = np.random.default_rng(0).normal(0, 0.05, sh.shape)
+    sh[:, 0] = rgb_to_dc(np.tile(scene["rgb"], (copies, 1)))
+    cloud = SplatCloud(
+        positions=positions,
+        scales=np.tile(scene["scales"], (copies, 1)),
+        rotations=np.tile(scene["quats"], (copies, 1)),
+        opacities=np.tile(scene["opacities"], copies),
+        sh=sh,
+    )
+    return cloud, scene["viewmats"][0], scene["K_1080"].astype(np.float64)
+
+
+def scaled(k: F64, factor: float) -> F64:
+    """Intrinsics of the same lens at `factor` times the resolution."""
+    k = k * factor
+    k[2, 2] = 1.0
+    return k

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from tests.delegate.stages import add_camera
+from usdsplat.core.errors import StageError
+from usdsplat.delegate.engine import Engine
+
+
+@pytest.fixture
+def stage():
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Xform.Define(stage, "/Rig").AddRotateXYZOp().Set(Gf.Vec3f(10, 20, 30))
+    add_camera(stage, "/Rig/Camera", eye=(1.0, 2.0, 3.0))
+    return stage
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_camera_is_what_gf_says_it_is(stage, projection):
+    """Oracle: Gf.Camera's frustum: its window at distance 1 and its view matrix."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    camera.CreateProjectionAttr(projection)
+    camera.CreateHorizontalApertureOffsetAttr(5.0)
+    camera.CreateVerticalApertureOffsetAttr(2.0)
+    frustum = camera.GetCamera(Usd.TimeCode.Default()).frustum
+    window = frustum.GetWindow()
+    with Engine(stage) as engine:
+        spec = engine.view("/Rig/Camera").camera
+    assert spec.window == pytest.approx((*window.GetMin(), *window.GetMax()))
+    assert spec.orthographic == (projection == "orthographic")
+    assert spec.clipping_range == pytest.approx((frustum.nearFar.min, frustum.nearFar.max))
+    view = np.array(frustum.ComputeViewMatrix()).T
+    np.testing.assert_allclose(np.reshape(spec.world_to_camera, (4, 4)), view, atol=1e-12)
+
+
+def test_a_blocked_lens_is_the_fallback_lens(stage):
+    """Oracle: UsdGeomCamera's documented fallback of 50 tenths."""
+    stage.GetPrimAtPath("/Rig/Camera").GetAttribute("focalLength").Set(Sdf.ValueBlock())
+    with Engine(stage) as engine:
+        left, _, right, _ = engine.view("/Rig/Camera").camera.window
+    assert right - left == pytest.approx(20.0 / 50.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("focalLength", 0.0, "focal length 0"),
+        ("focalLength", math.nan, "focal length nan"),
+        ("horizontalAperture", -1.0, "aperture -1 x 15"),
+        ("verticalApertureOffset", math.inf, "focal length 20"),
+        ("clippingRange", Gf.Vec2f(10, 10), "clippingRange"),
+        ("clippingRange", Gf.Vec2f(math.nan, 10), "clippingRange"),
+        ("xformOp:translate", Gf.Vec3d(math.nan, 0, 0), "without an inverse"),
+    ],
+)
+def test_a_camera_without_an_image_is_a_warning_until_it_is_asked_for(stage, name, value, words):
+    """Oracle: the sentence names the prim and what is wrong with it."""
+    attribute = stage.GetPrimAtPath("/Rig/Camera").GetAttribute(name)
+    sound = attribute.Get()
+    attribute.Set(value)
+    with Engine(stage) as engine:
+        assert [warning for warning in engine.warnings if words in warning]
+        with pytest.raises(StageError, match=f"/Rig/Camera: .*{words}"):
+            engine.view("/Rig/Camera")
+        attribute.Set(sound)
+        assert engine.view("/Rig/Camera").camera.path == "/Rig/Camera"
+        assert engine.warnings == ()
+
+
+def test_a_flat_camera_has_no_inverse(stage):
+    """Oracle: a matrix with a zero row."""
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig")).AddScaleOp().Set(Gf.Vec3f(1, 0, 1))
+    with Engine(stage) as engine, pytest.raises(StageError, match="without an inverse"):
+        engine.view("/Rig/Camera")
+
+
+def test_a_path_that_is_no_camera_is_answered_with_those_there_are(stage):
+    """Oracle: the sentence."""
+    with Engine(stage) as engine, pytest.raises(StageError, match="one of /Rig/Camera"):
+        engine.view("/Rig")
+    with (
+        Engine(Usd.Stage.CreateInMemory()) as engine,
+        pytest.raises(StageError, match="no cameras"),
+    ):
+        engine.view("/Camera")
+
+
+def test_animated_lens_and_rig_follow_time(stage):
+    """Oracle: linear interpolation by hand."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    for time, focal, x in ((1, 20.0, 0.0), (3, 40.0, 8.0)):
+        camera.GetFocalLengthAttr().Set(focal, time)
+        camera.GetPrim().GetAttribute("xformOp:translate").Set(Gf.Vec3d(x, 0, 0), time)
+    stage.GetPrimAtPath("/Rig").GetAttribute("xformOp:rotateXYZ").Set(Gf.Vec3f(0))
+    with Engine(stage, time=1) as engine:
+        engine.sync()
+        engine.set_time(2)
+        spec = engine.view("/Rig/Camera").camera
+    assert spec.window[2] == pytest.approx(10.0 / 30.0)
+    np.testing.assert_allclose(np.reshape(spec.world_to_camera, (4, 4))[:3, 3], [-4, 0, 0])

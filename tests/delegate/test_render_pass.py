@@ -1,0 +1,94 @@
+"""The render pass against a renderer that counts what it draws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usdsplat.delegate.band import Band
+from usdsplat.delegate.render_buffer import RenderBuffer
+from usdsplat.delegate.render_param import RenderParam
+from usdsplat.delegate.render_pass import RenderPass
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.specs import CameraSpec, Framing, View
+
+VIEW = View(camera=CameraSpec(), framing=Framing(resolution=(4, 6), data_window=(1, -1, 5, 5)))
+
+
+class CountingRenderer:
+    """Draws the number of the row, in bands of two, reusing one array as the real one does."""
+
+    def __init__(self):
+        self.drawn = 0
+        self.fails = False
+
+    def render(self, scene, view, settings, aovs):
+        self.drawn += 1
+        x0, y0, x1, y1 = view.framing.window
+        color, depth = np.empty((2, x1 - x0, 4), np.float32), np.empty((2, x1 - x0), np.float32)
+        for y in range(y0, y1, 2):
+            color[:], depth[:] = self.drawn, np.arange(y, y + 2)[:, None]
+            yield Band(y, y + 2, {"color": color, "depth": depth})
+            if self.fails:
+                raise MemoryError
+
+
+@pytest.fixture
+def drawing():
+    renderer, param = CountingRenderer(), RenderParam(RenderScene())
+    buffers = {name: RenderBuffer(name) for name in ("color", "depth")}
+    return renderer, param, RenderPass(renderer, param), buffers
+
+
+def test_bands_land_at_their_rows_of_the_data_window(drawing):
+    """Oracle: the row numbers that the renderer writes."""
+    _, _, render_pass, buffers = drawing
+    render_pass.execute(VIEW, RenderSettings(), ("color", "depth"), buffers)
+    assert buffers["color"].map().shape == (6, 4, 4)
+    np.testing.assert_array_equal(buffers["depth"].map()[:, 0], np.arange(-1, 5))
+
+
+def test_a_picture_is_drawn_again_only_when_something_it_depends_on_changed(drawing):
+    """Oracle: the renderer's count."""
+    renderer, param, render_pass, buffers = drawing
+    plain = (VIEW, RenderSettings(), ("color", "depth"))
+    others = [
+        (replace(VIEW, camera=CameraSpec(path="/other")), *plain[1:]),
+        (replace(VIEW, framing=replace(VIEW.framing, pixel_aspect_ratio=2.0)), *plain[1:]),
+        (VIEW, RenderSettings(sh_degree=1), plain[2]),
+        (VIEW, RenderSettings(), ("color",)),
+    ]
+    assert render_pass.execute(*plain, buffers)
+    assert not render_pass.execute(*plain, buffers)
+    param.edit()
+    assert render_pass.execute(*plain, buffers)
+    for other in others:
+        assert render_pass.execute(*other, buffers)
+        assert not render_pass.execute(*other, buffers)
+    assert renderer.drawn == 2 + len(others)
+
+
+def test_a_mapped_picture_cannot_be_written_and_does_not_change_afterwards(drawing):
+    """Oracle: the renderer's count, which it writes into the pixels."""
+    _, param, render_pass, buffers = drawing
+    render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+    first = buffers["color"].map()
+    param.edit()
+    render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+    assert (first == 1).all() and (buffers["color"].map() == 2).all()
+    with pytest.raises(ValueError, match="read-only"):
+        first[0, 0] = 0
+
+
+def test_a_picture_that_broke_off_is_drawn_again(drawing):
+    """Oracle: the renderer's count."""
+    renderer, _, render_pass, buffers = drawing
+    renderer.fails = True
+    with pytest.raises(MemoryError):
+        render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+    renderer.fails = False
+    assert render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+    assert (buffers["color"].map() == 2).all()

@@ -1,0 +1,56 @@
+"""Check the splats of a stage; each finding comes with its cure.
+
+examples:
+  usdsplat validate shot.usd
+      every time sample of every field; exit status 1 if there are errors
+  usdsplat validate shot.usd --time 12
+      one frame only, which is quicker
+  usdsplat validate shot.usd --json
+  usdsplat validate shot.usd --variant /World/Tree:season=autumn --mute proxy
+
+notes:
+  An error changes or loses the picture. A warning is what other applications may trip over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from usdsplat.cli import console
+from usdsplat.cli.parsing import option
+from usdsplat.cli.stage_options import StageOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat validate`."""
+
+    stage: Annotated[Positional[Path], option("STAGE")]
+    """stage to check"""
+    time: Annotated[float | None, option("FRAME")] = None
+    """check only this time code; default: every sample there is"""
+    json: Annotated[bool, option()] = False
+    """print one JSON list of findings"""
+    opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
+
+
+def run(options: Options) -> int:
+    """Print the findings; return 1 if there are errors among them."""
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.schema import validate
+
+    with console.progress() as progress:
+        stage = open_stage(options.stage, options.opening)
+        findings = validate(stage, time=options.time, progress=progress)
+    errors = sum(finding.severity == "error" for finding in findings)
+    if options.json:
+        console.print_json([asdict(finding) for finding in findings])
+    else:
+        for finding in findings:
+            print(f"{finding.severity}: {finding.message}\n  cure: {finding.cure}")
+        print(f"{options.stage}: {errors} errors, {len(findings) - errors} warnings")
+    return 1 if errors else 0

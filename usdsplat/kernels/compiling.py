@@ -1,0 +1,29 @@
+"""Say that kernels are being compiled: it takes seconds, and happens once for each machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import event
+
+
+class _Listener(event.Listener):
+    """Calls back as a compilation starts; what is loaded from a cache is not compiled."""
+
+    def __init__(self, callback: Callable[[str], None]) -> None:
+        self._callback = callback
+
+    def on_start(self, event: Any) -> None:
+        self._callback(event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+@contextmanager
+def on_compile(callback: Callable[[str], None]) -> Iterator[None]:
+    """While the context lasts, call `callback` with the name of each function to be compiled."""
+    with event.install_listener("numba:compile", _Listener(callback)):
+        yield
