@@ -108,7 +108,8 @@ def _bounds(source: str, chunk: Table, count: int) -> dict[str, F32]:
     for side, default in (("min_", 0), ("max_", 1)):
         for name in (*_AXES, *("scale_" + axis for axis in _AXES), *_RGB):
             if side + name in chunk.types:
-                bounds[side + name] = stored[side + name].astype(np.float32)
+                with np.errstate(over="ignore", invalid="ignore"):  # refused below
+                    bounds[side + name] = stored[side + name].astype(np.float32)
             elif name in _RGB and "min_r" not in chunk.types:
                 bounds[side + name] = np.full(expected, default, np.float32)
             else:
@@ -129,7 +130,7 @@ def _unpack(filling: Filling, rows: slice, block: Block, bounds: dict[str, F32])
         lower, upper = bounds["min_" + name][chunk], bounds["max_" + name][chunk]
         filling.positions[rows, axis] = _lerp(place, axis, lower, upper)
         lower, upper = bounds["min_scale_" + name][chunk], bounds["max_scale_" + name][chunk]
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore"):  # settling names what is infinite
             filling.scales[rows, axis] = np.exp(_lerp(size, axis, lower, upper))
     codes = np.stack([turn >> 20 & 1023, turn >> 10 & 1023, turn & 1023], axis=1)
     filling.rotations[rows] = decode_smallest_three(turn >> 30, codes, top=1023)

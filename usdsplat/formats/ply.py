@@ -120,8 +120,8 @@ def _read_rows(source: str, table: Table, progress: Progress) -> tuple[SplatClou
         columns["sh"].into(filling.sh[rows], block)
         columns["opacities"].into(filling.opacities[rows], block)
         columns["scales"].into(scales[rows], block)
-        filling.opacities[rows] = sigmoid(filling.opacities[rows])
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # settling names what is not finite
+            filling.opacities[rows] = sigmoid(filling.opacities[rows])
             np.exp(scales[rows], out=scales[rows])
         filling.settle(rows, lambda field, column: f"property {names[field][column]}")
         progress.step(f"reading {source}", rows.stop, table.count)

@@ -38,7 +38,7 @@ class Columns:
             # Not the default mode: that one fills a copy first, so as to leave `out` on an error.
             np.take(rows, self._indices, axis=1, out=table, mode="clip")
             return
-        with np.errstate(over="ignore"):  # an infinite float32 is refused with its name later
+        with np.errstate(over="ignore", invalid="ignore"):  # refused with its name later
             for column, name in enumerate(self._names):
                 table[:, column] = block[name]
 

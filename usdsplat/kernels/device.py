@@ -44,6 +44,11 @@ def _launch_threads() -> None:
             del os.environ[name]
 
 
+def _cores() -> int:
+    config: Any = numba.config
+    return int(config.NUMBA_NUM_THREADS)
+
+
 class CpuDevice:
     """Threads of this machine, by Numba.
 
@@ -57,7 +62,7 @@ class CpuDevice:
     name = "cpu"
 
     def __init__(self, *, threads: int | None = None) -> None:
-        most: int = numba.config.NUMBA_NUM_THREADS
+        most = _cores()
         if threads is not None and not 1 <= threads <= most:
             raise UsageError("threads", str(threads), f"1 to {most}")
         self.threads = threads or most

@@ -1,0 +1,80 @@
+"""A small capture and a small shot for the commands to work on."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom
+
+from usdsplat import formats, schema
+from usdsplat.cli.main import main
+from usdsplat.core.cloud import SplatCloud
+
+
+def ball(count=300, seed=0):
+    """Splats in a ball of radius 0.5 around the origin, degree 1."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    radii = 0.5 * rng.uniform(0, 1, (count, 1)) ** (1 / 3)
+    quaternions = rng.normal(size=(count, 4))
+    return SplatCloud(
+        positions=np.float32(radii * directions / np.linalg.norm(directions, axis=1)[:, None]),
+        scales=rng.uniform(0.02, 0.08, (count, 3)).astype(np.float32),
+        rotations=np.float32(quaternions / np.linalg.norm(quaternions, axis=1)[:, None]),
+        opacities=rng.uniform(0.3, 0.99, count).astype(np.float32),
+        sh=rng.normal(0, 0.5, (count, 4, 3)).astype(np.float32),
+    )
+
+
+@pytest.fixture
+def capture(tmp_path):
+    """A .ply of 300 splats."""
+    path = tmp_path / "ball.ply"
+    formats.write(ball(), path)
+    return path
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """A stage of 4 frames: a ball that moves one unit a frame, and a camera 4 units away."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(4)
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    prim = schema.author(stage, "/World/Ball", ball())
+    move = UsdGeom.Xformable(prim).AddTranslateOp()
+    for frame in range(1, 5):
+        move.Set(Gf.Vec3d(0.2 * (frame - 1), 0, 0), frame)
+    camera = UsdGeom.Camera.Define(stage, "/World/Cam")
+    camera.AddTranslateOp().Set(Gf.Vec3d(0, 0, 4))
+    camera.GetClippingRangeAttr().Set(Gf.Vec2f(0.1, 100))
+    stage.GetRootLayer().Save()
+    return tmp_path / "shot.usda"
+
+
+@pytest.fixture
+def run(capsys):
+    """Run the command line in this process; returns status, stdout and stderr."""
+
+    def command(*argv):
+        capsys.readouterr()
+        status = main([str(word) for word in argv])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return command
+
+
+@pytest.fixture
+def run_json(run):
+    """Run with --json, expect success without a word on stderr, and return what was printed."""
+
+    def command(*argv):
+        status, out, err = run(*argv, "--json")
+        assert (status, err) == (0, "")
+        return json.loads(out)
+
+    return command

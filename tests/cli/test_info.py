@@ -1,0 +1,101 @@
+"""`usdsplat info`."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+from tests.cli.conftest import ball
+from usdsplat import schema
+from usdsplat.cli import summary
+
+
+def test_a_captures_numbers_are_those_of_its_splats(run_json, capture):
+    """Oracle: NumPy on the cloud that was written, and the size of the file."""
+    cloud = ball()
+    told = run_json("info", capture)
+    assert told["file"] == str(capture)
+    assert (told["splats"], told["sh_degree"], told["frame"]) == (300, 1, "rdf")
+    np.testing.assert_array_equal(told["bounds"][0], cloud.positions.min(axis=0))
+    np.testing.assert_array_equal(told["bounds"][1], cloud.positions.max(axis=0))
+    median = np.median(np.prod(cloud.scales.astype(float), axis=1) ** (1 / 3))
+    assert told["scale"]["p50"] == pytest.approx(median, rel=1e-5)
+    assert told["opacity"]["p99"] == pytest.approx(np.percentile(cloud.opacities, 99), rel=1e-5)
+    assert told["bytes_per_splat"] == pytest.approx(capture.stat().st_size / 300)
+    assert told["color_space"] == "srgb_rec709_scene"
+
+
+def test_a_stages_fields_are_described_one_by_one(run_json, shot):
+    """Oracle: what the fixture authored; 236 bytes are float32 centre, quaternion, scales, opacity
+    and 4 x 3 coefficients: (3 + 4 + 3 + 1 + 12) x 4 = 92 at degree 1."""
+    told = run_json("info", shot)
+    assert (told["up_axis"], told["frame"], told["frames"]) == ("Y", "rub", [1.0, 4.0])
+    assert told["cameras"] == ["/World/Cam"]
+    (field,) = told["fields"]
+    assert (field["path"], field["form"], field["splats"]) == ("/World/Ball", "float", 300)
+    assert field["type"] == "ParticleField3DGaussianSplat"
+    assert field["bytes_per_splat"] == 92
+    assert (field["purpose"], field["samples"], field["sampled"]) == ("default", 0, None)
+
+
+def test_time_samples_are_counted_and_chosen(run_json, tmp_path):
+    """Oracle: two samples authored here, of which the second is 4 units up."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    cloud = ball()
+    schema.author(stage, "/Ball", cloud, time=1)
+    moved = dataclasses.replace(cloud, positions=cloud.positions + np.float32([0, 4, 0]))
+    schema.author(stage, "/Ball", moved, time=2)
+    stage.GetRootLayer().Save()
+    (field,) = run_json("info", tmp_path / "a.usda", "--time", 2)["fields"]
+    assert (field["samples"], field["sampled"]) == (2, [1.0, 2.0])
+    assert field["bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
+
+
+def test_provenance_is_shown(run, run_json, capture, tmp_path):
+    """Oracle: the capture's name and format, as import recorded them."""
+    run("convert", capture, tmp_path / "a.usdc")
+    (field,) = run_json("info", tmp_path / "a.usdc")["fields"]
+    assert field["provenance"]["source"] == "ball.ply"
+    assert field["provenance"]["format"].startswith("PLY")
+    status, out, err = run("info", tmp_path / "a.usdc")
+    assert (status, err) == (0, "")
+    assert "    source             ball.ply\n" in out
+    assert "  splats             300\n" in out
+
+
+def test_text_leaves_out_what_says_nothing(run, capture):
+    """Oracle: written out by hand; a ball without ids has no line for them."""
+    status, out, _ = run("info", capture)
+    assert status == 0
+    assert "sh degree          1\n" in out
+    assert "not finite         0\n" in out
+    assert "ids" not in out
+
+
+def test_a_cloud_that_is_not_finite_can_still_be_described():
+    """Oracle: counted by hand; the bounds are those of what is left."""
+    cloud = ball(4)
+    cloud.positions[0] = np.nan
+    cloud.positions[1] = np.inf
+    cloud.opacities[0] = np.nan
+    told = summary.of_cloud(cloud)
+    assert told["not_finite"] == 7
+    np.testing.assert_array_equal(told["bounds"][0], cloud.positions[2:].min(axis=0))
+
+
+def test_an_empty_cloud_has_no_bounds():
+    """Oracle: there is nothing to take a minimum of."""
+    told = summary.of_cloud(ball(0))
+    assert (told["splats"], told["bounds"], told["scale"]) == (0, None, None)
+
+
+def test_real_captures_are_described(run_json, data):
+    """Oracle: the data's README: 101k splats of degree 3 in an SPZ 2."""
+    told = run_json("info", data / "splats" / "pod.spz")
+    assert told["format"] == "SPZ 2"
+    assert told["splats"] == 101407
+    assert told["sh_degree"] == 3
+    assert run_json("info", data / "oracle" / "sogdir" / "meta.json")["splats"] == 1000

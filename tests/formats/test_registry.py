@@ -1,0 +1,79 @@
+"""Which format reads a file, which one writes it, and what is said when none does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.formats.samples import SPLAT_ROW, ply, sog_files, spz, zipped
+from tests.formats.test_ply import random_cloud
+from usdsplat import formats
+from usdsplat.core.errors import FormatError, UnknownFormatError
+
+
+def test_suffixes_are_those_of_the_modules():
+    """Oracle: the formats of the issue."""
+    assert set(formats.suffixes_read()) == {".ply", ".compressed.ply", ".sog", "/meta.json", ".spz"}
+    assert formats.suffixes_written() == (".ply",)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.PLY", "a.spz", "a", "a.backup"])
+def test_content_decides_which_format_reads(tmp_path, name):
+    """Oracle: the bytes are those of a PLY, an SPZ and a SOG file."""
+    (tmp_path / name).write_bytes(ply(np.array([SPLAT_ROW])))
+    assert formats.read(tmp_path / name).format.startswith("PLY")
+    (tmp_path / name).write_bytes(spz(bytes(19), count=1))
+    assert formats.read(tmp_path / name).format == "SPZ 2"
+    assert formats.read(str(zipped(tmp_path / name, sog_files()))).format == "SOG 2"
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".sog", ".spz"])
+def test_the_suffix_decides_where_content_says_nothing(tmp_path, suffix):
+    """Oracle: each format's own complaint about a text."""
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"no capture at all")
+    with pytest.raises(FormatError, match=r"a line 'ply'|b'no c' at the start|damaged archive"):
+        formats.read(path)
+
+
+def test_an_unknown_file_or_folder_is_told_what_is_known(tmp_path):
+    """Oracle: the suffixes, in the sentence."""
+    (tmp_path / "lod-meta.json").write_bytes(b"{}")
+    with pytest.raises(UnknownFormatError, match=r"found suffix '.json', expected one of .*\.spz"):
+        formats.read(tmp_path / "lod-meta.json")
+    with pytest.raises(UnknownFormatError, match=r"a folder without meta.json"):
+        formats.read(tmp_path)
+
+
+def test_what_cannot_be_opened_is_a_sentence(tmp_path):
+    """Oracle: the operating system's own reasons."""
+    with pytest.raises(FormatError, match="found no such file or directory, expected a readable"):
+        formats.read(tmp_path / "none.ply")
+    os.mkfifo(tmp_path / "pipe.ply")
+    with pytest.raises(FormatError, match="neither file nor folder"):
+        formats.read(tmp_path / "pipe.ply")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(FormatError, match="not a directory"):
+        formats.read(tmp_path / "file" / "a.ply")
+
+
+@pytest.mark.parametrize("name", ["a.compressed.ply", "a.spz", "a.sog", "meta.json", "a", "a.txt"])
+def test_only_what_can_be_written_is_written(tmp_path, name):
+    """Oracle: the suffixes that can; a compressed name never holds plain data."""
+    with pytest.raises(UnknownFormatError, match=r"expected one of \.ply$"):
+        formats.write(random_cloud(1, 0), tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_formats_need_neither_usd_nor_numba_nor_codecs_until_they_read():
+    """Oracle: the modules that a fresh process has loaded."""
+    heavy = "pxr numba PIL zstandard plyfile scipy"
+    code = (
+        f"import sys, usdsplat.formats; print([m for m in '{heavy}'.split() if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
