@@ -30,7 +30,7 @@ def add_camera(stage, path, view, k, size):
 @pytest.mark.parametrize("form", ["float", "half", "packed"])
 @pytest.mark.parametrize("name", CAPTURES)
 def test_a_capture_becomes_its_reference_picture(data, tmp_path, name, form):
-    """Oracle: gsplat 1.5.3 on CUDA, two views classic and one antialiased; packed loses a little."""
+    """Oracle: gsplat 1.5.3 on CUDA, two views classic, one antialiased; packed loses a little."""
     oracle = np.load(data / "oracle" / "images" / f"{name.split('.')[0]}.npz")
     size = int(oracle["width"]), int(oracle["height"])
     shot = tmp_path / "shot.usdc"

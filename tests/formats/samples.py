@@ -16,12 +16,28 @@ from typing import Any
 
 import numpy as np
 
+from usdsplat.core.cloud import SplatCloud
+
 SPLAT_NAMES = (
     *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
 SPLAT_ROW = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.0, -1.0, -2.0, -3.0, 1.0, 0.0, 0.0, 0.0)
 """A splat with these properties: opacity 1/2, unrotated."""
+
+
+def random_cloud(count: int, degree: int, seed: int = 0) -> SplatCloud:
+    """Splats of all kinds, opacities well inside 0 to 1."""
+    rng = np.random.default_rng(seed)
+    turns = rng.normal(size=(count, 4))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    return SplatCloud(
+        positions=rng.normal(size=(count, 3)).astype(np.float32),
+        scales=np.exp(rng.normal(-3, 1, (count, 3))).astype(np.float32),
+        rotations=turns.astype(np.float32),
+        opacities=rng.uniform(0.01, 0.99, count).astype(np.float32),
+        sh=rng.normal(size=(count, (degree + 1) ** 2, 3)).astype(np.float32),
+    )
 
 
 def ply(

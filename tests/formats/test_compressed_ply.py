@@ -104,6 +104,11 @@ def test_chunks_hold_across_blocks(tmp_path):
         np.testing.assert_allclose(cloud.sh[row], sh, atol=2e-6)
 
 
+def test_no_splats_are_a_cloud(tmp_path):
+    """Oracle: no chunks and no words."""
+    assert len(formats.read(save(tmp_path / "a.compressed.ply", make(0))).cloud) == 0
+
+
 def test_opacity_bytes_reach_both_ends(tmp_path):
     """Oracle: 0 is opacity 0 and 255 is opacity 1, whose logits are infinite."""
     elements = make(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import tracemalloc
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.formats.compare import differences
-from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW, ply
+from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW, ply, random_cloud
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, OutputError
@@ -19,19 +20,6 @@ from usdsplat.core.errors import FormatError, OutputError
 FEW = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-
-
-def random_cloud(count: int, degree: int, seed: int = 0) -> SplatCloud:
-    rng = np.random.default_rng(seed)
-    turns = rng.normal(size=(count, 4))
-    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
-    return SplatCloud(
-        positions=rng.normal(size=(count, 3)).astype(np.float32),
-        scales=np.exp(rng.normal(-3, 1, (count, 3))).astype(np.float32),
-        rotations=turns.astype(np.float32),
-        opacities=rng.uniform(0.01, 0.99, count).astype(np.float32),
-        sh=rng.normal(size=(count, (degree + 1) ** 2, 3)).astype(np.float32),
-    )
 
 
 def columns(degree: int) -> list[str]:
@@ -202,8 +190,6 @@ def test_half_and_integer_columns_are_numbers(tmp_path):
     lines = ["ply", "format binary_big_endian 1.0", "element vertex 1"]
     lines += [f"property {kinds.get(name, ('double', 'd'))[0]} {name}" for name in SPLAT_NAMES]
     code = ">" + "".join(kinds.get(name, ("double", "d"))[1] for name in SPLAT_NAMES)
-    import struct
-
     body = struct.pack(code, -1.5, -300, 200, *SPLAT_ROW[3:])
     (tmp_path / "odd.ply").write_bytes("\n".join([*lines, "end_header\n"]).encode() + body)
     cloud = formats.read(tmp_path / "odd.ply").cloud
@@ -221,7 +207,7 @@ def test_rotations_of_any_length_become_unit_and_zero_ones_are_dropped(tmp_path)
     expected = [[0.6, 0, 0.8, 0], [0, 0, 0.6, -0.8], [0.5, 0.5, 0.5, 0.5]]
     np.testing.assert_allclose(capture.cloud.rotations, expected, atol=1e-6)
     assert capture.cloud.positions[:, 0].tolist() == [0, 2, 3]
-    assert capture.notes == ("dropped 1 splats whose rotation is zero",)
+    assert capture.notes == ("splats dropped because their rotation is zero: 1",)
 
 
 @pytest.mark.parametrize(

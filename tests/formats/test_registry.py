@@ -9,8 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from tests.formats.samples import SPLAT_ROW, ply, sog_files, spz, zipped
-from tests.formats.test_ply import random_cloud
+from tests.formats.samples import SPLAT_ROW, ply, random_cloud, sog_files, spz, zipped
 from usdsplat import formats
 from usdsplat.core.errors import FormatError, UnknownFormatError
 

@@ -255,6 +255,11 @@ def test_archives_that_are_odd_are_refused(tmp_path):
     at = good.index(files["scales.webp"][:40])
     spoilt = good[:at] + bytes(40) + good[at + 40 :]
     odd["spoilt.sog"] = (spoilt, "a damaged archive .*CRC")
+    offset = int.from_bytes(good[-6:-2], "little") + 1_000_000
+    odd["before_the_start.sog"] = (
+        good[:-6] + offset.to_bytes(4, "little") + good[-2:],
+        "a damaged archive",
+    )
     for name, (data, message) in odd.items():
         (tmp_path / name).write_bytes(data)
         with pytest.raises(FormatError, match=message):

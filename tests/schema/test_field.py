@@ -177,7 +177,7 @@ def test_options_that_cannot_be_are_refused_before_anything_is_written(
 
 
 def test_data_attributes_are_those_that_the_cloud_depends_on(stage: Usd.Stage) -> None:
-    """Oracle: every attribute that authoring writes is data, except those that are known not to be."""
+    """Oracle: every attribute that authoring writes, except those that are known not to be."""
     others = {"extent", "colorSpace:name", "purpose"}
     for form in FORMS:
         prim = schema.author(stage, f"/{form}", cloud(moving=True), form=form)

@@ -143,7 +143,7 @@ def test_a_negative_degree_is_grey(stage: Usd.Stage) -> None:
 
 
 def test_float_wins_over_half_unless_it_is_empty(stage: Usd.Stage) -> None:
-    """Oracle: the rule of usdVol's UsesFloatOpacities: an array with elements at the earliest time."""
+    """Oracle: the rule of usdVol's UsesFloatOpacities: has elements at the earliest time."""
     prim = stock_prim(stage, {"positions": three_points()})
     half, whole = prim.GetAttribute("opacitiesh"), prim.GetAttribute("opacities")
     half.Set(Vt.HalfArray([0.5, 0.5, 0.5]))
@@ -155,7 +155,7 @@ def test_float_wins_over_half_unless_it_is_empty(stage: Usd.Stage) -> None:
 
 
 def test_float_samples_win_at_times_where_they_are_empty(stage: Usd.Stage) -> None:
-    """Oracle: the same rule: the earliest time decides for all times, so 5 is too short, not half."""
+    """Oracle: the same rule: the earliest time decides for all, so 5 is too short, not half."""
     prim = stock_prim(stage, {"positions": three_points()})
     prim.GetAttribute("opacitiesh").Set(Vt.HalfArray([0.5] * 3))
     prim.GetAttribute("opacities").Set(Vt.FloatArray([0, 0, 0]), 1)

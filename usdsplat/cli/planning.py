@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError
@@ -33,7 +33,7 @@ class Request:
     aovs: tuple[str, ...] | None = None
     purposes: tuple[str, ...] | None = None
     pixel_type: PixelType | None = None
-    settings: Mapping[str, Any]
+    settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
     settings_prim: str | None = None
     """Path of the RenderSettings to follow."""

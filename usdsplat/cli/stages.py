@@ -78,7 +78,8 @@ def _refused(path: Path, found: str) -> Sdf.Layer:
 def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationMask | None:
     """The prims to load; None for all."""
     for text in prims:
-        if not Sdf.Path.IsValidPathString(text) or not Sdf.Path(text).IsAbsoluteRootOrPrimPath():
+        path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
+        if not (path.IsAbsolutePath() and path.IsPrimPath()):
             raise UsageError("--mask", repr(text), "the path of a prim, such as /World/Tree")
     return Usd.StagePopulationMask([*prims, *keep]) if prims else None
 

@@ -75,4 +75,5 @@ class Filling:
             opacities=self.opacities[kept],
             sh=self.sh[kept],
         )
-        return cloud, (f"dropped {dropped} splats whose rotation is zero",) if dropped else ()
+        notes = (f"splats dropped because their rotation is zero: {dropped}",)
+        return cloud, notes if dropped else ()

@@ -14,7 +14,10 @@ from usdsplat.core.errors import FormatError
 META = "meta.json"
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack into memory as they like
-_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, OverflowError, RuntimeError)
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, OSError),  # OSError: offsets before the start
+    *(ValueError, OverflowError, RuntimeError),  # RuntimeError: methods that zipfile does not know
+)
 _ENCRYPTED = 0x1
 
 
@@ -76,7 +79,7 @@ class _Archive(SogFiles):
         if info.compress_type not in _METHODS or info.flag_bits & _ENCRYPTED:
             where = f"{self.source}: {name}"
             raise FormatError(where, "an entry encrypted or packed oddly", "stored or deflated")
-        with self._archive.open(info) as file:
+        with _damage_as_format_error(self.source), self._archive.open(info) as file:
             return file.read(most)
 
 
@@ -85,15 +88,21 @@ def open_sog(path: Path) -> Iterator[SogFiles]:
     """Open an archive, a folder, or the folder around its `meta.json`.
 
     Raises:
-        FormatError: If the archive is damaged, here or while it is read.
+        FormatError: If the archive is damaged.
     """
     if path.is_dir() or path.name.lower() == META:
         yield _Folder(path if path.is_dir() else path.parent)
         return
+    with _damage_as_format_error(str(path)):
+        archive = zipfile.ZipFile(path)
+    with archive:
+        yield _Archive(path, archive)
+
+
+@contextmanager
+def _damage_as_format_error(source: str) -> Iterator[None]:
+    """What zipfile raises on archives that are none, as a sentence."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            yield _Archive(path, archive)
-    except FormatError:
-        raise
+        yield
     except _DAMAGE as error:
-        raise FormatError(str(path), f"a damaged archive ({error})", "a zip file") from error
+        raise FormatError(source, f"a damaged archive ({error})", "a zip file") from error

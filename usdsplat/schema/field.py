@@ -57,22 +57,11 @@ def author(
     """
     _check_options(form, color_space, rasterize_mode, projection_mode, sorting_mode)
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    _check_degree(stage, Sdf.Path(path), cloud, code)
     if form == "packed":
-        registration.require(str(path))
-    prim = _define(stage, path, tokens.PACKED_TYPE if form == "packed" else tokens.STOCK_TYPE)
-    _check_degree(prim, cloud, code)
-    if form == "packed":
-        packed.author(prim, cloud, code=code)
-        proxy.author(prim, cloud, code=code)
-        _author_fallback_type(stage)
-        slack = packed.SLACK
+        prim = _author_packed(stage, path, cloud, code)
     else:
-        stock.author(prim, cloud, half=form == "half", code=code)
-        proxy.remove(prim)
-        prim.AddAppliedSchema(tokens.FIELD_API)
-        slack = stock.HALF_SLACK if form == "half" else 0.0
-    box = to_vt(compute_extent(cloud, slack=slack), Vt.Vec3fArray)
-    set_array(prim, tokens.EXTENT, _Type.Float3Array, box, code)
+        prim = _author_stock(stage, path, cloud, form == "half", code)
     _author_identity(prim, cloud, code)
     _author_color_space(prim, color_space)
     modes = {
@@ -150,6 +139,40 @@ def error_bounds(form: Form) -> Mapping[str, str]:
 _EXPECTED = f"{tokens.STOCK_TYPE} or {tokens.PACKED_TYPE}"
 
 
+def _author_stock(
+    stage: Usd.Stage, path: str | Sdf.Path, cloud: SplatCloud, half: bool, code: Usd.TimeCode
+) -> Usd.Prim:
+    """Arrays and extent in a stock form."""
+    if half:
+        stock.check_half(cloud)
+    prim = _define(stage, path, tokens.STOCK_TYPE)
+    stock.author(prim, cloud, half=half, code=code)
+    proxy.remove(prim)
+    prim.AddAppliedSchema(tokens.FIELD_API)
+    _author_extent(prim, cloud, stock.HALF_SLACK if half else 0.0, code)
+    return prim
+
+
+def _author_packed(
+    stage: Usd.Stage, path: str | Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode
+) -> Usd.Prim:
+    """Arrays, extent and proxy in the packed form."""
+    registration.require(str(path))
+    arrays = packing.pack(cloud)
+    prim = _define(stage, path, tokens.PACKED_TYPE)
+    packed.author(prim, cloud.positions, arrays, code=code)
+    proxy.author(prim, cloud, code=code)
+    _author_fallback_type(stage)
+    _author_extent(prim, cloud, packed.SLACK, code)
+    return prim
+
+
+def _author_extent(prim: Usd.Prim, cloud: SplatCloud, slack: float, code: Usd.TimeCode) -> None:
+    """The box, wide enough for what the form decodes to."""
+    box = to_vt(compute_extent(cloud, slack=slack), Vt.Vec3fArray)
+    set_array(prim, tokens.EXTENT, _Type.Float3Array, box, code)
+
+
 def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
     """The prim of that type at `path`: defined if new, else retyped where it is not yet."""
     prim = stage.GetPrimAtPath(path)
@@ -185,17 +208,18 @@ def _check_options(
         )
 
 
-def _check_degree(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
-    """The degree is uniform: a sample must have that of the samples before it."""
-    attribute = prim.GetAttribute(tokens.SH_DEGREE)
-    if code.IsDefault() or not attribute.HasAuthoredValue():
+def _check_degree(
+    stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode
+) -> None:
+    """The degree is uniform: a sample must have that of the other samples in its layer."""
+    target = stage.GetEditTarget()
+    layer, spec_path = target.GetLayer(), target.MapToSpecPath(path)
+    written = layer.GetAttributeAtPath(spec_path.AppendProperty(tokens.SH_DEGREE))
+    samples = layer.GetNumTimeSamplesForPath(spec_path.AppendProperty(tokens.POSITIONS))
+    if code.IsDefault() or not samples or not written or written.default == cloud.sh_degree:
         return
-    if not prim.GetAttribute(tokens.POSITIONS).GetNumTimeSamples():
-        return
-    degree = attribute.Get()
-    if degree != cloud.sh_degree:
-        where = f"{prim.GetPath()} at {code.GetValue():g}"
-        raise StageError(where, f"harmonics of degree {cloud.sh_degree}", f"{degree}, as before")
+    found = f"harmonics of degree {cloud.sh_degree}"
+    raise StageError(f"{path} at {code.GetValue():g}", found, f"{written.default}, as before")
 
 
 def _author_fallback_type(stage: Usd.Stage) -> None:

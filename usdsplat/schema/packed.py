@@ -33,17 +33,21 @@ _EMPTY = {
 _FLOATS = (tokens.COLOR_RANGE, tokens.HARMONICS_RANGE)
 
 
-def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
+def author(
+    prim: Usd.Prim, centres: F32, arrays: packing.PackedArrays, *, code: Usd.TimeCode
+) -> None:
     """Write the arrays of a packed prim and drop the stock ones that the edit target holds.
 
     Stock arrays that weaker layers hold stay: the type says that they do not count.
 
-    Raises:
-        UsageError: If a value is not finite.
+    Args:
+        prim: Of the packed type.
+        centres: [scene unit], shape (n, 3).
+        arrays: The rest of n splats.
+        code: Default, or the time code of a sample.
     """
-    arrays = packing.pack(cloud)
     attributes.forget(prim, {*tokens.HALF_OF, *tokens.HALF_OF.values()} - {tokens.POSITIONS})
-    positions = to_vt(cloud.positions, Vt.Vec3fArray)
+    positions = to_vt(centres, Vt.Vec3fArray)
     set_array(prim, tokens.POSITIONS, _Type.Point3fArray, positions, code)
     for name, kind, vt_kind, value in (
         (tokens.PACKED, _Type.Int4Array, Vt.Vec4iArray, arrays.core),
@@ -53,7 +57,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
     ):
         set_array(prim, name, kind, to_vt(value, vt_kind), code)
     set_uniform(prim, tokens.PACKING, _Type.Token, packing.TOKEN)
-    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
+    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, arrays.degree)
 
 
 def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:

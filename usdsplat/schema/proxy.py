@@ -51,10 +51,10 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
 
 def remove(prim: Usd.Prim) -> None:
     """Take away what `author` wrote on the edit target."""
-    layer = prim.GetStage().GetEditTarget().GetLayer()
-    child = layer.GetPrimAtPath(prim.GetPath().AppendChild(tokens.PROXY_CHILD))
+    stage, path = prim.GetStage(), prim.GetPath().AppendChild(tokens.PROXY_CHILD)
+    child = stage.GetEditTarget().GetPrimSpecForScenePath(path)
     if child and child.typeName == "Points":
-        prim.GetStage().RemovePrim(child.path)
+        stage.RemovePrim(path)
         prim.RemoveProperty(tokens.PROXY_PRIM)
         prim.RemoveProperty(tokens.PURPOSE)
 

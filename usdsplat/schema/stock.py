@@ -59,12 +59,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
         half: Write everything but the centres as half: 124 bytes a splat instead of 236 at degree
             3. Half centres cost up to 27 dB, so they stay float.
         code: Default, or the time code of a sample.
-
-    Raises:
-        UsageError: If `half` is asked for and a number is beyond half's range.
     """
-    if half:
-        _check_half(cloud)
     attributes.forget(prim, (*tokens.PACKED_ARRAYS, tokens.PACKING))
     stale = [name if half else tokens.HALF_OF[name] for name in _FLOAT]
     attributes.silence(prim, (tokens.POSITIONS_HALF, *stale))
@@ -83,6 +78,21 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
         if name == tokens.SH_COEFFICIENTS:
             _set_primvar_metadata(written, cloud.sh.shape[1])
     set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
+
+
+def check_half(cloud: SplatCloud) -> None:
+    """Refuse numbers that would become infinite.
+
+    Raises:
+        UsageError: If one is beyond half's range.
+    """
+    for name in ("scales", "sh"):
+        values = getattr(cloud, name)
+        peak = max(np.max(values, initial=0), -np.min(values, initial=0))
+        if peak > HALF_MAX:
+            raise UsageError(
+                f"half form, {name}", f"the magnitude {peak:g}", f"at most {HALF_MAX:g}, or float"
+            )
 
 
 def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
@@ -153,17 +163,6 @@ def _identities(n: int) -> F32:
 def _positive_half(scales: F32) -> F32:
     """Scales that do not vanish in half unless they are zero."""
     return np.where((scales > 0) & (scales < HALF_TINY), np.float32(HALF_TINY), scales)
-
-
-def _check_half(cloud: SplatCloud) -> None:
-    """Refuse numbers that would become infinite."""
-    for name in ("scales", "sh"):
-        values = getattr(cloud, name)
-        peak = max(np.max(values, initial=0), -np.min(values, initial=0))
-        if peak > HALF_MAX:
-            raise UsageError(
-                f"half form, {name}", f"the magnitude {peak:g}", f"at most {HALF_MAX:g}, or float"
-            )
 
 
 def _set_primvar_metadata(attribute: Usd.Attribute, element_size: int) -> None:

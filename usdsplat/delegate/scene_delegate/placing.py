@@ -45,7 +45,7 @@ def purpose(appearance: Appearance) -> str:
     """The purpose of an appearance: the nearest that is authored, from the field outwards."""
     for level in reversed(appearance.levels):
         for prim in level.lineage():
-            attribute = UsdGeom.Imageable(prim).GetPurposeAttr()
-            if attribute and attribute.HasAuthoredValue():
-                return str(attribute.Get())
+            imageable = UsdGeom.Imageable(prim)
+            if imageable and imageable.GetPurposeAttr().HasAuthoredValue():
+                return str(imageable.GetPurposeAttr().Get())
     return str(UsdGeom.Tokens.default_)

@@ -1,7 +1,8 @@
 """A capture of our own making: nobody's scan, no download, the same on every machine.
 
-`capture()` models a still life (`garden`, `shell`), covers it with splats (`patch`) and bakes the
-light of an afternoon into harmonics (`light`), so that colour depends on the view as in a scan.
+`capture()` models a still life (`shell`, `plinth`, `tiles`, `meadow`), covers it with splats
+(`patch`) and bakes the light of an afternoon into harmonics (`light`), so that its colours depend
+on the view as a scan's do.
 """
 
 from __future__ import annotations

@@ -1,0 +1,85 @@
+"""How long a capture takes from a .ply to a saved stage, in each form.
+
+    python -m benchmarks.author [SPLATS]
+
+The floor is the time that this machine takes to read the source's bytes and to write the stage's bytes
+with no format at all.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from usdsplat import formats
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.interchange import import_capture
+
+FORMS = ("float", "half", "packed")
+REPEATS = 3
+
+
+def capture(count: int) -> SplatCloud:
+    """Random splats of degree 3 with a fixed seed."""
+    rng = np.random.default_rng(0)
+    q = rng.normal(size=(count, 4)).astype(np.float32)
+    return SplatCloud(
+        positions=rng.normal(size=(count, 3)).astype(np.float32),
+        scales=np.exp(rng.normal(-5, 1, (count, 3))).astype(np.float32),
+        rotations=q / np.linalg.norm(q, axis=1, keepdims=True),
+        opacities=rng.random(count, dtype=np.float32),
+        sh=rng.normal(0, 0.1, (count, 16, 3)).astype(np.float32),
+    )
+
+
+def seconds(action: object, *args: object) -> tuple[float, float]:
+    """Median wall and CPU seconds of a call."""
+    assert callable(action)
+    spent = []
+    for _ in range(REPEATS):
+        wall, cpu = time.perf_counter(), time.process_time()
+        action(*args)
+        spent.append((time.perf_counter() - wall, time.process_time() - cpu))
+    wall, cpu = np.median(spent, axis=0)
+    return float(wall), float(cpu)
+
+
+def copy(source: Path, target: Path, size: int) -> None:
+    """The floor: read the source, write `size` bytes."""
+    data = source.read_bytes()
+    target.write_bytes((data * (size // len(data) + 1))[:size] if size > len(data) else data[:size])
+
+
+def main(count: int = 1_000_000) -> None:
+    """Print the table."""
+    table = Table(title=f"{count:,} splats of degree 3, .ply to .usdc: median of {REPEATS}")
+    for name in ("form", "wall s", "CPU s", "floor s", "× floor", "MB", "bytes a splat"):
+        table.add_column(name, justify="right")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        source = folder / "capture.ply"
+        formats.write(capture(count), source)
+        for form in FORMS:
+            target = folder / f"{form}.usdc"
+
+            def run(target: Path = target, form: str = form) -> None:
+                import_capture(source, target, form=form)  # type: ignore[arg-type]
+
+            wall, cpu = seconds(run)
+            size = target.stat().st_size
+            floor, _ = seconds(copy, source, folder / "floor", size)
+            table.add_row(
+                form, f"{wall:.2f}", f"{cpu:.2f}", f"{floor:.2f}", f"{wall / floor:.1f}",
+                f"{size / 1e6:.0f}", f"{size / count:.0f}",
+            )  # fmt: skip
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    main(*(int(text) for text in sys.argv[1:2]))

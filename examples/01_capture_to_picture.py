@@ -1,0 +1,42 @@
+"""A capture becomes a stage, and the stage a picture.
+
+python examples/01_capture_to_picture.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from usdsplat import formats
+from usdsplat.cli.main import main as usdsplat
+from usdsplat.interchange import import_capture
+from usdsplat.interchange.procedural import capture
+
+
+def main(folder: Path) -> Path:
+    """Write capture.ply, capture.usdc and capture.exr; returns the picture."""
+    scan, stage, picture = (folder / f"capture{suffix}" for suffix in (".ply", ".usdc", ".exr"))
+    formats.write(capture(20_000), scan)
+    report = import_capture(scan, stage)
+    print(f"{report.splats} splats at {report.prim_path}")
+    usdsplat(["render", str(stage), "-o", str(picture), "--resolution", "320x240"])
+    return picture
+
+
+def check(picture: Path) -> None:
+    """Something is seen, it is linear Rec.709, and where nothing is nothing was made up."""
+    image = oiio.ImageBuf(str(picture))
+    pixels = image.get_pixels(oiio.FLOAT)
+    assert image.spec().getattribute("colorInteropID") == "lin_rec709_scene"
+    assert 0.1 < np.mean(pixels[..., 3] > 0.5) < 0.95
+    assert not pixels[pixels[..., 3] == 0].any()
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    target.mkdir(parents=True, exist_ok=True)
+    check(main(target))

@@ -1,0 +1,306 @@
+"""`usdsplat render`, from the command line to the pixels of files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
+
+from tests.cli.conftest import ball
+from tests.cli.test_main import shell
+from usdsplat import schema
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.images.color import convert
+
+SMALL = ("--resolution", "48x32")
+
+
+def read(path, subimage=0, kind="float"):
+    """All channels of one part of a file, by OpenImageIO's reader, alpha as it is in the file."""
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageInput.open(str(path), config)
+    file.seek_subimage(subimage, 0)
+    count = file.spec().nchannels
+    pixels = file.read_image(subimage, 0, 0, count, kind)
+    file.close()
+    return pixels
+
+
+def header(path):
+    file = oiio.ImageInput.open(str(path))
+    spec = file.spec()
+    file.close()
+    return spec
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Draw with every kernel once, so that no test is the one that hears of compilation."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Ball", ball())
+    with Engine(stage) as engine:
+        view = engine.view(resolution=(16, 16))
+        for mode in ("scene", "display"):
+            engine.picture(view, RenderSettings(color_mode=mode), ("color", "depth", "primId"))
+
+
+@pytest.fixture
+def pictured(shot):
+    """What the engine draws of the shot at a frame, in memory."""
+
+    def picture(frame, camera="/World/Cam", resolution=(48, 32), **settings):
+        with Engine(Usd.Stage.Open(str(shot)), time=frame) as engine:
+            view = engine.view(camera, resolution=resolution)
+            aovs = ("color", "depth", "primId", "elementId")
+            found = engine.picture(view, RenderSettings(**settings), aovs)
+            return {name: array.copy() for name, array in found.items()}
+
+    return picture
+
+
+def test_an_exr_holds_what_the_engine_draws(run, shot, tmp_path, pictured):
+    """Oracle: the engine's own arrays; ids are the same 32 bits, -1 where nothing is."""
+    out = tmp_path / "a.exr"
+    status, printed, err = run(
+        "render", shot, "-o", out, "--frames", 3, *SMALL, "--float", "--color-mode", "display",
+        "--aovs", "color,Z,id,splatId",
+    )  # fmt: skip
+    assert (status, printed, err) == (0, f"{out}\n", "")
+    expected = pictured(3.0, color_mode="display")
+    main, ids = read(out), read(out, 1, "uint")
+    assert expected["color"][..., 3].max() > 0.9
+    np.testing.assert_array_equal(main[..., :4], expected["color"])
+    np.testing.assert_array_equal(main[..., 4], expected["depth"])
+    np.testing.assert_array_equal(ids[..., 0], expected["primId"].view(np.uint32))
+    np.testing.assert_array_equal(ids[..., 1], expected["elementId"].view(np.uint32))
+    assert ids.max() == 2**32 - 1
+
+
+def test_exr_is_linear_and_png_is_what_a_viewer_shows(run, shot, tmp_path, pictured):
+    """Oracle: the engine's display picture, by hand: straight 8 bits, and decoded to linear."""
+    for name in ("a.png", "a.exr"):
+        assert run("render", shot, "-o", tmp_path / name, "--frames", 1, *SMALL)[0] == 0
+    color = pictured(1.0, color_mode="display")["color"]
+    alpha = color[..., 3:]
+    straight = color[..., :3] / np.maximum(alpha, 1e-9)
+    expected = np.floor(np.clip(np.concatenate([straight, alpha], 2), 0, 1) * 255 + 0.5)
+    png = read(tmp_path / "a.png", kind="uint8")
+    assert np.abs(png.astype(int) - expected.astype(int)).max() <= 1
+    assert np.mean(png != expected) < 0.001
+    linear = convert(straight, "srgb_rec709_scene", "lin_rec709_scene") * alpha
+    exr = read(tmp_path / "a.exr")
+    np.testing.assert_allclose(exr[..., :3], linear, rtol=2e-3, atol=1e-3)
+    assert header(tmp_path / "a.exr").channelformats == ()
+    assert header(tmp_path / "a.exr").format == "half"
+
+
+def test_the_header_says_how_it_was_drawn(run, shot, tmp_path):
+    """Oracle: the stage and the flags; a point of the ball lands where worldToNDC says."""
+    flags = ("--frames", 2, "--aovs", "color,id", "--sorting", "cameraDistance")
+    assert run("render", shot, "-o", tmp_path / "a.exr", *flags, *SMALL)[0] == 0
+    spec = header(tmp_path / "a.exr")
+    entries = {item.name: item.value for item in spec.extra_attribs}
+    assert entries["usdsplat:stage"] == str(shot)
+    assert entries["usdsplat:frame"] == 2.0
+    assert entries["usdsplat:camera"] == "/World/Cam"
+    assert entries["usdsplat:sorting"] == "cameraDistance"
+    assert entries["usdsplat:rasterizeMode"] == "classic"
+    assert entries["usdsplat:colorMode"] == "scene"
+    assert json.loads(entries["usdsplat:ids"]) == ["/World/Ball"]
+    u, v, _, w = [0.2, 0, 0, 1] @ np.reshape(entries["worldToNDC"], (4, 4))
+    covered = np.argwhere(read(tmp_path / "a.exr")[..., 3] > 0.5)
+    middle = (covered.mean(axis=0) + 0.5) / (32, 48)
+    np.testing.assert_allclose([v / w, u / w], middle, atol=0.02)
+
+
+def test_a_sequence_is_one_file_a_frame(run, run_json, shot, tmp_path, pictured):
+    """Oracle: the engine at each frame; without --frames the stage's range is drawn."""
+    drawn = run_json("render", shot, "-o", tmp_path / "a.###.exr", *SMALL, "--float")
+    assert [item["frame"] for item in drawn] == [1, 2, 3, 4]
+    assert [item["splats"] for item in drawn] == [300] * 4
+    for item in drawn:
+        expected = pictured(item["frame"], color_mode="scene")["color"]
+        np.testing.assert_array_equal(read(item["path"]), expected)
+    status, out, _ = run("render", shot, "-o", tmp_path / "b.###.png", "--frames", "4-1x3", *SMALL)
+    assert status == 0
+    assert out.splitlines() == [str(tmp_path / "b.004.png"), str(tmp_path / "b.001.png")]
+
+
+def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
+    """Oracle: the file that was there is not touched, the others come."""
+    (tmp_path / "a.2.png").write_bytes(b"here already")
+    output = tmp_path / "a.#.png"
+    drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)
+    assert [item["frame"] for item in drawn] == [1, 3]
+    assert (tmp_path / "a.2.png").read_bytes() == b"here already"
+
+
+def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):
+    """Oracle: the ball is whole: it touches no edge of the picture, and fills a good part."""
+    (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)
+    assert item["camera"] == ""
+    alpha = read(item["path"])[..., 3]
+    edges = (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])
+    assert max(edge.max() for edge in edges) < 0.05
+    assert (alpha > 0.5).mean() > 0.1
+
+
+def test_a_camera_goes_by_name_or_path(run, run_json, shot, tmp_path):
+    """Oracle: the path in the report; a name that two cameras have is refused with both paths."""
+    output = ("-o", tmp_path / "a.png", *SMALL)
+    for name in ("Cam", "/World/Cam"):
+        assert run_json("render", shot, "--camera", name, *output)[0]["camera"] == "/World/Cam"
+    stage = Usd.Stage.Open(str(shot))
+    UsdGeom.Camera.Define(stage, "/Other/Cam")
+    stage.GetRootLayer().Save()
+    status, _, err = run("render", shot, "--camera", "Cam", *output)
+    assert status == 2
+    assert "--camera: found 'Cam', expected one of /Other/Cam, /World/Cam" in err
+
+
+@pytest.fixture
+def products(shot, tmp_path):
+    """The shot with settings and two products: a half-size EXR with depth and a PNG."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    settings.GetResolutionAttr().Set(Gf.Vec2i(40, 20))
+    settings.GetCameraRel().SetTargets(["/World/Cam"])
+    stage.SetMetadata("renderSettingsPrimPath", "/Render/Main")
+    for name, suffix, sources in (("deep", "exr", ("Ci", "depth")), ("look", "png", ("Ci",))):
+        product = UsdRender.Product.Define(stage, f"/Render/{name}")
+        product.GetProductNameAttr().Set(str(tmp_path / f"{name}.####.{suffix}"))
+        for source in sources:
+            var = UsdRender.Var.Define(stage, f"/Render/{name}/{source}")
+            var.GetSourceNameAttr().Set(source)
+            product.GetOrderedVarsRel().AddTarget(var.GetPath())
+        settings.GetProductsRel().AddTarget(product.GetPath())
+    stage.GetPrimAtPath("/Render/look").GetAttribute("resolution").Set(Gf.Vec2i(20, 10))
+    stage.GetRootLayer().Save()
+    return shot
+
+
+def test_a_stages_products_drive(run_json, products, tmp_path):
+    """Oracle: the prims: two files a frame, each of the size and contents that its prim says."""
+    drawn = run_json("render", products, "--frames", "1-2")
+    assert [(item["path"].rsplit("/", 1)[-1], item["resolution"]) for item in drawn] == [
+        ("deep.0001.exr", [40, 20]),
+        ("look.0001.png", [20, 10]),
+        ("deep.0002.exr", [40, 20]),
+        ("look.0002.png", [20, 10]),
+    ]
+    assert header(tmp_path / "deep.0001.exr").channelnames == ("R", "G", "B", "A", "Z")
+    assert read(tmp_path / "look.0002.png").shape == (10, 20, 4)
+
+
+def test_flags_replace_what_products_say(run_json, products, tmp_path):
+    """Oracle: the flags."""
+    flags = ("--product", "/Render/deep", "--aovs", "color", *SMALL, "--frames", 1)
+    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", *flags)
+    assert item["path"] == str(tmp_path / "a.exr")
+    assert item["resolution"] == [48, 32]
+    assert header(item["path"]).channelnames == ("R", "G", "B", "A")
+
+
+def test_crops_keep_their_place(run_json, products, tmp_path, pictured):
+    """Oracle: the same pixels of the whole picture, bit for bit, at their own data window."""
+    stage = Usd.Stage.Open(str(products))
+    prim = stage.GetPrimAtPath("/Render/deep")
+    window = prim.GetAttribute("dataWindowNDC")
+    window.Set(Gf.Vec4f(0.25, 0.0, 1.0, 0.5))
+    stage.GetRootLayer().Save()
+    flags = ("--product", "/Render/deep", "--frames", 2, "--float")
+    (item,) = run_json("render", products, *flags)
+    spec = header(item["path"])
+    assert (spec.x, spec.y, spec.width, spec.height) == (10, 10, 30, 10)
+    assert (spec.full_width, spec.full_height) == (40, 20)
+    whole = pictured(2.0, resolution=(40, 20), color_mode="scene")["color"]
+    np.testing.assert_array_equal(read(item["path"])[..., :4], whole[10:, 10:])
+
+
+def test_purposes_decide_what_is_seen(run_json, shot, tmp_path):
+    """Oracle: a ball of purpose guide is drawn only when it is asked for."""
+    stage = Usd.Stage.Open(str(shot))
+    guide = schema.author(stage, "/World/Guide", ball(50))
+    UsdGeom.Imageable(guide).GetPurposeAttr().Set("guide")
+    stage.GetRootLayer().Save()
+    output = ("-o", tmp_path / "a.png", *SMALL)
+    assert run_json("render", shot, *output)[0]["splats"] == 300
+    purposes = ("--purposes", "default, guide")
+    assert run_json("render", shot, *output, *purposes)[0]["splats"] == 350
+
+
+def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
+    """Oracle: the picture is drawn without it, and stderr has a sentence about it."""
+    stage = Usd.Stage.Open(str(shot))
+    bad = stage.DefinePrim("/World/Bad", "ParticleFieldPackedSplat")
+    bad.CreateAttribute("positions", Sdf.ValueTypeNames.Point3fArray).Set([(0, 0, 0)])
+    stage.GetRootLayer().Save()
+    status, out, err = run("render", shot, "-o", tmp_path / "a.png", *SMALL)
+    assert (status, out) == (0, f"{tmp_path}/a.png\n")
+    assert err.startswith("usdsplat: /World/Bad")
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        ([], "render: found no file to write, expected -o FILE"),
+        (["-o", "a.jpg"], "a.jpg: found suffix '.jpg', expected one of .exr, .png"),
+        (["-o", "a.png", "--aovs", "color,Z"], "a.png: found AOVs color, Z, expected color"),
+        (["-o", "a.png", "--float"], "a.png: found float pixels, expected uint8 or uint16"),
+        (["-o", "a.png", "--color-mode", "scene"], "a.png: found a picture in lin_rec709"),
+        (["-o", "a.png", "--color-mode", "x"], "render color_mode: found 'x', expected one of"),
+        (["-o", "a.png", "--sh-degree", "9"], "render sh_degree: found 9, expected 0 to 4"),
+        (["-o", "a.exr", "--aovs", "N"], "render AOVs: found 'N', expected one of color, Z"),
+        (["-o", "a.png", "--resolution", "9"], "--resolution: found '9', expected two numbers"),
+        (["-o", "a.png", "--frames", "1-2"], "a.png: found 2 frames, expected a place"),
+        (["-o", "a.png", "--frames", "x"], "frames: found 'x', expected a range"),
+        (["-o", "a.png", "--camera", "/No"], "camera: found /No, expected one of /World/Cam"),
+        (["-o", "a.png", "--camera", "No"], "--camera: found 'No', expected one of /World/Cam"),
+        (["-o", "a.png", "--device", "abacus"], "device: found 'abacus', expected auto or one"),
+        (["-o", "a.png", "--threads", "0"], "threads: found 0, expected 1 to"),
+        (["-o", "a.png", "--settings", "/No"], "render settings: found /No, expected the path"),
+        (["-o", "a.png", "--product", "/No"], "--product: found /No, expected a product of"),
+        (["-o", "no/a.png"], "no/a.png: found no folder"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_sentence(run, shot, monkeypatch, argv, sentence):
+    """Oracle: where: found X, expected Y; status 2; no file is left."""
+    monkeypatch.chdir(shot.parent)
+    before = sorted(shot.parent.iterdir())
+    status, out, err = run("render", shot, *argv)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usdsplat: {sentence}")
+    assert len(err.splitlines()) == 1
+    assert sorted(shot.parent.iterdir()) == before
+
+
+def test_products_in_each_others_way_are_refused(run, products, tmp_path):
+    """Oracle: one file cannot hold two products, nor can we draw a kind we do not know."""
+    status, _, err = run("render", products, "-o", tmp_path / "a.exr")
+    assert status == 2
+    assert "found one file for 2 products, expected --product, of /Render/deep, /Render/look" in err
+    stage = Usd.Stage.Open(str(products))
+    name = stage.GetPrimAtPath("/Render/look").GetAttribute("productName")
+    name.Set(str(tmp_path / "deep.####.exr"))
+    stage.GetRootLayer().Save()
+    status, _, err = run("render", products, "--frames", 1)
+    assert status == 2
+    assert "found two products with this file" in err
+    stage.GetPrimAtPath("/Render/look").GetAttribute("productType").Set("deepRaster")
+    stage.GetRootLayer().Save()
+    status, _, err = run("render", products, "--frames", 1)
+    assert (status, "/Render/look: found productType deepRaster" in err) == (2, True)
+
+
+def test_a_process_is_quiet_and_reports_its_threads(shot, tmp_path):
+    """Oracle: streams and status of a shelled-out run; stderr may announce compilation once."""
+    run = shell("render", shot, "-o", tmp_path / "a.exr", "--threads", 1, *SMALL, "--json")
+    assert run.returncode == 0
+    assert json.loads(run.stdout)[0]["path"] == str(tmp_path / "a.exr")
+    assert [line for line in run.stderr.splitlines() if "compiling kernels" not in line] == []

@@ -1,0 +1,57 @@
+"""The engine that watched every edit against one that never saw the stage before."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.delegate.edits import Editor
+from tests.delegate.stages import contents
+from usdsplat.core.errors import StageError
+from usdsplat.delegate.engine import Engine
+
+AOVS = ("color", "depth", "primId", "instanceId", "elementId")
+PURPOSES = (("default", "render"), ("default", "proxy", "guide"))
+
+
+def cameras(engine):
+    """What every camera sees, or why it does not."""
+    seen = {}
+    for path in engine.cameras():
+        try:
+            seen[path] = engine.view(path)
+        except StageError as error:
+            seen[path] = str(error)
+    return seen
+
+
+def assert_alike(engine, fresh, history):
+    """All that is held, said and drawn is the same to the last bit."""
+    assert contents(engine) == contents(fresh), history
+    assert engine.warnings == fresh.warnings, history
+    assert cameras(engine) == cameras(fresh), history
+    view = fresh.view(resolution=(24, 18))
+    assert engine.view(resolution=(24, 18)) == view, history
+    one, two = engine.picture(view, aovs=AOVS), fresh.picture(view, aovs=AOVS)
+    assert all(np.array_equal(one[name], two[name]) for name in AOVS), history
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_edits_leave_the_picture_of_a_fresh_engine(seed, tmp_path, capfd):
+    """Oracle: a new engine on the edited stage, which pulls everything; sixty edits each."""
+    editor = Editor(seed, str(tmp_path))
+    purposes = PURPOSES[0]
+    with Engine(editor.stage) as engine:
+        for step in range(60):
+            history = [editor.edit() for _ in range(1 + step % 3 // 2)]
+            if step % 4 == 3:
+                engine.set_time(editor.pick_time())
+            if step % 10 == 9:
+                purposes = PURPOSES[step % 20 // 10]
+                engine.set_purposes(purposes)
+            with Engine(editor.stage, time=engine.time, purposes=purposes) as fresh:
+                assert_alike(engine, fresh, f"seed {seed}, step {step}: {history}")
+                pulled = engine.pulls
+                engine.sync()
+                assert engine.pulls == pulled
+    capfd.readouterr()  # USD has a lot to say about some of these stages

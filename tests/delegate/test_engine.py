@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+
+from tests.delegate.stages import add_camera, random_cloud, two_fields
+from usdsplat import schema
+from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.specs import Framing
+
+SIZE = (32, 24)
+
+
+def test_bands_are_the_picture():
+    """Oracle: the rows of the one are the rows of the other."""
+    with Engine(two_fields()) as engine:
+        view = engine.view(resolution=SIZE)
+        whole = engine.picture(view, aovs=("color", "depth"))
+        for band in engine.render(view, aovs=("color", "depth")):
+            for name, pixels in band.arrays.items():
+                np.testing.assert_array_equal(pixels, whole[name][band.y0 : band.y1])
+    assert whole["color"].shape == (24, 32, 4) and whole["depth"].shape == (24, 32)
+    assert whole["color"][..., 3].max() > 0.5
+
+
+def test_an_unchanged_picture_is_not_drawn_again():
+    """Oracle: the statistics of a drawing are replaced by each drawing."""
+    stage = two_fields()
+    with Engine(stage) as engine:
+        view = engine.view(resolution=SIZE)
+        first = engine.picture(view)["color"]
+        stats = engine.stats
+        assert engine.picture(view)["color"].base is first.base
+        assert engine.stats is stats
+        UsdGeom.Imageable(stage.GetPrimAtPath("/World/A")).MakeInvisible()
+        assert engine.picture(view)["color"].base is not first.base
+        assert engine.stats is not stats
+
+
+def test_views_are_values_at_a_time():
+    """Oracle: equality of values; a view taken earlier still shows what it showed."""
+    stage = two_fields()
+    add_camera(stage)
+    camera = stage.GetPrimAtPath("/Camera").GetAttribute("xformOp:translate")
+    camera.Set((0, 0, 10), 1)
+    camera.Set((0, 0, 20), 2)
+    with Engine(stage, time=1) as engine:
+        near = engine.view("/Camera", resolution=SIZE)
+        picture = engine.picture(near)["color"]
+        engine.set_time(2)
+        far = engine.view("/Camera", resolution=SIZE)
+        assert near != far
+        assert not np.array_equal(engine.picture(far)["color"], picture)
+        np.testing.assert_array_equal(engine.picture(near)["color"], picture)
+        assert engine.time == 2
+
+
+def test_a_resolution_takes_the_place_of_the_framings():
+    """Oracle: the arguments."""
+    framing = Framing(pixel_aspect_ratio=2.0, conform="cropAperture")
+    with Engine(two_fields()) as engine:
+        view = engine.view(framing=framing, resolution=SIZE)
+        assert view.framing == Framing(
+            resolution=SIZE, pixel_aspect_ratio=2.0, conform="cropAperture"
+        )
+
+
+def test_ids_name_the_prims_that_are_drawn():
+    """Oracle: each prim's own picture: where it alone has coverage, the id is its own."""
+    stage = two_fields()
+    with Engine(stage) as engine:
+        view = engine.view(resolution=SIZE)
+        ids = engine.picture(view, aovs=("primId",))["primId"]
+        names = engine.drawn_paths()
+        assert names == ("/World/A", "/World/B")
+        for number, path in enumerate(names):
+            for other in names:
+                imageable = UsdGeom.Imageable(stage.GetPrimAtPath(other))
+                imageable.CreateVisibilityAttr("inherited" if other == path else "invisible")
+            covered = engine.picture(view)["color"][..., 3] > 0
+            assert covered[ids == number].all() and (ids == number).any()
+
+
+@pytest.mark.parametrize("agreed", [True, False])
+def test_auto_sorting_follows_the_visible_prims(agreed):
+    """Oracle: pictures with the sorting named; hidden prims have no say."""
+    stage = two_fields()
+    schema.author(stage, "/World/A", random_cloud(1, n=80), sorting_mode="cameraDistance")
+    if agreed:
+        UsdGeom.Imageable(stage.GetPrimAtPath("/World/B")).MakeInvisible()
+    with Engine(stage) as engine:
+        camera = add_camera(stage, eye=(0.0, 0.0, 2.0))
+        view = engine.view(str(camera.GetPath()), resolution=SIZE)
+        pictures = {
+            name: engine.picture(view, RenderSettings(sorting=name))["color"]
+            for name in ("auto", "zDepth", "cameraDistance")
+        }
+    assert not np.array_equal(pictures["zDepth"], pictures["cameraDistance"])
+    same = "cameraDistance" if agreed else "zDepth"
+    np.testing.assert_array_equal(pictures["auto"], pictures[same])
+
+
+def test_a_closed_engine_says_so_and_closes_twice_without_harm():
+    """Oracle: the sentence."""
+    engine = Engine(two_fields())
+    view = engine.view(resolution=SIZE)
+    engine.close()
+    engine.close()
+    for use in (engine.sync, engine.products, lambda: engine.picture(view), lambda: engine.time):
+        with pytest.raises(UsageError, match="engine: found a closed one, expected an open one"):
+            use()
+
+
+def test_unknown_devices_are_refused():
+    """Oracle: the error's class."""
+    with pytest.raises(BackendError, match="device"):
+        Engine(Usd.Stage.CreateInMemory(), device="abacus")
+
+
+def test_an_empty_stage_makes_an_empty_picture():
+    """Oracle: no splats, no light."""
+    with Engine(Usd.Stage.CreateInMemory()) as engine:
+        view = engine.view(resolution=SIZE)
+        picture = engine.picture(view, aovs=("color", "depth", "primId"))
+    assert not picture["color"].any()
+    assert np.isinf(picture["depth"]).all()
+    assert (picture["primId"] == -1).all()
+
+
+def test_the_renderer_and_the_prims_do_without_usd():
+    """Oracle: the modules that a fresh interpreter has loaded."""
+    code = """
+import sys
+from usdsplat.delegate import (
+    default_camera, framing, instancing, product, render_index, render_pass, renderer, splat_field)
+assert "pxr" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,281 @@
+"""Findings: every fault is found, named, and comes with a cure; a sound stage has none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+
+from tests.schema.clouds import cloud, stock_prim, three_points
+from usdsplat import schema
+from usdsplat.schema import Finding, tokens, validate
+
+Fault = Callable[[Usd.Prim], None]
+
+
+def found(stage: Usd.Stage, **options: float) -> dict[str, Finding]:
+    """Findings by name."""
+    findings = validate(stage, **options)
+    names = [finding.name for finding in findings]
+    assert len(set(names)) == len(names), names
+    return dict(zip(names, findings, strict=True))
+
+
+def setting(name: str, change: Callable[[np.ndarray], None]) -> Fault:
+    """A fault that changes the numbers of a float array in place."""
+
+    def spoil(prim: Usd.Prim) -> None:
+        attribute = prim.GetAttribute(name)
+        value = attribute.Get()
+        array = np.array(value)
+        change(array)
+        attribute.Set(type(value).FromNumpy(array))
+
+    return spoil
+
+
+def cut(name: str, count: int) -> Fault:
+    """A fault that leaves `count` values."""
+    return lambda prim: prim.GetAttribute(name).Set(prim.GetAttribute(name).Get()[:count])
+
+
+def longer(name: str) -> Fault:
+    """A fault that appends a copy of the first value."""
+
+    def spoil(prim: Usd.Prim) -> None:
+        value = prim.GetAttribute(name).Get()
+        prim.GetAttribute(name).Set(type(value)([*value, value[0]]))
+
+    return spoil
+
+
+def put(row: int, value: object) -> Callable[[np.ndarray], None]:
+    """Set one row of an array."""
+
+    def change(array: np.ndarray) -> None:
+        array[row] = value
+
+    return change
+
+
+def scale(factor: float) -> Callable[[np.ndarray], None]:
+    """Multiply an array."""
+
+    def change(array: np.ndarray) -> None:
+        array *= factor
+
+    return change
+
+
+def move(name: str, value: object) -> Fault:
+    """Set an attribute."""
+    return lambda prim: prim.GetAttribute(name).Set(value)
+
+
+def clear(name: str) -> Fault:
+    """Take an attribute's value away."""
+    return lambda prim: prim.RemoveProperty(name)
+
+
+SH = tokens.SH_COEFFICIENTS
+
+STOCK_FAULTS: list[tuple[str, str, str, Fault]] = [
+    ("noSplats", "warning", "positions", clear("positions")),
+    ("missing", "warning", "scales", clear("scales")),
+    ("missing", "warning", "orientations", clear("orientations")),
+    ("missing", "warning", "opacities", clear("opacities")),
+    ("missing", "warning", SH, clear(SH)),
+    ("tooShort", "error", "scales", cut("scales", 3)),
+    ("tooShort", "error", "ids", cut("ids", 3)),
+    ("tooShort", "error", "velocities", cut("velocities", 3)),
+    ("tooLong", "warning", "opacities", longer("opacities")),
+    ("coefficientCount", "error", SH, cut(SH, 100)),
+    ("coefficientCount", "warning", SH, longer(SH)),
+    ("notFinite", "error", "positions", setting("positions", put(2, np.nan))),
+    ("notFinite", "error", SH, setting(SH, put(2, np.inf))),
+    ("notFinite", "error", "velocities", setting("velocities", put(2, -np.inf))),
+    ("negativeScale", "error", "scales", setting("scales", put(1, (1, -1e-3, 1e-3)))),
+    ("zeroScale", "warning", "scales", setting("scales", put(1, (0, 1e-3, 1e-3)))),
+    ("notUnit", "error", "orientations", setting("orientations", scale(1.01))),
+    ("opacityRange", "error", "opacities", setting("opacities", put(0, 1.5))),
+    ("opacityRange", "error", "opacities", setting("opacities", put(0, -0.1))),
+    ("repeatedIds", "error", "ids", setting("ids", put(0, 3))),
+    ("noExtent", "error", "extent", clear("extent")),
+    ("extentSize", "error", "extent", cut("extent", 1)),
+    ("extentTooSmall", "error", "extent", setting("extent", scale(0.3))),
+    ("extentTooSmall", "warning", "extent", setting("extent", scale(0.97))),
+    ("degree", "error", tokens.SH_DEGREE, move(tokens.SH_DEGREE, -1)),
+    ("noColorSpace", "warning", "colorSpace:name", clear("colorSpace:name")),
+    ("unknownColorSpace", "error", "colorSpace:name", move("colorSpace:name", "house")),
+    (
+        "unknownColorSpace",
+        "warning",
+        "colorSpace:name",
+        move("colorSpace:name", "srgb_rec709_display"),
+    ),
+    ("elementSize", "warning", SH, lambda p: UsdGeom.Primvar(p.GetAttribute(SH)).SetElementSize(3)),
+    (
+        "interpolation",
+        "warning",
+        SH,
+        lambda p: UsdGeom.Primvar(p.GetAttribute(SH)).SetInterpolation("constant"),
+    ),
+]
+
+PACKED_FAULTS: list[tuple[str, str, str, Fault]] = [
+    ("unknownPacking", "error", tokens.PACKING, move(tokens.PACKING, "other_v1")),
+    ("packedCount", "error", tokens.PACKED, cut(tokens.PACKED, 3)),
+    ("packedCount", "warning", tokens.PACKED, longer(tokens.PACKED)),
+    ("packedCount", "error", tokens.PACKED_HARMONICS, clear(tokens.PACKED_HARMONICS)),
+    ("packedCount", "error", tokens.COLOR_RANGE, clear(tokens.COLOR_RANGE)),
+    ("packedCount", "error", tokens.HARMONICS_RANGE, cut(tokens.HARMONICS_RANGE, 1)),
+    ("range", "error", tokens.COLOR_RANGE, setting(tokens.COLOR_RANGE, put(0, 9e9))),
+    ("range", "error", tokens.COLOR_RANGE, setting(tokens.COLOR_RANGE, put(1, np.nan))),
+    ("range", "error", tokens.HARMONICS_RANGE, setting(tokens.HARMONICS_RANGE, put(0, -1))),
+    ("range", "error", tokens.HARMONICS_RANGE, setting(tokens.HARMONICS_RANGE, put(0, np.inf))),
+    ("degree", "error", tokens.SH_DEGREE, move(tokens.SH_DEGREE, 9)),
+    ("notFinite", "error", "positions", setting("positions", put(2, np.nan))),
+]
+
+
+@pytest.mark.parametrize("form", ["float", "packed"])
+@pytest.mark.parametrize("time", [None, 3.0])
+def test_what_we_write_has_no_findings(stage: Usd.Stage, form: str, time: float | None) -> None:
+    """Oracle: nothing is wrong with a cloud of legal numbers."""
+    schema.author(stage, "/Splats", cloud(n=50, moving=True), form=form, time=time)
+    assert validate(stage) == []
+
+
+@pytest.mark.parametrize(("name", "severity", "attribute", "spoil"), STOCK_FAULTS)
+def test_every_fault_of_a_stock_field_is_found(stage, name, severity, attribute, spoil) -> None:
+    """Oracle: the fault that was made, on a field that had none."""
+    prim = schema.author(stage, "/Splats", cloud(n=20, moving=True))
+    spoil(prim)
+    finding = found(stage)[name]
+    assert (finding.severity, finding.attribute) == (severity, attribute)
+    assert finding.path == "/Splats"
+    assert finding.cure
+    assert finding.message.startswith(f"/Splats.{attribute}: found ")
+    assert ", expected " in finding.message
+
+
+@pytest.mark.parametrize(("name", "severity", "attribute", "spoil"), PACKED_FAULTS)
+def test_every_fault_of_a_packed_field_is_found(stage, name, severity, attribute, spoil) -> None:
+    """Oracle: as above."""
+    prim = schema.author(stage, "/Splats", cloud(n=20), form="packed")
+    spoil(prim)
+    finding = found(stage)[name]
+    assert (finding.severity, finding.attribute) == (severity, attribute)
+
+
+def test_a_message_counts_the_bad_splats_and_names_the_first(stage: Usd.Stage) -> None:
+    """Oracle: the numbers that were put there."""
+    prim = schema.author(stage, "/Splats", cloud(n=20))
+    setting("opacities", put(slice(4, 6), 2.5))(prim)
+    assert found(stage)["opacityRange"].found == "2 of 20 (first: splat 4, 2.5)"
+
+
+def test_degree_four_is_only_a_warning_for_others(stage: Usd.Stage) -> None:
+    """Oracle: NVIDIA's rule VG.035 allows degrees 0 to 3."""
+    schema.author(stage, "/Splats", cloud(n=5, degree=4))
+    assert {name: f.severity for name, f in found(stage).items()} == {
+        "interchangeDegree": "warning"
+    }
+
+
+def test_half_alone_is_a_warning_for_others(stage: Usd.Stage) -> None:
+    """Oracle: NVIDIA's rule VG.035 asks for the float attributes."""
+    schema.author(stage, "/Splats", cloud(n=50), form="half")
+    assert {name: f.severity for name, f in found(stage).items()} == {"halfOnly": "warning"}
+
+
+def test_half_arrays_are_checked_like_float_ones(stage: Usd.Stage) -> None:
+    """Oracle: the fault that was made."""
+    prim = schema.author(stage, "/Splats", cloud(n=4), form="half")
+    prim.GetAttribute("opacitiesh").Set(Vt.HalfArray([0.5, 2, 0.5, 0.5]))
+    assert found(stage)["opacityRange"].attribute == "opacitiesh"
+
+
+def test_a_prim_of_others_with_bare_centres_is_told_all_it_lacks(stage: Usd.Stage) -> None:
+    """Oracle: the attributes that are not there."""
+    stock_prim(stage, {"positions": three_points()})
+    missing = {f.attribute for f in validate(stage) if f.name == "missing"}
+    assert missing == {"orientations", "scales", "opacities", SH}
+
+
+def test_counts_that_differ_at_one_time_are_found_there(stage: Usd.Stage) -> None:
+    """Oracle: a sample of centres that the other arrays lack; USD holds theirs from time 1."""
+    prim = schema.author(stage, "/Splats", cloud(1, n=5), time=1)
+    more = Vt.Vec3fArray.FromNumpy(cloud(2, n=6).positions)
+    prim.GetAttribute("positions").Set(more, 2)
+    findings = [f for f in validate(stage) if f.name == "tooShort"]
+    assert {f.attribute for f in findings} == {"orientations", "scales", "opacities"}
+    assert {f.time for f in findings} == {2.0}
+    assert " at 2: found 5 values, expected 6" in findings[0].message
+    assert not [f for f in validate(stage, time=1) if f.name == "tooShort"]
+
+
+def test_a_fault_of_many_samples_is_one_finding(stage: Usd.Stage) -> None:
+    """Oracle: the number of samples, and the first of them."""
+    for time in (1, 2, 3):
+        schema.author(
+            stage, "/Splats", replace(cloud(n=3), opacities=np.float32([2, 0, 0])), time=time
+        )
+    finding = found(stage)["opacityRange"]
+    assert (finding.time, finding.samples) == (1, 3)
+    assert finding.message.startswith("/Splats.opacities at 1 (and 2 more samples): found")
+
+
+def test_a_fault_that_does_not_change_is_said_once_without_a_time(stage: Usd.Stage) -> None:
+    """Oracle: an attribute without samples on a field with two."""
+    for time in (1, 2):
+        prim = schema.author(stage, "/Splats", cloud(n=3), time=time)
+    prim.RemoveProperty("colorSpace:name")
+    finding = found(stage)["noColorSpace"]
+    assert (finding.time, finding.samples) == (None, 1)
+
+
+def test_instances_are_checked_once(stage: Usd.Stage) -> None:
+    """Oracle: one fault in one prototype that appears twice."""
+    prim = schema.author(stage, "/Source/Splats", cloud(n=3))
+    stage.GetPrimAtPath("/Source").SetSpecifier(Sdf.SpecifierClass)
+    setting("opacities", put(0, 2))(prim)
+    for name in ("A", "B"):
+        instance = stage.DefinePrim(f"/{name}")
+        instance.GetReferences().AddInternalReference("/Source")
+        instance.SetInstanceable(True)
+    assert [f.path for f in validate(stage)] == ["/A/Splats"]
+
+
+def test_other_prims_are_left_alone_and_the_stage_is_not_changed(stage: Usd.Stage) -> None:
+    """Oracle: the stage's text before and after."""
+    mesh = UsdGeom.Mesh.Define(stage, "/Mesh")
+    mesh.CreatePointsAttr([Gf.Vec3f(float("nan"))])
+    schema.author(stage, "/Splats", cloud(n=3), form="packed")
+    before = stage.ExportToString()
+    assert validate(stage) == []
+    assert stage.ExportToString() == before
+
+
+def test_progress_is_told_about_each_field(stage: Usd.Stage) -> None:
+    """Oracle: a listener that writes down what it hears."""
+    heard = []
+
+    class Listener:
+        def step(self, label: str, done: int, total: int) -> None:
+            heard.append((label, done, total))
+
+    schema.author(stage, "/A", cloud(n=3))
+    schema.author(stage, "/B", cloud(n=3))
+    validate(stage, progress=Listener())
+    assert heard == [("validating", 0, 2), ("validating", 1, 2), ("validating", 2, 2)]
+
+
+def test_an_extent_of_nothing_but_bad_splats_is_not_judged(stage: Usd.Stage) -> None:
+    """Oracle: there is no box to compare with; the numbers themselves are found."""
+    prim = schema.author(stage, "/Splats", cloud(n=1))
+    setting("positions", put(0, np.nan))(prim)
+    assert set(found(stage)) == {"notFinite"}

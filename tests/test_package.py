@@ -1,0 +1,57 @@
+"""What holds for the package as a whole."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import usdsplat
+
+ROOT = Path(__file__).parents[1]
+
+
+def loaded_by(statement):
+    """Names of the modules that a fresh interpreter holds after a statement."""
+    code = f"import sys; {statement}; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(run.stdout.split())
+
+
+def test_importing_the_package_loads_neither_pxr_nor_numba():
+    """Oracle: sys.modules of a fresh interpreter."""
+    assert not loaded_by("import usdsplat") & {"pxr", "numba", "numpy"}
+
+
+def test_formats_work_without_pxr_and_numba():
+    """Oracle: sys.modules of a fresh interpreter."""
+    assert not loaded_by("from usdsplat import formats") & {"pxr", "numba"}
+
+
+def test_the_changelog_knows_the_version():
+    """Oracle: the version that the package says it has."""
+    assert f"## {usdsplat.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_readme_says_the_two_commands_first():
+    """Oracle: the first code block of the README."""
+    block = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block is not None
+    assert [line.split("#")[0].strip() for line in block[1].splitlines()] == [
+        "make demo",
+        "make test",
+    ]
+
+
+def test_the_readmes_pictures_and_links_exist():
+    """Oracle: the files beside it."""
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_no_file_of_the_package_is_too_long_to_hold_one_idea():
+    """Oracle: the house rule, 400 lines."""
+    lengths = {p: len(p.read_text().splitlines()) for p in (ROOT / "usdsplat").rglob("*.py")}
+    assert {p: n for p, n in lengths.items() if n > 400} == {}

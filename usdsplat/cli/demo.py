@@ -1,0 +1,131 @@
+"""Make a capture, a stage, pictures and a sequence, to see it all work.
+
+examples:
+  usdsplat demo
+      a still life of our own, into ./demo
+  usdsplat demo scan.ply -o /tmp/demo
+      the same with a capture of yours
+  usdsplat demo --splats 1000000 --frames 100
+
+notes:
+  The stage it leaves opens in usdview and in every other application of USD 26.3 or later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional
+
+from usdsplat.cli import console
+from usdsplat.cli.parsing import option
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.progress import Progress
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat demo`."""
+
+    capture: Annotated[Positional[Path | None], option("CAPTURE")] = None
+    """capture to use; default: one that is modelled for the occasion"""
+    output: Annotated[Path, option("DIR", short="-o")] = Path("demo")
+    """folder to fill, made if it is missing; default: demo"""
+    splats: Annotated[int, option("N")] = 200_000
+    """how detailed our own capture is; default: about 200000"""
+    frames: Annotated[int, option("N")] = 24
+    """length of the sequence; default: 24"""
+    threads: Annotated[int | None, option("N")] = None
+    """how many to use; default: all"""
+
+
+def run(options: Options) -> int:
+    """Run the main job from end to end; print each result with what it is."""
+    from usdsplat.cli.turntable import author_turntable
+    from usdsplat.interchange import import_capture
+    from usdsplat.kernels.compiling import on_compile
+
+    if not (1 <= options.frames <= 10_000 and 1_000 <= options.splats <= 20_000_000):
+        found = f"{options.splats} splats, {options.frames} frames"
+        raise UsageError("demo", found, "1000 to 20000000 splats and 1 to 10000 frames")
+    folder = _made(options.output)
+    with console.progress() as progress, on_compile(console.announce_compilation()):
+        capture = options.capture or _model(folder / "capture.ply", options.splats, progress)
+        report = import_capture(capture, folder / "capture.usdc", progress=progress)
+        _tell(folder / "capture.usdc", f"{report.splats} splats as a prim, from {capture}")
+        author_turntable(folder / "stage.usda", folder / "capture.usdc", frames=options.frames)
+        _tell(folder / "stage.usda", "the stage: camera, animation, render settings")
+        _render(folder, options, progress)
+    print(f"next: usdsplat info {folder / 'stage.usda'}")
+    return 0
+
+
+def _made(folder: Path) -> Path:
+    """The folder, there for sure."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        found = (error.strerror or str(error)).lower()
+        raise OutputError(str(folder), found, "a folder that can be made") from error
+    return folder
+
+
+def _model(path: Path, splats: int, progress: Progress) -> Path:
+    """Model our own capture and write it as captures are: frame rdf."""
+    import numpy as np
+
+    from usdsplat import formats
+    from usdsplat.core import axes, edit
+    from usdsplat.interchange.procedural import capture
+
+    progress.step("modelling a still life", 0, 1)
+    cloud = capture(splats)
+    progress.step("modelling a still life", 1, 1)
+    turn = np.eye(4)
+    turn[:3, :3] = axes.change("rub", "rdf")
+    formats.write(edit.transform(cloud, turn), path, progress=progress)
+    _tell(path, "a still life of our own, as a capture file")
+    return path
+
+
+def _render(folder: Path, options: Options, progress: Progress) -> None:
+    """Draw the products of the stage, and make a preview of the sequence."""
+    from usdsplat.cli.drawing import draw_frames
+    from usdsplat.cli.planning import Request, plan
+    from usdsplat.delegate.engine import Engine
+    from usdsplat.interchange.files import open_stage
+
+    stage = open_stage(folder / "stage.usda")
+    numbers = tuple(float(frame) for frame in range(1, options.frames + 1))
+    with Engine(stage, threads=options.threads) as engine:
+        for product, name, frames, text in (
+            ("still", "still.png", numbers[:1], "as a viewer shows it"),
+            ("layers", "still.exr", numbers[:1], "linear colour, depth and ids, for compositing"),
+            ("sequence", "sequence.####.png", numbers, f"{options.frames} frames around it"),
+        ):
+            request = Request(product=f"/Render/{product}", output=str(folder / name))
+            pictures = plan(engine, request)
+            source = str(folder / "stage.usda")
+            drawn = list(draw_frames(engine, pictures, frames, source=source, progress=progress))
+            _tell(folder / name, text)
+    _animate([picture.path for picture in drawn], folder / "sequence.webp")
+    _tell(folder / "sequence.webp", "the sequence as one moving picture")
+
+
+def _animate(pictures: Sequence[Path], target: Path) -> None:
+    """Put pictures after each other, 24 a second, over and over."""
+    from PIL import Image
+
+    from usdsplat.core.output import atomic_path
+
+    first, *others = [Image.open(path) for path in pictures]
+    with atomic_path(target) as path:
+        first.save(path, save_all=True, append_images=others, duration=1000 / 24, loop=0)
+
+
+def _tell(path: Path, text: str) -> None:
+    """One result on one line."""
+    print(f"{path!s:<28} {text}", flush=True)
