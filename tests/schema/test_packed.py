@@ -143,6 +143,17 @@ def test_arrays_that_are_missing_or_too_short_are_refused(stage: Usd.Stage, name
         schema.fetch(prim)
 
 
+@pytest.mark.parametrize("name", [tokens.COLOR_RANGE, tokens.HARMONICS_RANGE])
+def test_ranges_that_are_not_finite_are_refused(stage: Usd.Stage, name: str) -> None:
+    """Oracle: the documented error, and no warning of NumPy's."""
+    prim = schema.author(stage, "/Splats", cloud(n=3), form="packed")
+    value = np.array(prim.GetAttribute(name).Get())
+    value.flat[0] = np.inf
+    prim.GetAttribute(name).Set(type(prim.GetAttribute(name).Get()).FromNumpy(value))
+    with pytest.raises(StageError, match="not finite"):
+        schema.fetch(prim)
+
+
 def test_a_degree_that_cannot_be_is_refused(stage: Usd.Stage) -> None:
     """Oracle: the documented error."""
     prim = schema.author(stage, "/Splats", cloud(n=3), form="packed")

@@ -208,9 +208,7 @@ def _check_options(
         )
 
 
-def _check_degree(
-    stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode
-) -> None:
+def _check_degree(stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode) -> None:
     """The degree is uniform: a sample must have that of the other samples in its layer."""
     target = stage.GetEditTarget()
     layer, spec_path = target.GetLayer(), target.MapToSpecPath(path)

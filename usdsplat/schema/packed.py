@@ -114,6 +114,8 @@ def _rows(prim: Usd.Prim, name: str, sample: Usd.TimeCode, count: int) -> Any:
         found = np.empty(_EMPTY[name], np.float32 if name in _FLOATS else np.int32)
     if len(found) < count:
         raise _unfit(prim, name, f"{len(found)} values", str(count))
+    if name in _FLOATS and not np.isfinite(found).all():
+        raise _unfit(prim, name, "a range that is not finite", "finite numbers")
     return found[:count]
 
 

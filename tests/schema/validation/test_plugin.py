@@ -71,7 +71,7 @@ def test_only_samples_within_the_asked_times_are_checked(stage: Usd.Stage) -> No
 
 
 def test_another_process_discovers_and_runs_them(stage: Usd.Stage, tmp_path: Path) -> None:
-    """Oracle: a process with only our folder in PXR_PLUGINPATH_NAME, which imports nothing of ours."""
+    """Oracle: a process with our folder in PXR_PLUGINPATH_NAME that imports nothing of ours."""
     prim = schema.author(stage, "/Splats", cloud(n=20), form="packed")
     prim.GetAttribute("splat:packing").Set("other_v1")
     path = tmp_path / "bad.usdc"

@@ -32,7 +32,7 @@ def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
 def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
     """What became dirty because a field was found elsewhere or otherwise than before."""
     if old.signature[0] != new.signature[0]:
-        return SEEN
+        return DirtyBits.ALL
     return DirtyBits.CLEAN if old.signature == new.signature else SEEN
 
 

@@ -62,10 +62,11 @@ class Sample:
         return is_packed(self.prim)
 
     def name(self, attribute: str) -> str:
-        """The attribute that counts: the half twin of a stock one where there is no float."""
+        """The attribute that counts: the half twin of a stock one where only that has a value."""
         if self.is_packed or attribute not in tokens.HALF_OF:
             return attribute
-        return stock.source_name(self.prim, attribute)
+        source = self.prim.GetAttribute(stock.source_name(self.prim, attribute))
+        return str(source.GetName()) if source and source.HasAuthoredValue() else attribute
 
     def array(self, attribute: str) -> npt.NDArray[Any] | None:
         """The value of the attribute that counts; None when there is none."""
