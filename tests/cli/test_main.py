@@ -41,7 +41,7 @@ def test_each_commands_help_teaches_by_example(name, capsys):
     assert main([name, "--help"]) == 0
     out, err = capsys.readouterr()
     examples = out.partition("examples:\n")[2].splitlines()
-    assert examples[0].startswith(f"  usdsplat {name} ")
+    assert f"{examples[0]} ".startswith(f"  usdsplat {name} ")
     assert "None" not in out
     assert err == ""
 

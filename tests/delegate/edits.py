@@ -23,18 +23,19 @@ class Editor:
         self._numbers = np.random.default_rng(seed)
         self._made = 0
         self.stage = self._make_stage(f"{asset_folder}/asset_{seed}.usda")
-        self.times: list[float | None] = [None, 1.0, 1.5, 2.0, 3.25, 10.0]
+        self.times: list[float | None] = [None, 1.0, 1.5, 2.0, 2.0, 3.0, 3.25]
 
     def edit(self) -> str:
         """Make one edit and return its name; some change nothing."""
-        name, change = self._random.choice(self._edits())
+        kind = self._random.choice(["set_", "set_", "restructure_"])
+        name = self._random.choice([each for each in dir(self) if each.startswith(kind)])
         layers = [*self._layers(), self.stage.GetSessionLayer()]
         target = self._random.choice(layers)
         if self.stage.IsLayerMuted(target.identifier):
             target = self.stage.GetRootLayer()
         self.stage.SetEditTarget(self.stage.GetEditTargetForLocalLayer(target))
         try:
-            change()
+            getattr(self, name)()
         except Tf.ErrorException:
             return f"{name} (refused)"
         return name
@@ -114,21 +115,17 @@ class Editor:
 
     # --- the edits -------------------------------------------------------------------------
 
-    def _edits(self) -> list[tuple[str, Callable[[], object]]]:
-        names = [name for name in dir(self) if name.startswith("do_")]
-        return [(name[3:], getattr(self, name)) for name in names]
-
-    def do_add_field(self) -> None:
+    def restructure_add_field(self) -> None:
         form = self._random.choice(["float", "half", "packed"])
         schema.author(self.stage, self._new_path(), self._cloud(), form=form)
 
-    def do_add_xform(self) -> None:
+    def restructure_add_xform(self) -> None:
         UsdGeom.Xform.Define(self.stage, self._new_path())
 
-    def do_add_camera(self) -> None:
+    def restructure_add_camera(self) -> None:
         add_camera(self.stage, self._new_path())
 
-    def do_add_reference(self) -> None:
+    def restructure_add_reference(self) -> None:
         prim = self.stage.DefinePrim(self._new_path(), "Xform")
         target = self._random.choice(["", "/Prototypes/Leaf", "/World/Two", "/World/Scatter"])
         if target:
@@ -137,24 +134,24 @@ class Editor:
             prim.GetReferences().AddReference(self._asset.identifier)
         prim.SetInstanceable(self._random.random() < 0.5)
 
-    def do_add_class_arc(self) -> None:
+    def restructure_add_class_arc(self) -> None:
         if prim := self._prim():
             prim.GetInherits().AddInherit("/Class")
 
-    def do_add_payload(self) -> None:
+    def restructure_add_payload(self) -> None:
         prim = self.stage.DefinePrim(self._new_path(), "Xform")
         prim.GetPayloads().AddPayload(self._asset.identifier)
 
-    def do_load_or_unload(self) -> None:
+    def restructure_load_or_unload(self) -> None:
         if prim := self._prim(lambda each: each.HasAuthoredPayloads()):
             prim.Unload() if prim.IsLoaded() else prim.Load()
 
-    def do_remove(self) -> None:
+    def restructure_remove(self) -> None:
         prims = self._prims(lambda each: each.GetPath().pathElementCount > 1)
         if len(prims) > 12:
             self.stage.RemovePrim(self._random.choice(prims).GetPath())
 
-    def do_rename(self) -> None:
+    def restructure_rename(self) -> None:
         spec_path = (self._prim() or self.stage.GetPseudoRoot()).GetPath()
         layer = self.stage.GetEditTarget().GetLayer()
         spec = layer.GetPrimAtPath(spec_path)
@@ -162,40 +159,40 @@ class Editor:
             self._made += 1
             spec.name = f"Renamed{self._made}"
 
-    def do_retype(self) -> None:
+    def restructure_retype(self) -> None:
         if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
             names = ("Xform", "Sphere", "ParticleField3DGaussianSplat", "PointInstancer", "Camera")
             prim.SetTypeName(self._random.choice(names))
 
-    def do_reauthor(self) -> None:
+    def set_reauthor(self) -> None:
         if prim := self._field():
             form = self._random.choice(["float", "half", "packed"])
             schema.author(self.stage, prim.GetPath(), self._cloud(), form=form)
 
-    def do_sample(self) -> None:
+    def set_sample(self) -> None:
         if prim := self._field():
             if attribute := prim.GetAttribute("positions"):
                 points = self._numbers.normal(size=(self._random.randint(3, 6), 3))
                 attribute.Set(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)), self._code())
 
-    def do_set_opacities(self) -> None:
+    def set_opacities(self) -> None:
         if prim := self._field():
             kind = Sdf.ValueTypeNames.FloatArray
             values = Vt.FloatArray.FromNumpy(self._numbers.uniform(size=9).astype(np.float32))
             prim.CreateAttribute("opacities", kind).Set(values, self._code())
 
-    def do_block_or_clear(self) -> None:
+    def set_block_or_clear(self) -> None:
         if prim := self._prim():
             if attributes := prim.GetAuthoredAttributes():
                 attribute = self._random.choice(attributes)
                 self._random.choice([attribute.Block, attribute.Clear])()
 
-    def do_remove_property(self) -> None:
+    def set_remove_property(self) -> None:
         if prim := self._prim():
             if names := prim.GetAuthoredPropertyNames():
                 prim.RemoveProperty(self._random.choice(names))
 
-    def do_hints(self) -> None:
+    def set_hints(self) -> None:
         if prim := self._field():
             choices = {
                 "sortingModeHint": ("zDepth", "cameraDistance"),
@@ -206,12 +203,12 @@ class Editor:
             attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Token)
             attribute.Set(self._random.choice(choices[name]))
 
-    def do_color_space(self) -> None:
+    def set_color_space(self) -> None:
         if prim := self._prim():
             api = Usd.ColorSpaceAPI.Apply(prim)
             api.CreateColorSpaceNameAttr(self._random.choice(SPACES))
 
-    def do_attribute_color_space(self) -> None:
+    def set_attribute_color_space(self) -> None:
         if prim := self._field():
             name = "radiance:sphericalHarmonicsCoefficients"
             if attribute := prim.GetAttribute(name):
@@ -220,7 +217,7 @@ class Editor:
                 else:
                     attribute.SetColorSpace(self._random.choice(SPACES))
 
-    def do_move(self) -> None:
+    def set_move(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
             matrix = np.eye(4)
             matrix[:3, :3] += 0.4 * self._numbers.normal(size=(3, 3))
@@ -228,43 +225,43 @@ class Editor:
             if op := UsdGeom.Xformable(prim).MakeMatrixXform():
                 op.Set(Gf.Matrix4d(matrix), self._code())
 
-    def do_add_op(self) -> None:
+    def set_add_op(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
             xformable = UsdGeom.Xformable(prim)
             if not any(op.GetName() == "xformOp:rotateX" for op in xformable.GetOrderedXformOps()):
                 xformable.AddRotateXOp().Set(self._random.choice([0.0, 30.0, 90.0]))
 
-    def do_reset_stack(self) -> None:
+    def set_reset_stack(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
             UsdGeom.Xformable(prim).SetResetXformStack(self._random.random() < 0.5)
 
-    def do_show_or_hide(self) -> None:
+    def set_show_or_hide(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
             token = self._random.choice(["invisible", "inherited"])
             UsdGeom.Imageable(prim).CreateVisibilityAttr().Set(token, self._code())
 
-    def do_purpose(self) -> None:
+    def set_purpose(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
             UsdGeom.Imageable(prim).CreatePurposeAttr().Set(self._random.choice(PURPOSES))
 
-    def do_activate(self) -> None:
+    def restructure_activate(self) -> None:
         if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
             prim.SetActive(not prim.IsActive())
 
-    def do_instanceable(self) -> None:
+    def restructure_instanceable(self) -> None:
         if prim := self._prim(lambda each: each.HasAuthoredReferences()):
             prim.SetInstanceable(not prim.IsInstanceable())
 
-    def do_specifier(self) -> None:
+    def restructure_specifier(self) -> None:
         if prim := self._prim(lambda each: each.GetPath().pathElementCount > 1):
             kinds = (Sdf.SpecifierDef, Sdf.SpecifierOver, Sdf.SpecifierClass)
             prim.SetSpecifier(self._random.choice(kinds))
 
-    def do_variant(self) -> None:
+    def restructure_variant(self) -> None:
         if prim := self._prim(lambda each: each.HasVariantSets()):
             prim.GetVariantSet("look").SetVariantSelection(self._random.choice(["a", "b", ""]))
 
-    def do_edit_asset(self) -> None:
+    def set_edit_asset(self) -> None:
         source = Usd.Stage.Open(self._asset)
         prim = source.GetPrimAtPath(self._random.choice(["/Asset/Splats", "/Asset", "/Asset/Inner"]))
         if self._random.random() < 0.5:
@@ -272,7 +269,7 @@ class Editor:
         else:
             schema.author(source, "/Asset/Splats", self._cloud())
 
-    def do_edit_class(self) -> None:
+    def set_edit_class(self) -> None:
         schema.author(self.stage, "/Class/Splats", self._cloud())
 
     def _scatter(self, instancer: UsdGeom.PointInstancer) -> None:
@@ -284,22 +281,22 @@ class Editor:
         indices = [self._random.randint(0, 2) for _ in range(count)]
         instancer.CreateProtoIndicesAttr().Set(indices, self._code())
 
-    def do_add_instancer(self) -> None:
+    def restructure_add_instancer(self) -> None:
         instancer = UsdGeom.PointInstancer.Define(self.stage, self._new_path())
         leaf = schema.author(self.stage, f"{instancer.GetPath()}/Leaf", self._cloud())
         instancer.CreatePrototypesRel().SetTargets([leaf.GetPath()])
         self._scatter(instancer)
 
-    def do_scatter(self) -> None:
+    def set_scatter(self) -> None:
         if instancer := self._instancer():
             self._scatter(instancer)
 
-    def do_prototypes(self) -> None:
+    def restructure_prototypes(self) -> None:
         if instancer := self._instancer():
             prims = self._random.sample(self._prims(), 2)
             instancer.CreatePrototypesRel().SetTargets([prim.GetPath() for prim in prims])
 
-    def do_mask(self) -> None:
+    def set_mask(self) -> None:
         if instancer := self._instancer():
             number = self._random.randint(0, 3)
             if self._random.random() < 0.5:
@@ -307,32 +304,32 @@ class Editor:
             else:
                 instancer.DeactivateId(number)
 
-    def do_velocities(self) -> None:
+    def set_velocities(self) -> None:
         if instancer := self._instancer():
             velocities = self._numbers.normal(size=(self._random.randint(1, 3), 3))
             instancer.CreateVelocitiesAttr().Set(
                 Vt.Vec3fArray.FromNumpy(velocities.astype(np.float32)), self._code()
             )
 
-    def do_camera(self) -> None:
+    def set_camera(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Camera)):
             camera = UsdGeom.Camera(prim)
             camera.CreateFocalLengthAttr().Set(self._random.choice([0.0, 20.0, 35.0]), self._code())
 
-    def do_mute(self) -> None:
+    def restructure_mute(self) -> None:
         layer = self._random.choice(self._layers()[1:] or [self.stage.GetSessionLayer()])
         if muted := self.stage.GetMutedLayers():
             self.stage.UnmuteLayer(muted[0])
         else:
             self.stage.MuteLayer(layer.identifier)
 
-    def do_offset(self) -> None:
+    def set_offset(self) -> None:
         root = self.stage.GetRootLayer()
         if root.subLayerPaths:
             offset = Sdf.LayerOffset(self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0]))
             root.subLayerOffsets[self._random.randrange(len(root.subLayerPaths))] = offset
 
-    def do_sublayer(self) -> None:
+    def restructure_sublayer(self) -> None:
         root = self.stage.GetRootLayer()
         if len(root.subLayerPaths) > 2:
             del root.subLayerPaths[0]
@@ -344,22 +341,22 @@ class Editor:
             self._sublayers.append(layer)
             root.subLayerPaths.insert(0, layer.identifier)
 
-    def do_session(self) -> None:
+    def restructure_session(self) -> None:
         self.stage.GetSessionLayer().Clear()
 
-    def do_interpolation(self) -> None:
+    def set_interpolation(self) -> None:
         kinds = (Usd.InterpolationTypeHeld, Usd.InterpolationTypeLinear)
         self.stage.SetInterpolationType(self._random.choice(kinds))
 
-    def do_time_codes(self) -> None:
+    def set_time_codes(self) -> None:
         self.stage.SetEditTarget(self.stage.GetRootLayer())
         self.stage.SetTimeCodesPerSecond(self._random.choice([24.0, 48.0]))
 
-    def do_population_mask(self) -> None:
+    def restructure_population_mask(self) -> None:
         masks = (Usd.StagePopulationMask.All(), Usd.StagePopulationMask(["/World"]))
         self.stage.SetPopulationMask(self._random.choice(masks))
 
-    def do_block_of_changes(self) -> None:
+    def restructure_block_of_changes(self) -> None:
         layer = self.stage.GetEditTarget().GetLayer()
         with Sdf.ChangeBlock():
             for number in range(2):

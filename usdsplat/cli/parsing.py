@@ -6,6 +6,7 @@ import contextlib
 import io
 import re
 import sys
+import textwrap
 from dataclasses import fields, make_dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -84,6 +85,8 @@ def _flag(knob: Knob) -> Any:
     kind, metavar = knob.type, None
     if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
         kind, metavar = str, "|".join(knob.choices)
+    if kind is bool:
+        kind = tyro.conf.FlagConversionOff[bool]  # on, off and not given are three things
     limits = f" [{knob.expected}]" if knob.range else ""
     text = f"{knob.text}{limits}; default: what the stage says"
     return Annotated[kind | None, arg(help=text, metavar=metavar, help_behavior_hint="")]
@@ -92,8 +95,8 @@ def _flag(knob: Knob) -> Any:
 def _plain(complaint: str, command: str) -> str:
     """tyro's complaint without its box, title, rules and advice, which are not for logs."""
     lines = [_FRAME.sub("", line).rstrip() for line in complaint.splitlines()[1:]]
-    advice = next((i for i, x in enumerate(lines) if x.startswith("For full helptext")), None)
-    wanted = [line for line in lines[:advice] if line.strip(" ─-")]
+    said = textwrap.dedent("\n".join(line for line in lines if line.strip(" ─-"))).splitlines()
+    advice = next((i for i, x in enumerate(said) if x.startswith("For full helptext")), None)
     return "\n".join(
-        [f"usdsplat {command}: {wanted[0]}", *wanted[1:], f"usdsplat {command} --help tells more"]
+        [f"usdsplat {command}: {said[0]}", *said[1:advice], f"usdsplat {command} --help tells more"]
     )

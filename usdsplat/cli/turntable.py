@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
 
+from usdsplat.core.cloud import F64
 from usdsplat.core.output import atomic_path
-from usdsplat.delegate.default_camera import Box, frame_subject
+from usdsplat.delegate.default_camera import MARGIN, NEAREST
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_scene import RenderScene, matrix
 from usdsplat.delegate.specs import CameraSpec
 from usdsplat.interchange.files import open_stage
 
@@ -18,6 +21,11 @@ FOCAL_LENGTH = 50.0
 CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
+"""[pixel]"""
+TIPS = 0.25
+"""How far beyond its bounds things belong to the subject, as a part of its size."""
+POINTS, TURNS = 5000, 24
+"""How many splats, at how many angles, are looked at to find the distance."""
 
 _PRODUCTS = {
     "still": (STILL, ("color",)),
@@ -54,40 +62,64 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
         stage.GetRootLayer().Save()
 
 
-def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, Gf.Vec3d]:
-    """A camera that has the subject in the picture all the way around, and what it turns around."""
+def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
+    """The nearest camera that has the subject in the picture all the way around, and its centre."""
     with Engine(stage) as engine:
         scene = engine.render_scene
-        subject, bounds = scene.subject(), scene.bounds()
-    aspect = STILL[0] / STILL[1]
-    if subject is None or bounds is None:
-        return frame_subject(None, None, up_axis="Y", aspect=aspect), Gf.Vec3d(0)
-    middle = (subject[0] + subject[1]) / 2
-    spec = frame_subject(
-        _swept(subject, middle), _swept(bounds, middle), up_axis="Y", aspect=aspect
-    )
-    return spec, Gf.Vec3d(*middle)
+        spec, subject = engine.view(resolution=STILL).camera, scene.subject()
+        points = _some_points(scene)
+    if subject is None:
+        return spec, np.zeros(3)
+    center = (subject[0] + subject[1]) / 2
+    # The subject leaves out a part of the splats on every side, which may be a tip worth seeing.
+    reach = (0.5 + TIPS) * (subject[1] - subject[0])
+    is_subject = (np.abs(points - center) <= reach).all(axis=1)
+    camera = matrix(spec.world_to_camera)
+    x, y, z = _swept(points - center, camera[:3, :3])
+    _, _, right, top = spec.window
+    # A point is inside if |x| <= right (distance - z) and |y - middle| <= top (distance - z).
+    ahead = np.tile(is_subject, TURNS)
+    above, below = np.max((top * z + y)[ahead]), np.max((top * z - y)[ahead])
+    middle = (above - below) / 2
+    beside = np.max((z + np.abs(x) / right)[ahead])
+    distance = MARGIN * max((above + below) / (2 * top), beside)
+    camera[:3, 3] = -camera[:3, :3] @ center - (0.0, middle, distance)
+    near = max(0.5 * (distance - z.max()), NEAREST * distance)
+    far = 1.1 * (distance - z.min())
+    numbers = tuple(camera.ravel().tolist())
+    return replace(spec, world_to_camera=numbers, clipping_range=(near, far)), center
 
 
-def _swept(box: Box, axis: np.ndarray) -> Box:
-    """The box around what a box sweeps as it turns around the upright axis through a point."""
-    low, high = box[0] - axis, box[1] - axis
-    reach = np.hypot(*np.maximum(np.abs(low), np.abs(high))[[0, 2]]) / np.sqrt(2)
-    corner = np.array([reach, 0.0, reach])
-    upright = np.array([0.0, 1.0, 0.0])
-    return axis - corner + low * upright, axis + corner + high * upright
+def _some_points(scene: RenderScene) -> F64:
+    """Centres of splats in the world, a few thousand of each instance, shape (n, 3)."""
+    parts = [np.empty((0, 3))]
+    for _, field, instance in scene.drawn():
+        positions = field.spec.cloud.positions
+        positions = positions[:: 1 + len(positions) // POINTS].astype(np.float64)
+        to_world = matrix(instance.transform)
+        placed = positions @ to_world[:3, :3].T + to_world[:3, 3]
+        parts.append(placed[np.isfinite(placed).all(axis=1)])
+    return np.concatenate(parts)
 
 
-def _author_camera(stage: Usd.Stage, spec: CameraSpec, center: Gf.Vec3d, frames: int) -> None:
+def _swept(points: F64, rotation: F64) -> F64:
+    """Points at every turn around the upright axis, in a camera's axes, shape (3, TURNS * n)."""
+    angles = 2 * np.pi * np.arange(TURNS) / TURNS
+    cos, sin, zero, one = np.cos(angles), np.sin(angles), np.zeros(TURNS), np.ones(TURNS)
+    turns = np.array([[cos, zero, sin], [zero, one, zero], [-sin, zero, cos]])
+    return np.einsum("ij,jkt,nk->itn", rotation, turns, points).reshape(3, -1)
+
+
+def _author_camera(stage: Usd.Stage, spec: CameraSpec, center: F64, frames: int) -> None:
     """A turntable at `center` that turns once, and on it the camera."""
     turntable = UsdGeom.Xform.Define(stage, Sdf.Path(CAMERA).GetParentPath())
-    turntable.AddTranslateOp().Set(center)
+    turntable.AddTranslateOp().Set(Gf.Vec3d(*center))
     turn = turntable.AddRotateYOp()
     turn.Set(0.0, 1)
     turn.Set(360.0, frames + 1)
     camera = UsdGeom.Camera.Define(stage, CAMERA)
     to_world = Gf.Matrix4d(np.reshape(spec.world_to_camera, (4, 4)).T.tolist()).GetInverse()
-    camera.AddTransformOp().Set(to_world * Gf.Matrix4d().SetTranslate(-center))
+    camera.AddTransformOp().Set(to_world * Gf.Matrix4d().SetTranslate(-Gf.Vec3d(*center)))
     left, bottom, right, top = spec.window
     camera.GetFocalLengthAttr().Set(FOCAL_LENGTH)
     camera.GetHorizontalApertureAttr().Set(FOCAL_LENGTH * (right - left))

@@ -66,15 +66,20 @@ def add_form(prim: Usd.Prim, form: Form) -> None:
 
 def fingerprint(path: Path) -> str:
     """SHA-256 of a capture; of a folder, over the names and fingerprints of its files, sorted."""
-    path = _whole(path)
-    if path.is_file():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+    whole = _whole(path)
+    if whole.is_file():
+        return _digest(whole)
     total = hashlib.sha256()
-    for item in sorted(path.iterdir()):
+    for item in sorted(whole.iterdir()):
         if item.is_file():
-            total.update(f"{item.name}\0{fingerprint(item)}\n".encode())
+            total.update(f"{item.name}\0{_digest(item)}\n".encode())
     return total.hexdigest()
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _whole(source: Path) -> Path:

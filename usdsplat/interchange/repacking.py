@@ -50,7 +50,7 @@ def repack(
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(before)
     old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)
-    fields = _fields(old)
+    fields = [prim for prim in old.TraverseAll() if schema.is_splat_field(prim)]
     if not fields:
         raise StageError(_name(source), "no splat field", "at least one")
     changed = [prim for prim in fields if schema.form_of(prim) != form]
@@ -73,12 +73,6 @@ def repack(
         splats=splats,
         form=form,
     )
-
-
-def _fields(flat: Usd.Stage) -> list[Usd.Prim]:
-    """Splat fields of a flattened stage: each prototype once, none of its instances."""
-    prims = (prim for prim in flat.TraverseAll() if not prim.IsInstance())
-    return [prim for prim in prims if schema.is_splat_field(prim)]
 
 
 def _times(prim: Usd.Prim) -> Sequence[float | None]:

@@ -161,7 +161,8 @@ def _author_packed(
     arrays = packing.pack(cloud)
     prim = _define(stage, path, tokens.PACKED_TYPE)
     packed.author(prim, cloud.positions, arrays, code=code)
-    proxy.author(prim, cloud, code=code)
+    if not prim.IsInstance():  # an instance cannot have children of its own
+        proxy.author(prim, cloud, code=code)
     _author_fallback_type(stage)
     _author_extent(prim, cloud, packed.SLACK, code)
     return prim

@@ -16,7 +16,7 @@ def plate(finish: Finish, film: float = 0.0) -> Patch:
     x, z = (g.ravel() * 1.0 for g in np.meshgrid(np.arange(10), np.arange(10)))
     return Patch(
         positions=np.stack([x, np.zeros(100), z], axis=1),
-        axes=np.tile(np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0.0]]).T, (100, 1, 1)),
+        axes=np.tile(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]]).T, (100, 1, 1)),
         sigmas=np.full((100, 3), 0.01),
         albedo=np.full((100, 3), 0.18),
         finish=finish,
@@ -62,21 +62,24 @@ def test_a_gold_plate_shines_where_the_law_of_reflection_says() -> None:
 
 
 def test_a_gold_wire_shines_along_a_cone() -> None:
-    """Oracle: a thin cylinder mirrors the sun into all directions at the sun's angle to its axis."""
+    """Oracle: a thin cylinder mirrors the sun into a cone at the sun's own angle to its axis."""
     wire = strands(np.array([[[0, 0, 0], [1, 0, 0.0]]]), 0.01, (0, 0, 0), GOLD)
     toward = sky.spread(800)
     bright = seen_from(wire, toward).sum(axis=1)
     best = toward[bright > np.quantile(bright, 0.97)]
     assert np.abs(best[:, 0] + sky.SUN[0]).mean() < 0.35
-    assert np.ptp(np.arctan2(best[:, 1], best[:, 2])) > 1  # not one spot
+    around = np.arctan2(best[:, 1], best[:, 2]).std() * np.sqrt(1 - sky.SUN[0] ** 2)
+    assert around > 1.5 * np.arcsin(best[:, 0]).std()  # a streak, not a spot
 
 
 def test_a_thin_film_changes_hue_with_the_angle() -> None:
-    """Oracle: a film of 545 / 4 nm reflects green most face on, and 2 d cos shifts it to blue."""
-    film = Finish(gloss=1.0, film=1.0)
-    steep, flat = seen_from(plate(film, 545 / 4), np.array([[0, 1, 0], [0.97, 0.24, 0]]))
-    assert steep[1] > steep[2]
-    assert flat[2] / flat[1] > steep[2] / steep[1]
+    """Oracle: 3/4 of 545 nm reflect green most face on; aslant 2 d cos(theta) shifts it to blue."""
+    toward = np.array([[0, 1, 0], [0.97, 0.24, 0]])
+    mirror = seen_from(plate(Finish(gloss=0.6, specular=(1, 1, 1))), toward)
+    film = seen_from(plate(Finish(gloss=0.6, film=1.0), 0.75 * 545), toward)
+    steep, flat = film / mirror
+    assert steep[1] > steep[0] + 0.02 and steep[1] > steep[2] + 0.05
+    assert flat[2] > flat[1]
 
 
 def test_leaves_glow_against_the_sun() -> None:

@@ -16,7 +16,7 @@ SPHERE = np.stack([np.cos(ARC), np.sin(ARC)], axis=1)
 
 @pytest.mark.parametrize("spacing", [0.05, 0.1])
 def test_a_sphere_is_covered_evenly_with_its_own_normals(spacing: float) -> None:
-    """Oracle: normals are positions, 4 pi / spacing^2 points, and a step of one spacing each way."""
+    """Oracle: normals are positions, 4 pi / spacing^2 points, steps of one spacing each way."""
     found = sweep(turned(SPHERE), spacing)
     assert len(found.s) == pytest.approx(4 * math.pi / spacing**2, rel=0.05)
     np.testing.assert_allclose(np.linalg.norm(found.positions, axis=1), 1, atol=1e-3)

@@ -54,7 +54,7 @@ def test_findings_arrive_with_site_severity_and_cure(stage: Usd.Stage) -> None:
     assert range_error.GetType() == UsdValidation.ValidationErrorType.Error
     assert range_error.GetSites()[0].GetProperty() == prim.GetAttribute("opacities")
     assert space_error.GetType() == UsdValidation.ValidationErrorType.Warn
-    assert space_error.GetSites()[0].GetPrim() == prim
+    assert space_error.GetSites()[0].GetProperty() == prim.GetAttribute("colorSpace:name")
 
 
 def test_only_samples_within_the_asked_times_are_checked(stage: Usd.Stage) -> None:

@@ -56,6 +56,7 @@ class UsdSceneDelegate:
         self.problems: dict[tuple[str, str], UsdSplatError] = {}
         """Path and kind of what could not be read -> why."""
         self._xforms = UsdGeom.XformCache(self._code)
+        self._rate = stage.GetTimeCodesPerSecond()
         self._is_new = True
         self._notices = NoticeListener(stage)
 
@@ -91,11 +92,12 @@ class UsdSceneDelegate:
     def apply_pending_updates(self) -> None:
         """Bring the index's prims and their dirty bits up to date with the stage and the time."""
         changes = self._notices.take()
+        rate = self.stage.GetTimeCodesPerSecond()
+        changes.everything |= rate != self._rate  # muting a layer changes it without a notice
         self._mark(changes)
-        if changes.structural or changes.everything or self._is_new:
+        if changes.structural or self._is_new:
             self._populate()
-            self._mark(changes)  # what they reach may be something else now
-            self._is_new = False
+        self._rate, self._is_new = rate, False
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time

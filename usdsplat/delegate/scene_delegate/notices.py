@@ -12,12 +12,6 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd
 
-HARMLESS_METADATA = frozenset(
-    {"comment", "customLayerData", "defaultPrim", "documentation", "endFrame", "endTimeCode"}
-    | {"owner", "sessionOwner", "startFrame", "startTimeCode"}
-)
-"""Of the stage: everything else, such as timeCodesPerSecond, may change any value."""
-
 COLOR_SPACE = "colorSpace"
 
 
@@ -29,7 +23,7 @@ class Changes:
     """Prims that must be looked at anew, and all beneath them."""
     properties: set[Sdf.Path] = field(default_factory=set)
     prims: set[Sdf.Path] = field(default_factory=set)
-    """Prims of which some metadata changed."""
+    """Prims, and the stage itself, of which some metadata changed that resyncs nothing."""
     structural: bool = False
     """Whether there may be other prims, or other ways to see them, than before."""
     everything: bool = False
@@ -65,9 +59,7 @@ class NoticeListener:
                     self._change_property(path, new=True)
             for path in notice.GetChangedInfoOnlyPaths():
                 fields = set(notice.GetChangedFields(path))
-                if path == Sdf.Path.absoluteRootPath:
-                    self._changes.everything |= not fields or not fields <= HARMLESS_METADATA
-                elif path.IsAbsoluteRootOrPrimPath():
+                if path.IsAbsoluteRootOrPrimPath():
                     self._changes.prims.add(path)
                 else:
                     self._change_property(path, new=COLOR_SPACE in fields)
@@ -84,7 +76,7 @@ class NoticeListener:
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
         self._changes.structural |= (
-            path.name == "prototypes" or colored
+            path.name == "prototypes" or is_color_space(path.name) or colored
         )
 
 

@@ -96,16 +96,16 @@ def _view_dependent(patch: Patch, rows: slice, toward_eye: F32, sun: F32, openne
     """Linear radiance added toward each fitted direction, shape (n, directions, 3)."""
     finish = patch.finish
     toward_sun, sun_color = SUN.astype(np.float32), SUN_COLOR.astype(np.float32)
-    cosine, mirrored = _mirror(patch, rows, toward_eye)
+    cosine, mirrored, sparkle = (_cylinder if patch.is_strand else _mirror)(patch, rows, toward_eye)
     grazing = 1 - np.minimum(cosine * cosine, 1)
     base = np.array(finish.specular, np.float32)
     if finish.film:
         thickness = np.broadcast_to(patch.film, len(patch))[rows].astype(np.float32)
         base = base + np.float32(finish.film) * (_film(grazing, thickness) - base)
     reflectance = base + (1 - base) * (grazing * grazing * np.sqrt(grazing))[..., None]
-    lobe = np.exp(np.float32(finish.sharpness) * (mirrored @ toward_sun - 1)) * sun[:, None]
     shine = environment(mirrored) * openness[:, None, None]
-    shine += lobe[..., None] * (sun_color * np.float32(0.25 * finish.sharpness))
+    sparkle *= sun[:, None] * np.float32(0.25 * finish.sharpness)
+    shine += sparkle[..., None] * sun_color
     added = np.float32(finish.gloss) * reflectance * shine
     if finish.translucency:  # leaves between the eye and the sun light up
         behind = np.maximum(-(toward_eye @ toward_sun), 0) ** 2 * np.float32(finish.translucency)
@@ -114,16 +114,32 @@ def _view_dependent(patch: Patch, rows: slice, toward_eye: F32, sun: F32, openne
     return added
 
 
-def _mirror(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32]:
-    """Cosine to the normal (n, d) and mirrored directions (n, d, 3), smooth over the sphere."""
-    if not patch.is_strand:
-        normals = patch.normals[rows].astype(np.float32)
-        cosine = normals @ toward_eye.T
-        return np.abs(cosine), 2 * cosine[..., None] * normals[:, None] - toward_eye
-    tangents = patch.axes[rows, :, 0].astype(np.float32)
-    along = tangents @ toward_eye.T
-    cosine = np.sqrt(np.maximum(1 - along * along, 0))
-    return cosine, toward_eye - 2 * along[..., None] * tangents[:, None]
+def _mirror(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
+    """Cosine to the normal (n, d), mirrored directions (n, d, 3), highlight of the sun (n, d).
+
+    All are smooth over the whole sphere, back side included, so that the fit does not ring.
+    """
+    normals = patch.normals[rows].astype(np.float32)
+    cosine = normals @ toward_eye.T
+    mirrored = 2 * cosine[..., None] * normals[:, None] - toward_eye
+    agreement = mirrored @ SUN.astype(np.float32) - 1
+    return np.abs(cosine), mirrored, np.exp(np.float32(patch.finish.sharpness) * agreement)
+
+
+def _cylinder(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
+    """The same for strands, whose normals point all ways around: the sun's highlight is a cone.
+
+    Source: Marschner et al. 2003, "Light Scattering from Human Hair Fibers", the R lobe.
+    """
+    tangents, sun = patch.axes[rows, :, 0].astype(np.float32), SUN.astype(np.float32)
+    along, sun_along = tangents @ toward_eye.T, (tangents @ sun)[:, None]
+    across = np.sqrt(np.maximum(1 - along * along, 1e-6))
+    sun_across = np.sqrt(np.maximum(1 - sun_along * sun_along, 1e-6))
+    turned = (toward_eye @ sun - along * sun_along) / (across * sun_across)  # cosine about the axis
+    agreement = across * sun_across - along * sun_along - 1
+    sparkle = np.exp(np.float32(patch.finish.sharpness) * agreement)
+    sparkle *= np.sqrt(np.clip(0.5 + 0.5 * turned, 0, 1))
+    return across, toward_eye - 2 * along[..., None] * tangents[:, None], sparkle
 
 
 def _film(grazing: F32, thickness: F32) -> F32:

@@ -29,7 +29,7 @@ def capture(count: int = 200_000, seed: int = 7) -> SplatCloud:
     density = (count / 200_000) ** 0.5
     spacing = 0.0056 / density
     patches = [
-        *shell.shell(spacing, seat=plinth.TOP + 0.118),
+        *shell.shell(spacing, seat=plinth.TOP + 0.142),
         *plinth.cup(spacing),
         plinth.drum(spacing),
         *plinth.vines(density, seed),

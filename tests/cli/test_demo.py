@@ -1,0 +1,111 @@
+"""`usdsplat demo`, and the stage it makes."""
+
+from __future__ import annotations
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdUtils
+
+from usdsplat import formats, schema
+from usdsplat.cli.turntable import CAMERA, author_turntable
+
+Image = pytest.importorskip("PIL.Image")
+
+
+def camera_at(stage, frame):
+    return UsdGeom.Camera(stage.GetPrimAtPath(CAMERA)).GetCamera(frame).frustum
+
+
+@pytest.fixture
+def turntable(run, capture, tmp_path):
+    """A stage with a camera around the ball, open."""
+    run("convert", capture, tmp_path / "capture.usdc")
+    author_turntable(tmp_path / "stage.usda", tmp_path / "capture.usdc", frames=8)
+    return Usd.Stage.Open(str(tmp_path / "stage.usda"))
+
+
+def test_the_subject_is_in_the_picture_all_the_way_around(turntable):
+    """Oracle: GfFrustum; every centre is inside at every frame, and the ball fills the height."""
+    prim = turntable.GetPrimAtPath("/World/Subject/ball")
+    to_world = UsdGeom.XformCache().GetLocalToWorldTransform(prim)
+    points = [to_world.Transform(Gf.Vec3d(*map(float, p))) for p in schema.fetch(prim).positions]
+    for frame in range(1, 9):
+        frustum = camera_at(turntable, frame)
+        matrix = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
+        seen = np.array([matrix.Transform(point) for point in points])
+        assert np.abs(seen).max() < 1
+        assert np.abs(seen[:, 1]).max() > 0.8
+
+
+def test_the_camera_goes_around_once_and_looks_at_the_middle(turntable):
+    """Oracle: eight frames of a circle around the upright axis; the ball is its centre."""
+    eyes = np.array([camera_at(turntable, frame).position for frame in range(1, 10)])
+    angles = np.unwrap(np.arctan2(eyes[:, 0], eyes[:, 2]))
+    np.testing.assert_allclose(np.diff(angles), np.full(8, np.pi / 4), atol=0.05)
+    np.testing.assert_allclose(eyes[8], eyes[0], atol=1e-6)
+    np.testing.assert_allclose(eyes[:, 1], eyes[0, 1], atol=1e-6)
+    ray = camera_at(turntable, 1).ComputeViewDirection()
+    to_middle = -eyes[0] / np.linalg.norm(eyes[0])
+    assert np.dot(ray, to_middle) > 0.97
+
+
+def test_an_empty_capture_gets_a_camera_all_the_same(tmp_path):
+    """Oracle: a stage that opens; there is nothing to look at."""
+    empty = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    empty.SetDefaultPrim(empty.DefinePrim("/World"))
+    empty.GetRootLayer().Save()
+    author_turntable(tmp_path / "stage.usda", tmp_path / "empty.usda", frames=1)
+    stage = Usd.Stage.Open(str(tmp_path / "stage.usda"))
+    assert camera_at(stage, 1).GetNearFar().GetSize() > 0
+
+
+def test_the_demo_runs_from_end_to_end(run, tmp_path):
+    """Oracle: the files, each read by the library it is for; validation finds nothing."""
+    folder = tmp_path / "demo"
+    status, out, err = run("demo", "-o", folder, "--splats", 3000, "--frames", 3)
+    assert status == 0
+    assert [line for line in err.splitlines() if "compiling" not in line] == []
+    told = [line.split()[0].rsplit("/", 1)[1] for line in out.splitlines()[:-1]]
+    assert told == [
+        "capture.ply",
+        "capture.usdc",
+        "stage.usda",
+        "still.png",
+        "still.exr",
+        "sequence.####.png",
+        "sequence.webp",
+    ]
+    assert formats.read(folder / "capture.ply").cloud.sh_degree == 3
+    still = oiio.ImageInput.open(str(folder / "still.exr"))
+    assert still.spec().channelnames == ("R", "G", "B", "A", "Z")
+    assert still.seek_subimage(1, 0)
+    still.close()
+    with Image.open(folder / "sequence.webp") as moving:
+        assert (moving.n_frames, moving.size) == (3, (640, 360))
+    with Image.open(folder / "still.png") as picture:
+        alpha = np.asarray(picture)[..., 3]
+    assert 0.05 < (alpha > 128).mean() < 0.9
+    assert run("validate", folder / "stage.usda")[0] == 0
+    layers, assets, missing = UsdUtils.ComputeAllDependencies(str(folder / "stage.usda"))
+    assert (len(layers), list(assets), list(missing)) == (2, [], [])
+
+
+def test_the_demo_takes_a_capture(run, capture, tmp_path):
+    """Oracle: the prim is named after the file, which is not copied."""
+    folder = tmp_path / "deep" / "er"
+    status, out, _ = run("demo", capture, "-o", folder, "--frames", 1)
+    assert status == 0
+    assert f"300 splats as a prim, from {capture}\n" in out
+    assert not (folder / "capture.ply").exists()
+    assert out.endswith(f"next: usdsplat info {folder}/stage.usda\n")
+
+
+def test_what_cannot_be_made_is_one_sentence(run, capture):
+    """Oracle: where: found X, expected Y."""
+    status, out, err = run("demo", capture, "-o", capture)
+    assert (status, out) == (2, "")
+    assert err == f"usdsplat: {capture}: found file exists, expected a folder that can be made\n"
+    status, out, err = run("demo", "--frames", 0)
+    assert (status, out) == (2, "")
+    assert err.startswith("usdsplat: demo: found 200000 splats, 0 frames, expected 1000 to")

@@ -1,0 +1,73 @@
+"""Arguments from dataclasses, and flags from knobs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import pytest
+from tyro.conf import Positional, arg
+
+from usdsplat.cli.parsing import flags_of, given, option, parse
+from usdsplat.core.knobs import checked, knob, knobs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Knobs of every kind that a flag can be."""
+
+    mode: str = knob("a", "how", choices=("a", "b"))
+    level: int = knob(3, "how much", range=(0, 4))
+    size: float = knob(1.5, "how large", unit="m")
+    strict: bool = knob(True, "how strictly")
+
+
+Flags: Any = flags_of(Settings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What a command takes."""
+
+    name: Annotated[Positional[str], option("NAME")]
+    """whose"""
+    settings: Annotated[Flags, arg(name="")] = Flags()  # noqa: RUF009 - a frozen value
+
+
+def test_flags_that_are_not_given_are_no_opinion():
+    """Oracle: an empty mapping, so that the knobs' own defaults hold."""
+    options = parse(Options, "try", "Try.", ["x"])
+    assert options.name == "x"
+    assert given(options.settings) == {}
+
+
+def test_flags_that_are_given_are_values_of_the_knobs():
+    """Oracle: the values on the command line, taken by core.knobs.checked."""
+    argv = ["x", "--mode", "b", "--level", "0", "--size", "2", "--strict", "False"]
+    values = given(parse(Options, "try", "Try.", argv).settings)
+    assert values == {"mode": "b", "level": 0, "size": 2.0, "strict": False}
+    assert checked("try", Settings, values) == Settings(**values)
+
+
+def test_help_comes_from_the_knobs(capsys):
+    """Oracle: text, choices and range of every knob; tyro's remarks on defaults are gone."""
+    assert parse(Options, "try", "Try it.\n\nexamples:\n  usdsplat try x\n", ["--help"]) == 0
+    out = capsys.readouterr().out
+    assert "usage: usdsplat try" in out
+    assert "  usdsplat try x\n" in out
+    assert all(item.text in out for item in knobs(Settings))
+    assert "--mode a|b" in out
+    assert "[0 to 4]" in out
+    assert "(default" not in out
+
+
+@pytest.mark.parametrize("argv", [[], ["x", "y"], ["x", "--level", "much"], ["x", "--level"]])
+def test_mistakes_are_told_without_a_box(argv, capsys):
+    """Oracle: the command's name first, the cure last, no box-drawing characters, status 2."""
+    assert parse(Options, "try", "Try.", argv) == 2
+    out, err = capsys.readouterr()
+    lines = err.splitlines()
+    assert out == ""
+    assert lines[0].startswith("usdsplat try: ")
+    assert lines[-1] == "usdsplat try --help tells more"
+    assert not set("│╭╰─╯╮") & set(err)

@@ -1,0 +1,59 @@
+"""Suffixes decide what becomes what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+from tests.interchange.samples import capture, covariances, read_ply
+from usdsplat import formats, schema
+from usdsplat.core.errors import OutputError, UnknownFormatError
+from usdsplat.interchange import ExportReport, ImportReport, RepackReport, convert
+
+
+def test_a_capture_becomes_a_stage_and_a_capture_again(tmp_path: Path) -> None:
+    """Oracle: plyfile on the first and the last file, and the kinds of report."""
+    source = capture(tmp_path)
+    stage, packed, back = (tmp_path / name for name in ("a.usda", "b.usdc", "c.ply"))
+    assert isinstance(convert(source, stage, up_axis="Z", prim_path="/Tree"), ImportReport)
+    assert isinstance(convert(stage, packed, form="packed"), RepackReport)
+    opened = Usd.Stage.Open(str(packed))
+    assert schema.is_packed(opened.GetPrimAtPath("/Tree"))
+    assert isinstance(convert(packed, back, prim_path="/Tree"), ExportReport)
+    np.testing.assert_allclose(
+        read_ply(back)["positions"], read_ply(source)["positions"], atol=1e-6
+    )
+
+
+def test_a_capture_becomes_another_capture(data: Path, tmp_path: Path) -> None:
+    """Oracle: plyfile's reading of the decoded twin that another program made."""
+    report = convert(data / "oracle" / "out.sog", tmp_path / "a.ply")
+    assert isinstance(report, ExportReport)
+    assert (report.splats, report.prim_paths, report.frame) == (1000, (), "rdf")
+    twin = read_ply(data / "oracle" / "rt_sog.ply")
+    found = read_ply(tmp_path / "a.ply")
+    np.testing.assert_allclose(found["positions"], twin["positions"], atol=1e-5)
+    np.testing.assert_allclose(found["sh"], twin["sh"], atol=1e-5)
+
+
+def test_a_capture_can_be_turned_on_the_way(tmp_path: Path) -> None:
+    """Oracle: right-down-forward to right-up-back is minus y and minus z."""
+    source = capture(tmp_path)
+    convert(source, tmp_path / "turned.ply", frame="rub")
+    before, after = (formats.read(p).cloud for p in (source, tmp_path / "turned.ply"))
+    flip = np.diag([1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(after.positions, before.positions @ flip.astype(np.float32))
+    expected = flip @ covariances(before) @ flip
+    np.testing.assert_allclose(covariances(after), expected, atol=1e-5)
+
+
+def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    """Oracle: the documented errors."""
+    source = capture(tmp_path)
+    with pytest.raises(UnknownFormatError):
+        convert(source, tmp_path / "a.xyz")
+    with pytest.raises(OutputError, match="being read"):
+        convert(source, source)

@@ -1,0 +1,183 @@
+"""Stock to packed and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from tests.interchange.samples import assert_same, capture
+from tests.schema.clouds import angles, cloud
+from usdsplat import schema
+from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
+from usdsplat.interchange import import_capture, repack
+from usdsplat.schema import packing
+
+
+def opened(path: Path, prim_path: str) -> Usd.Prim:
+    """A prim of a file whose stage stays open."""
+    OPEN.append(Usd.Stage.Open(str(path)))
+    return OPEN[-1].GetPrimAtPath(prim_path)
+
+
+OPEN: list[Usd.Stage] = []
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".usdz"])
+def test_a_capture_goes_to_packed_and_back_within_the_bounds(data, tmp_path, suffix) -> None:
+    """Oracle: the bounds of the layout against the capture's own numbers."""
+    import_capture(data / "oracle" / "tiny.ply", tmp_path / "a.usdc")
+    report = repack(tmp_path / "a.usdc", tmp_path / f"b{suffix}", form="packed")
+    assert (report.prim_paths, report.samples, report.splats) == (("/World/tiny",), 1, 1000)
+    repack(tmp_path / f"b{suffix}", tmp_path / "c.usdc", form="float")
+    before = schema.fetch(opened(tmp_path / "a.usdc", "/World/tiny"))
+    after = schema.fetch(opened(tmp_path / "c.usdc", "/World/tiny"))
+    np.testing.assert_array_equal(after.positions, before.positions)
+    np.testing.assert_allclose(after.scales, before.scales, rtol=3.4e-4)
+    assert np.abs(after.opacities - before.opacities).max() <= 1 / 1022 + 1e-7
+    assert angles(after.rotations, before.rotations).max() <= packing.ROTATION_ERROR
+    for path in ("a.usdc", f"b{suffix}", "c.usdc"):
+        stage = Usd.Stage.Open(str(tmp_path / path))
+        assert schema.validate(stage) == []
+        assert UsdGeom.GetStageUpAxis(stage) == "Y"
+        ops = UsdGeom.Xformable(stage.GetPrimAtPath("/World/tiny")).GetOrderedXformOps()
+        assert [op.GetOpName() for op in ops] == ["xformOp:transform:axes"]
+
+
+def test_packed_files_are_a_third_of_the_size(tmp_path: Path) -> None:
+    """Oracle: 76 bytes of 236 a splat, and the proxy's points."""
+    import_capture(capture(tmp_path, n=100_000), tmp_path / "a.usdc")
+    repack(tmp_path / "a.usdc", tmp_path / "b.usdc", form="packed")
+    sizes = [(tmp_path / name).stat().st_size for name in ("a.usdc", "b.usdc")]
+    assert sizes[1] < sizes[0] * (76 / 236 + 0.02)
+
+
+@pytest.mark.parametrize("form", ["half", "packed"])
+def test_time_samples_stay_time_samples(tmp_path: Path, form: str) -> None:
+    """Oracle: centres at each sample; counts may differ between them."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usdc"))
+    for time, n in ((1, 3), (2, 3), (5, 4)):
+        schema.author(stage, "/Splats", cloud(time, n=n, moving=True), time=time)
+    stage.Save()
+    report = repack(stage, tmp_path / "b.usdc", form=form)
+    assert (report.samples, report.splats) == (3, 10)
+    prim = opened(tmp_path / "b.usdc", "/Splats")
+    assert schema.sample_times(prim) == [1, 2, 5]
+    assert schema.form_of(prim) == form
+    for time, n in ((1, 3), (2, 3), (5, 4)):
+        found = schema.fetch(prim, time)
+        np.testing.assert_array_equal(found.positions, cloud(time, n=n).positions)
+        np.testing.assert_array_equal(found.ids, cloud(time, n=n, moving=True).ids)
+
+
+def test_modes_colour_space_and_memory_of_the_import_stay(tmp_path: Path) -> None:
+    """Oracle: the values on the original."""
+    stage = Usd.Stage.CreateInMemory()
+    import_capture(capture(tmp_path), stage, prim_path="/Splats")
+    prim = schema.author(
+        stage,
+        "/Splats",
+        cloud(),
+        color_space="lin_rec709_scene",
+        rasterize_mode="antialiased",
+        sorting_mode="cameraDistance",
+        projection_mode="tangential",
+    )
+    repack(stage, tmp_path / "b.usdc", form="packed")
+    found = opened(tmp_path / "b.usdc", "/Splats")
+    for question in (
+        schema.color_space,
+        schema.rasterize_mode,
+        schema.sorting_mode,
+        schema.projection_mode,
+    ):
+        assert question(found) == question(prim)
+    before, after = (p.GetCustomDataByKey("usdsplat") for p in (prim, found))
+    assert after["sha256"] == before["sha256"]
+    assert after["error_bounds"]["opacities"] == "1/1022"
+
+
+def test_layers_references_and_instances_are_flattened(tmp_path: Path) -> None:
+    """Oracle: the world of the new file, opened where the old layers are gone."""
+    asset = Usd.Stage.CreateNew(str(tmp_path / "asset.usdc"))
+    schema.author(asset, "/Tree/Splats", cloud(n=5))
+    asset.SetDefaultPrim(asset.GetPrimAtPath("/Tree"))
+    asset.Save()
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    for name in ("A", "B"):
+        prim = stage.DefinePrim(f"/{name}", "Xform")
+        prim.GetReferences().AddReference("./asset.usdc")
+        prim.SetInstanceable(True)
+    stage.Save()
+    report = repack(tmp_path / "shot.usda", tmp_path / "flat.usdc", form="packed")
+    assert report.samples == 1
+    del asset, stage
+    (tmp_path / "asset.usdc").unlink()
+    for name in ("A", "B"):
+        prim = opened(tmp_path / "flat.usdc", f"/{name}/Splats")
+        assert prim.IsInstanceProxy()
+        assert schema.is_packed(prim)
+        np.testing.assert_array_equal(schema.fetch(prim).positions, cloud(n=5).positions)
+
+
+def test_a_field_that_is_an_instance_itself_is_packed(tmp_path: Path) -> None:
+    """Oracle: the centres; an instance can have no proxy, since USD allows it no children."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Source", cloud(n=5))
+    stage.GetPrimAtPath("/Source").SetSpecifier(Sdf.SpecifierClass)
+    instance = stage.DefinePrim("/Instance")
+    instance.GetReferences().AddInternalReference("/Source")
+    instance.SetInstanceable(True)
+    repack(stage, tmp_path / "flat.usda", form="packed")
+    prim = opened(tmp_path / "flat.usda", "/Instance")
+    assert prim.IsInstance()
+    assert schema.is_packed(prim)
+    assert not prim.GetAllChildren()
+    np.testing.assert_array_equal(schema.fetch(prim).positions, cloud(n=5).positions)
+
+
+def test_fields_that_have_the_form_already_are_copied(tmp_path: Path) -> None:
+    """Oracle: every array, bit for bit."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Float", cloud(1))
+    packed = schema.author(stage, "/Packed", cloud(2), form="packed")
+    report = repack(stage, tmp_path / "b.usdc", form="packed")
+    assert report.prim_paths == ("/Float",)
+    assert_same(schema.fetch(opened(tmp_path / "b.usdc", "/Packed")), schema.fetch(packed))
+
+
+def test_the_source_is_not_changed(tmp_path: Path) -> None:
+    """Oracle: the bytes of the file and the text of the open stage."""
+    import_capture(capture(tmp_path), tmp_path / "a.usdc")
+    before = (tmp_path / "a.usdc").read_bytes()
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    text = stage.ExportToString()
+    repack(stage, tmp_path / "b.usdc", form="packed")
+    assert (tmp_path / "a.usdc").read_bytes() == before
+    assert stage.ExportToString() == text
+
+
+def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
+    """Oracle: the documented errors, and the folder afterwards."""
+    import_capture(capture(tmp_path), tmp_path / "a.usdc")
+    with pytest.raises(UsageError, match="double"):
+        repack(tmp_path / "a.usdc", tmp_path / "b.usdc", form="double")
+    with pytest.raises(OutputError, match="being read"):
+        repack(tmp_path / "a.usdc", tmp_path / "a.usdc", form="packed")
+    with pytest.raises(UnknownFormatError):
+        repack(tmp_path / "a.usdc", tmp_path / "b.abc", form="packed")
+    with pytest.raises(StageError, match="no splat field"):
+        repack(Usd.Stage.CreateInMemory(), tmp_path / "b.usdc", form="packed")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.usdc", "tree.ply"]
+
+
+def test_numbers_that_do_not_fit_leave_nothing_behind(tmp_path: Path) -> None:
+    """Oracle: the folder afterwards."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Splats", replace(cloud(n=1), scales=np.full((1, 3), 1e9, np.float32)))
+    with pytest.raises(UsageError, match="65504"):
+        repack(stage, tmp_path / "b.usdc", form="half")
+    assert list(tmp_path.iterdir()) == []
