@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
@@ -11,7 +12,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import schema
 
-SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "no_such_space")
+SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "lin_ap1_scene", "no_such_space")
 PURPOSES = ("default", "render", "proxy", "guide")
 
 
@@ -23,7 +24,7 @@ class Editor:
         self._numbers = np.random.default_rng(seed)
         self._made = 0
         self.stage = self._make_stage(f"{asset_folder}/asset_{seed}.usda")
-        self.times: list[float | None] = [None, 1.0, 1.5, 2.0, 2.0, 3.0, 3.25]
+        self.times: list[float | None] = [None, 1.0, 1.0, 1.5, 2.0, 2.0, 2.5, 3.0, 3.0]
 
     def edit(self) -> str:
         """Make one edit and return its name; some change nothing."""
@@ -100,7 +101,9 @@ class Editor:
         return UsdGeom.PointInstancer(prim) if prim else None
 
     def _new_path(self) -> str:
-        parents = [p for p in self._prims() if not p.IsInstance() and p.GetPath().pathElementCount < 5]
+        parents = [
+            p for p in self._prims() if not p.IsInstance() and p.GetPath().pathElementCount < 5
+        ]
         parent = self._random.choice([self.stage.GetPseudoRoot(), *parents])
         self._made += 1
         return str(parent.GetPath().AppendChild(f"New{self._made}"))
@@ -109,9 +112,16 @@ class Editor:
         n, degree = self._random.randint(0, 9), self._random.choice([0, 1])
         return random_cloud(self._random.randrange(1000), n=n, degree=degree)
 
-    def _code(self) -> Usd.TimeCode:
-        time = self._random.choice([None, None, 1, 2, 3])
-        return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    def _set(self, attribute: Usd.Attribute | UsdGeom.XformOp, make: Callable[[], Any]) -> None:
+        """Author the default value, or two samples."""
+        if self._random.random() < 0.5:
+            attribute.Set(make())
+        else:
+            attribute.Set(make(), 1)
+            attribute.Set(make(), 3)
+
+    def _vectors(self, n: int) -> Vt.Vec3fArray:
+        return Vt.Vec3fArray.FromNumpy(self._numbers.normal(size=(n, 3)).astype(np.float32))
 
     # --- the edits -------------------------------------------------------------------------
 
@@ -172,14 +182,13 @@ class Editor:
     def set_sample(self) -> None:
         if prim := self._field():
             if attribute := prim.GetAttribute("positions"):
-                points = self._numbers.normal(size=(self._random.randint(3, 6), 3))
-                attribute.Set(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)), self._code())
+                self._set(attribute, lambda: self._vectors(self._random.randint(4, 5)))
 
     def set_opacities(self) -> None:
         if prim := self._field():
             kind = Sdf.ValueTypeNames.FloatArray
-            values = Vt.FloatArray.FromNumpy(self._numbers.uniform(size=9).astype(np.float32))
-            prim.CreateAttribute("opacities", kind).Set(values, self._code())
+            values = lambda: Vt.FloatArray([self._random.random() for _ in range(12)])  # noqa: E731
+            self._set(prim.CreateAttribute("opacities", kind), values)
 
     def set_block_or_clear(self) -> None:
         if prim := self._prim():
@@ -219,11 +228,14 @@ class Editor:
 
     def set_move(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
-            matrix = np.eye(4)
-            matrix[:3, :3] += 0.4 * self._numbers.normal(size=(3, 3))
-            matrix[3, :3] = self._numbers.normal(size=3)
             if op := UsdGeom.Xformable(prim).MakeMatrixXform():
-                op.Set(Gf.Matrix4d(matrix), self._code())
+                self._set(op, self._matrix)
+
+    def _matrix(self) -> Gf.Matrix4d:
+        matrix = np.eye(4)
+        matrix[:3, :3] += 0.4 * self._numbers.normal(size=(3, 3))
+        matrix[3, :3] = self._numbers.normal(size=3)
+        return Gf.Matrix4d(matrix)
 
     def set_add_op(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
@@ -237,8 +249,8 @@ class Editor:
 
     def set_show_or_hide(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
-            token = self._random.choice(["invisible", "inherited"])
-            UsdGeom.Imageable(prim).CreateVisibilityAttr().Set(token, self._code())
+            attribute = UsdGeom.Imageable(prim).CreateVisibilityAttr()
+            self._set(attribute, lambda: self._random.choice(["invisible", "inherited"]))
 
     def set_purpose(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Imageable)):
@@ -263,7 +275,9 @@ class Editor:
 
     def set_edit_asset(self) -> None:
         source = Usd.Stage.Open(self._asset)
-        prim = source.GetPrimAtPath(self._random.choice(["/Asset/Splats", "/Asset", "/Asset/Inner"]))
+        prim = source.GetPrimAtPath(
+            self._random.choice(["/Asset/Splats", "/Asset", "/Asset/Inner"])
+        )
         if self._random.random() < 0.5:
             UsdGeom.Xformable(prim).MakeMatrixXform().Set(Gf.Matrix4d(1 + self._random.random()))
         else:
@@ -274,12 +288,11 @@ class Editor:
 
     def _scatter(self, instancer: UsdGeom.PointInstancer) -> None:
         count = self._random.randint(0, 4)
-        positions = 3 * self._numbers.normal(size=(count, 3))
-        instancer.CreatePositionsAttr().Set(
-            Vt.Vec3fArray.FromNumpy(positions.astype(np.float32)), self._code()
+        self._set(instancer.CreatePositionsAttr(), lambda: self._vectors(count))
+        self._set(
+            instancer.CreateProtoIndicesAttr(),
+            lambda: [self._random.randint(0, 2) for _ in range(count)],
         )
-        indices = [self._random.randint(0, 2) for _ in range(count)]
-        instancer.CreateProtoIndicesAttr().Set(indices, self._code())
 
     def restructure_add_instancer(self) -> None:
         instancer = UsdGeom.PointInstancer.Define(self.stage, self._new_path())
@@ -298,23 +311,22 @@ class Editor:
 
     def set_mask(self) -> None:
         if instancer := self._instancer():
-            number = self._random.randint(0, 3)
-            if self._random.random() < 0.5:
-                instancer.CreateInvisibleIdsAttr().Set([number], self._code())
+            if self._random.random() < 0.7:
+                numbers = instancer.CreateInvisibleIdsAttr()
+                self._set(numbers, lambda: [self._random.randint(0, 2)])
             else:
-                instancer.DeactivateId(number)
+                instancer.DeactivateId(self._random.randint(0, 3))
 
     def set_velocities(self) -> None:
         if instancer := self._instancer():
-            velocities = self._numbers.normal(size=(self._random.randint(1, 3), 3))
-            instancer.CreateVelocitiesAttr().Set(
-                Vt.Vec3fArray.FromNumpy(velocities.astype(np.float32)), self._code()
-            )
+            count = len(instancer.GetProtoIndicesAttr().Get(1) or ())
+            instancer.CreatePositionsAttr().Set(self._vectors(count), 1)
+            instancer.CreateVelocitiesAttr().Set(self._vectors(count), 1)
 
     def set_camera(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Camera)):
-            camera = UsdGeom.Camera(prim)
-            camera.CreateFocalLengthAttr().Set(self._random.choice([0.0, 20.0, 35.0]), self._code())
+            focal = UsdGeom.Camera(prim).CreateFocalLengthAttr()
+            self._set(focal, lambda: self._random.choice([0.0, 20.0, 35.0]))
 
     def restructure_mute(self) -> None:
         layer = self._random.choice(self._layers()[1:] or [self.stage.GetSessionLayer()])
@@ -322,12 +334,6 @@ class Editor:
             self.stage.UnmuteLayer(muted[0])
         else:
             self.stage.MuteLayer(layer.identifier)
-
-    def set_offset(self) -> None:
-        root = self.stage.GetRootLayer()
-        if root.subLayerPaths:
-            offset = Sdf.LayerOffset(self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0]))
-            root.subLayerOffsets[self._random.randrange(len(root.subLayerPaths))] = offset
 
     def restructure_sublayer(self) -> None:
         root = self.stage.GetRootLayer()
@@ -344,13 +350,24 @@ class Editor:
     def restructure_session(self) -> None:
         self.stage.GetSessionLayer().Clear()
 
-    def set_interpolation(self) -> None:
+    def restructure_timing(self) -> None:
+        self._random.choice([self._interpolate, self._count, self._offset])()
+
+    def _interpolate(self) -> None:
         kinds = (Usd.InterpolationTypeHeld, Usd.InterpolationTypeLinear)
         self.stage.SetInterpolationType(self._random.choice(kinds))
 
-    def set_time_codes(self) -> None:
+    def _count(self) -> None:
         self.stage.SetEditTarget(self.stage.GetRootLayer())
         self.stage.SetTimeCodesPerSecond(self._random.choice([24.0, 48.0]))
+
+    def _offset(self) -> None:
+        root = self.stage.GetRootLayer()
+        if root.subLayerPaths:
+            offset = Sdf.LayerOffset(
+                self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0])
+            )
+            root.subLayerOffsets[self._random.randrange(len(root.subLayerPaths))] = offset
 
     def restructure_population_mask(self) -> None:
         masks = (Usd.StagePopulationMask.All(), Usd.StagePopulationMask(["/World"]))
@@ -365,5 +382,4 @@ class Editor:
                 spec.typeName = "ParticleField3DGaussianSplat"
                 if "positions" not in spec.attributes:
                     Sdf.AttributeSpec(spec, "positions", Sdf.ValueTypeNames.Point3fArray)
-                points = self._numbers.normal(size=(2, 3)).astype(np.float32)
-                spec.attributes["positions"].default = Vt.Vec3fArray.FromNumpy(points)
+                spec.attributes["positions"].default = self._vectors(2)

@@ -43,7 +43,7 @@ def test_edits_leave_the_picture_of_a_fresh_engine(seed, tmp_path, capfd):
     purposes = PURPOSES[0]
     with Engine(editor.stage) as engine:
         for step in range(60):
-            history = [editor.edit() for _ in range(1 + step % 3 // 2)]
+            history = [editor.edit() for _ in range(1 + step % 4 // 3)]
             if step % 2:
                 engine.set_time(editor.pick_time())
             if step % 10 == 9:

@@ -56,7 +56,12 @@ def test_indices_stay_distinct_when_one_prim_is_seen_in_several_ways():
     levels = [(np.eye(4),), (np.eye(4), np.eye(4)), (np.eye(4),)]
     instancers = {"/o": scatter([0, 1, 0])}
     seen = expand(ways, levels, [True, True, True], instancers)
-    assert [(each.path, each.index) for each in seen] == [("/a", 0), ("/a", 1), ("/a", 3), ("/b", 0)]
+    assert [(each.path, each.index) for each in seen] == [
+        ("/a", 0),
+        ("/a", 1),
+        ("/a", 3),
+        ("/b", 0),
+    ]
     seen = expand(ways, levels, [False, True, True], instancers)
     assert [(each.path, each.index) for each in seen] == [("/a", 1), ("/a", 3), ("/b", 0)]
 
@@ -67,5 +72,7 @@ def test_what_is_nowhere_is_left_out(bad):
     scattered = scatter([0, 0])
     scattered.spec.transforms[1, 0, 3] = bad
     links = (Link(instancer="/o", prototype=0),)
-    seen = expand([Placement(path="/a", links=links)], [(np.eye(4),) * 2], [True], {"/o": scattered})
+    seen = expand(
+        [Placement(path="/a", links=links)], [(np.eye(4),) * 2], [True], {"/o": scattered}
+    )
     assert [each.index for each in seen] == [0]

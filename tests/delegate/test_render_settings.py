@@ -32,9 +32,7 @@ def test_auto_color_is_display_in_memory():
 
 def test_the_schema_and_the_knobs_are_the_same_list():
     """Oracle: USD's own registry: names, defaults and choices of SplatRenderSettingsAPI."""
-    definition = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(
-        schema.tokens.SETTINGS_API
-    )
+    definition = Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(schema.tokens.SETTINGS_API)
     assert set(usd_names()) == set(definition.GetPropertyNames())
     known = {item.name: item for item in knobs(RenderSettings)}
     for name, knob in usd_names().items():

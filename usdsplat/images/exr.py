@@ -25,12 +25,10 @@ from usdsplat.core.errors import UsageError
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
 from usdsplat.images.layout import Band, ImageLayout
-from usdsplat.images.writer import ImageWriter
+from usdsplat.images.writer import ROWS, ImageWriter
 
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
 """Those that keep float32 data as it is; dwaa and dwab lose a little in R, G and B only."""
-
-SPOOL_ROWS = 64
 
 
 class ExrWriter(ImageWriter):
@@ -86,8 +84,8 @@ class ExrWriter(ImageWriter):
         _, top, _, bottom = self._layout.window
         width, channels = self._layout.shape[1], len(self._parts[1])
         self._spool.seek(0)
-        for y0 in range(top, bottom, SPOOL_ROWS):
-            rows = min(SPOOL_ROWS, bottom - y0)
+        for y0 in range(top, bottom, ROWS):
+            rows = min(ROWS, bottom - y0)
             ids = np.fromfile(self._spool, np.uint32, rows * width * channels)
             self._write_rows(y0, ids.reshape(rows, width, channels))
 

@@ -16,6 +16,9 @@ from usdsplat.core.errors import OutputError
 from usdsplat.core.output import atomic_path
 from usdsplat.images.layout import Band, ImageLayout
 
+ROWS = 64
+"""Rows that are handled at a time: few, so that copies of them stay in the processor's cache."""
+
 
 class ImageWriter(ABC):
     """A picture file that is being written: a context manager fed with bands, top to bottom.
@@ -78,12 +81,14 @@ class ImageWriter(ABC):
         rows = self._layout.rows_of(y0, band)
         if y0 != self._next_row or not 0 < rows <= self._layout.window[3] - y0:
             raise ValueError(f"band: found rows {y0} to {y0 + rows}, expected {self._next_row} on")
-        self._append(y0, band)
+        for first in range(0, rows, ROWS):
+            part = slice(first, first + ROWS)
+            self._append(y0 + first, {name: band[name][part] for name in self._layout.aovs})
         self._next_row += rows
 
     @abstractmethod
     def _append(self, y0: int, band: Band) -> None:
-        """Put the rows of a checked band into the file."""
+        """Put some rows of a checked band into the file."""
 
     def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
         """Add what follows the last row."""

@@ -100,9 +100,11 @@ EDITS = {
         Counter(field=2, placements=2, transforms=2, visible=2, instancer=1, camera=1),
     ),
     "colour space above": (
-        lambda stage: Usd.ColorSpaceAPI(stage.GetPrimAtPath("/World/A"))
-        .GetColorSpaceNameAttr()
-        .Set("lin_rec709_scene"),
+        lambda stage: (
+            Usd.ColorSpaceAPI(stage.GetPrimAtPath("/World/A"))
+            .GetColorSpaceNameAttr()
+            .Set("lin_rec709_scene")
+        ),
         Counter(field=1),
     ),
     "the session layer": (

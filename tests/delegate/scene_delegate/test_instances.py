@@ -78,7 +78,9 @@ def test_point_instances_stand_where_usd_computes_them():
     time = Usd.TimeCode.Default()
     computed = np.array(scattered.ComputeInstanceTransformsAtTime(time, time))
     to_world = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(scattered.GetPrim()))
-    inside = np.array(UsdGeom.Xformable(stage.GetPrimAtPath("/Asset/Splats")).GetLocalTransformation())
+    inside = np.array(
+        UsdGeom.Xformable(stage.GetPrimAtPath("/Asset/Splats")).GetLocalTransformation()
+    )
     expected = {1: inside @ computed[0], 3: inside @ computed[2], 5: computed[1]}
     for index, matrix in expected.items():
         # USD counts the prototype root's own transform, which for its second is the field's
@@ -111,7 +113,9 @@ def test_prototypes_may_hide_in_overs_classes_and_beneath_their_instancer():
     stage.GetPrimAtPath("/Classes").SetSpecifier(Sdf.SpecifierClass)
     with Engine(stage) as engine:
         assert matrices(engine) == {}
-        instancer(stage, "/S", ["/Overs/A", "/Classes/A", "/S/Prototypes/A"], [0, 1, 2], [(0, 0, 0)] * 3)
+        instancer(
+            stage, "/S", ["/Overs/A", "/Classes/A", "/S/Prototypes/A"], [0, 1, 2], [(0, 0, 0)] * 3
+        )
         paths = {path for path, _ in matrices(engine)}
         assert paths == {"/Overs/A", "/Classes/A", "/S/Prototypes/A"}
 
@@ -158,7 +162,9 @@ def test_prototypes_that_are_not_there_are_a_warning_until_they_are():
     stage = Usd.Stage.CreateInMemory()
     instancer(stage, "/S", ["/Late"], [0], [(0, 0, 0)])
     with Engine(stage) as engine:
-        assert engine.warnings == ("/S: found no prim at its prototype /Late, expected an existing one",)
+        assert engine.warnings == (
+            "/S: found no prim at its prototype /Late, expected an existing one",
+        )
         schema.author(stage, "/Late", random_cloud())
         assert len(matrices(engine)) == 2
         assert engine.warnings == ()
@@ -208,7 +214,9 @@ def test_an_edit_of_the_source_reaches_every_instance():
         prim.SetInstanceable(True)
     edits = [
         lambda: schema.author(stage, "/Asset/Splats", random_cloud(9)),
-        lambda: stage.GetPrimAtPath("/Asset/Splats").GetAttribute("xformOp:translate").Set((9, 9, 9)),
+        lambda: (
+            stage.GetPrimAtPath("/Asset/Splats").GetAttribute("xformOp:translate").Set((9, 9, 9))
+        ),
         lambda: UsdGeom.Imageable(stage.GetPrimAtPath("/Asset/Splats")).MakeInvisible(),
         lambda: UsdGeom.Imageable(stage.GetPrimAtPath("/Asset/Splats")).MakeVisible(),
         lambda: schema.author(stage, "/Asset/Second", random_cloud(10)),

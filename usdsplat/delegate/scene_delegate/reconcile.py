@@ -26,7 +26,7 @@ def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
         index.insert_field(path)
     for path in old.fields.keys() & new.fields.keys():
         index.tracker.mark(path, _difference(old.fields[path], new.fields[path]))
-
+    _carry(index, new)
 
 
 def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
