@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+import signal
 import subprocess
 import sys
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 
 from usdsplat import images
-from usdsplat.core.errors import UnknownFormatError
+from usdsplat.core.errors import OutputError, UnknownFormatError
 from usdsplat.images.layout import ImageLayout
 
 
@@ -42,3 +44,59 @@ def test_looking_up_a_color_loads_no_image_library():
     code = "import sys, usdsplat.images.color, usdsplat.images.frames; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"OpenImageIO", "pxr", "numba", "colour"} & set(run.stdout.split())
+
+
+@pytest.fixture
+def small_disk():
+    """For the length of a test, no file may grow beyond 4096 bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize(
+    ("name", "aovs"), [("a.png", ("color",)), ("a.exr", ("color",)), ("a.exr", ("color", "id"))]
+)
+def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, small_disk, name, aovs):
+    """Oracle: the folder, empty as before, and a sentence that names the file."""
+    rng = np.random.default_rng(0)
+    band = {
+        "color": rng.uniform(0, 1, (64, 64, 4)).astype(np.float32),
+        "id": rng.integers(0, 2**32, (64, 64), np.uint32),
+    }
+    layout = ImageLayout(resolution=(64, 64), aovs=aovs, color_space="srgb_rec709_display")
+    with (
+        pytest.raises(OutputError, match=rf"{name}: found .+, expected a p") as caught,
+        images.open_writer(tmp_path / name, layout) as writer,
+    ):
+        writer.write_band(0, band)
+    assert str(caught.value).count(name) <= 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ids_that_cannot_wait_are_a_sentence(tmp_path, small_disk):
+    """Oracle: the ids of this picture alone are larger than the disk; the colours are not."""
+    layout = ImageLayout(resolution=(64, 64), aovs=("color", "id"))
+    band = {
+        "color": np.zeros((64, 64, 4), np.float32),
+        "id": np.zeros((64, 64), np.uint32),
+    }
+    with (
+        pytest.raises(OutputError, match="no room for ids beside it, expected a place with room"),
+        images.open_writer(tmp_path / "a.exr", layout) as writer,
+    ):
+        writer.write_band(0, band)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writers_can_be_told_to_use_fewer_threads():
+    """Oracle: OpenImageIO's own attribute."""
+    import OpenImageIO
+
+    before = OpenImageIO.get_int_attribute("threads")
+    images.limit_threads(1)
+    assert OpenImageIO.get_int_attribute("threads") == 1
+    images.limit_threads(before)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 import OpenImageIO as oiio
 
 import usdsplat
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
 from usdsplat.images.layout import Band, ImageLayout
@@ -74,7 +74,16 @@ class ExrWriter(ImageWriter):
         pixels = [_side_by_side([band[aov.name] for aov in part]) for part in self._parts]
         self._write_rows(y0, pixels[0])
         if len(pixels) > 1:
-            pixels[1].tofile(self._spool)
+            self._spool_rows(pixels[1])
+
+    def _spool_rows(self, ids: npt.NDArray[np.generic]) -> None:
+        """Put ids aside until the first part is complete."""
+        try:
+            ids.tofile(self._spool)
+        except OSError as error:
+            raise OutputError(
+                str(self._path), "no room for ids beside it", "a place with room to write"
+            ) from error
 
     def _finish(self) -> None:
         """Copy the ids that wait behind the first part, some rows at a time."""

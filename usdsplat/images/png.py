@@ -9,6 +9,7 @@ Source: W3C PNG Specification, Third Edition.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ from usdsplat.images.color import conversion, is_identity
 from usdsplat.images.layout import Band, ImageLayout
 from usdsplat.images.writer import ImageWriter
 
+END = b"\0\0\0\0IEND\xae\x42\x60\x82"
+"""The chunk that every whole PNG ends with."""
 RESOLUTION = 72.0
 """Pixels per inch; PNG states the shape of a pixel by two of these."""
 
@@ -53,6 +56,11 @@ class PngWriter(ImageWriter):
         dtype = np.uint16 if self._layout.pixel_type == "uint16" else np.uint8
         color = np.asarray(band["color"], np.float32)
         self._write_rows(y0 - self._layout.window[1], quantized(color, dtype))
+
+    def _is_whole(self, path: Path) -> bool:
+        with path.open("rb") as file:
+            file.seek(-len(END), os.SEEK_END)
+            return file.read() == END
 
 
 def quantized(premultiplied: F32, dtype: npt.DTypeLike) -> npt.NDArray[np.unsignedinteger]:

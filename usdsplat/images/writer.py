@@ -65,6 +65,8 @@ class ImageWriter(ABC):
                 raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
             self._finish()
             self._check(self._file.close())
+            if not self._is_whole(self._temporary):
+                raise OutputError(str(self._path), "a file cut short", "a place with room to write")
 
     def write_band(self, y0: int, band: Band) -> None:
         """Append whole rows.
@@ -93,6 +95,10 @@ class ImageWriter(ABC):
     def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
         """Add what follows the last row."""
 
+    def _is_whole(self, path: Path) -> bool:
+        """Whether the closed file has its end; for formats whose writer says nothing if not."""
+        return path.stat().st_size > 0
+
     def _write_rows(self, y0: int, pixels: npt.NDArray[np.generic]) -> None:
         """Append to the open part; `pixels` of shape (rows, width, channels)."""
         self._check(self._file.write_scanlines(y0, y0 + len(pixels), 0, pixels))
@@ -105,4 +111,5 @@ class ImageWriter(ABC):
         """Turn OpenImageIO's refusal into our error; a message it keeps is printed at exit."""
         message = self._file.geterror() or oiio.geterror()
         if not succeeded:
-            raise OutputError(str(self._path), message.strip(), "a picture that can be written")
+            found = message.replace(str(self._temporary), self._path.name).strip().rstrip(".")
+            raise OutputError(str(self._path), found, "a picture that can be written")

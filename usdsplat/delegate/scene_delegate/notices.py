@@ -76,7 +76,7 @@ class NoticeListener:
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
         self._changes.structural |= (
-            path.name == "prototypes" or is_color_space(path.name)
+            path.name == "prototypes" or is_color_space(path.name) or colored
         )
 
 
