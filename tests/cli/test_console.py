@@ -123,3 +123,13 @@ def test_results_and_remarks_take_different_roads(capsys):
     out, err = capsys.readouterr()
     assert out == '{\n  "a": [\n    1,\n    null\n  ]\n}\n'
     assert err == "usdsplat: b\n"
+
+
+def test_compilation_is_announced_once(capsys):
+    """Oracle: a dozen kernels are compiled, one line is said."""
+    announce = console.announce_compilation()
+    for kernel in ("project", "blend"):
+        announce(kernel)
+    assert capsys.readouterr().err.splitlines() == [
+        "usdsplat: compiling kernels for this machine, once; it takes about half a minute"
+    ]

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from tests.cli.conftest import ball
 from usdsplat import schema
@@ -99,3 +99,15 @@ def test_real_captures_are_described(run_json, data):
     assert told["splats"] == 101407
     assert told["sh_degree"] == 3
     assert run_json("info", data / "oracle" / "sogdir" / "meta.json")["splats"] == 1000
+
+
+def test_a_field_that_cannot_be_read_is_named_with_its_problem(run_json, shot):
+    """Oracle: a packed prim without its arrays, beside the ball of the fixture."""
+    stage = Usd.Stage.Open(str(shot))
+    bad = stage.DefinePrim("/World/Bad", "ParticleFieldPackedSplat")
+    bad.CreateAttribute("positions", Sdf.ValueTypeNames.Point3fArray).Set([(0, 0, 0)])
+    stage.GetRootLayer().Save()
+    told = run_json("info", shot)
+    assert told["splats"] == 300
+    assert [field["path"] for field in told["fields"]] == ["/World/Ball", "/World/Bad"]
+    assert told["fields"][1]["problem"].startswith("/World/Bad")

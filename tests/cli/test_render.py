@@ -102,6 +102,7 @@ def test_exr_is_linear_and_png_is_what_a_viewer_shows(run, shot, tmp_path, pictu
 def test_the_header_says_how_it_was_drawn(run, shot, tmp_path):
     """Oracle: the stage and the flags; a point of the ball lands where worldToNDC says."""
     flags = ("--frames", 2, "--aovs", "color,id", "--sorting", "cameraDistance")
+    flags += ("--rasterize-mode", "antialiased")
     assert run("render", shot, "-o", tmp_path / "a.exr", *flags, *SMALL)[0] == 0
     spec = header(tmp_path / "a.exr")
     entries = {item.name: item.value for item in spec.extra_attribs}
@@ -109,7 +110,7 @@ def test_the_header_says_how_it_was_drawn(run, shot, tmp_path):
     assert entries["usdsplat:frame"] == 2.0
     assert entries["usdsplat:camera"] == "/World/Cam"
     assert entries["usdsplat:sorting"] == "cameraDistance"
-    assert entries["usdsplat:rasterizeMode"] == "classic"
+    assert entries["usdsplat:rasterizeMode"] == "antialiased"
     assert entries["usdsplat:colorMode"] == "scene"
     assert json.loads(entries["usdsplat:ids"]) == ["/World/Ball"]
     u, v, _, w = [0.2, 0, 0, 1] @ np.reshape(entries["worldToNDC"], (4, 4))
@@ -257,6 +258,7 @@ def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
         (["-o", "a.png", "--color-mode", "x"], "render color_mode: found 'x', expected one of"),
         (["-o", "a.png", "--sh-degree", "9"], "render sh_degree: found 9, expected 0 to 4"),
         (["-o", "a.exr", "--aovs", "N"], "render AOVs: found 'N', expected one of color, Z"),
+        (["-o", "a.png", "--purposes", "x"], "render purposes: found 'x', expected of default"),
         (["-o", "a.png", "--resolution", "9"], "--resolution: found '9', expected two numbers"),
         (["-o", "a.png", "--frames", "1-2"], "a.png: found 2 frames, expected a place"),
         (["-o", "a.png", "--frames", "x"], "frames: found 'x', expected a range"),
@@ -296,6 +298,10 @@ def test_products_in_each_others_way_are_refused(run, products, tmp_path):
     stage.GetRootLayer().Save()
     status, _, err = run("render", products, "--frames", 1)
     assert (status, "/Render/look: found productType deepRaster" in err) == (2, True)
+    stage.GetPrimAtPath("/Render/deep").GetAttribute("productName").Set("")
+    stage.GetRootLayer().Save()
+    status, _, err = run("render", products, "--product", "/Render/deep")
+    assert (status, "/Render/deep: found no file to write, expected -o" in err) == (2, True)
 
 
 def test_a_process_is_quiet_and_reports_its_threads(shot, tmp_path):

@@ -86,7 +86,7 @@ def picture(scene, view, *, aovs=AOVS, threads=None, **settings):
 @pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("sorting", ["zDepth", "cameraDistance"])
 def test_picture_equals_the_reference(model, rasterize_mode, sorting):
-    """Oracle: kernels.reference, float64 NumPy; sheared and mirrored fields, harmonics to degree 4."""
+    """Oracle: kernels.reference, float64; sheared and mirrored fields, harmonics to degree 4."""
     parts = [
         (random_cloud(1, degree=4), random_transform(5)),
         (random_cloud(2, degree=0), random_transform(6)),
@@ -121,7 +121,7 @@ def test_a_lower_degree_drops_the_bands_above():
 
 
 def test_any_window_has_the_full_frames_pixels_bit_for_bit():
-    """Oracle: the full frame itself, inside; a wider display window's neighbourhood has no part in it."""
+    """Oracle: the frame with overscan all around, cut to each window."""
     scene = scene_of((random_cloud(4), random_transform(2)), (random_cloud(7), random_transform(9)))
     full = picture(scene, view_of(lens(), (-40, -25, 190, 140)))
     for window in [(0, 0, *SIZE), (17, 33, 90, 71), (-40, 5, 3, 140), (64, 48, 65, 49)]:

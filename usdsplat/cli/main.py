@@ -58,7 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _run(arguments)
+        status = _run(arguments)
+        sys.stdout.flush()  # here, where a closed pipe is still ours to handle
+        return status
     except KeyboardInterrupt:
         return _complain("interrupted", 130)
     except BrokenPipeError:
@@ -89,15 +91,9 @@ def _run(arguments: list[str]) -> int:
     options = parse(command.Options, name, command.__doc__ or "", rest)
     if isinstance(options, int):
         return options
-    status = command.run(options)
-    sys.stdout.flush()  # here, where a closed pipe is still ours to handle
-    return status
+    return command.run(options)
 
 
 def _complain(message: str, status: int) -> int:
     print(f"usdsplat: {message}", file=sys.stderr)
     return status
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

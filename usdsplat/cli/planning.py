@@ -18,6 +18,7 @@ from usdsplat.images.layout import ImageLayout, PixelType
 
 OUTPUT_SPACE = {"display": "srgb_rec709_display", "scene": "lin_rec709_scene"}
 """Colour mode -> the space that the pixels of a file are in."""
+KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,6 +131,9 @@ def _finished(
         raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
     if settings.color_mode == "auto":
         settings = replace(settings, color_mode=default_color_mode(frame_path(output, 0)))
+    for purpose in purposes:
+        if purpose not in KNOWN_PURPOSES:
+            raise UsageError(f"{where} purposes", repr(purpose), f"of {', '.join(KNOWN_PURPOSES)}")
     names = tuple(aov.name for aov in find_aovs(aovs, where=f"{where} AOVs"))
     picture = Picture(
         output=output,

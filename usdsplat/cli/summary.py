@@ -11,6 +11,7 @@ from pxr import Usd, UsdGeom, UsdRender
 from usdsplat import formats, schema
 from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import provenance
 from usdsplat.schema.validation import splat_fields
@@ -50,9 +51,6 @@ def of_stage(
         stage: Is not changed.
         time: Time code at which fields are read; None is the default value, or the first sample.
         progress: Told about each field.
-
-    Raises:
-        StageError: If a field cannot be decoded.
     """
     up_axis = str(UsdGeom.GetStageUpAxis(stage))
     frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
@@ -69,7 +67,7 @@ def of_stage(
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
-        "splats": sum(entry["splats"] for entry in described),
+        "splats": sum(entry.get("splats", 0) for entry in described),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
@@ -77,15 +75,18 @@ def of_stage(
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
-    """Describe one splat field."""
-    cloud = schema.fetch(prim, time)
+    """Describe one splat field, or say why it cannot be read."""
+    identity = {"path": str(prim.GetPath()), "type": str(prim.GetTypeName())}
+    try:
+        cloud = schema.fetch(prim, time)
+    except UsdSplatError as error:
+        return {**identity, "problem": str(error)}
     samples = schema.sample_times(prim)
     numeric = [code for code in samples if code is not None]
     imageable = UsdGeom.Imageable(prim)
     size = _stored_bytes(prim, time)
     return {
-        "path": str(prim.GetPath()),
-        "type": str(prim.GetTypeName()),
+        **identity,
         "form": schema.form_of(prim),
         **of_cloud(cloud),
         "bytes_per_splat": size / max(1, len(cloud)),

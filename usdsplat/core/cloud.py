@@ -47,7 +47,8 @@ class SplatCloud:
         bands = self.sh.shape[1] if self.sh.ndim == 3 else -1
         if bands not in SH_DEGREES:
             raise ValueError(
-                f"SplatCloud.sh: found shape {self.sh.shape}, expected (n, k, 3) with k in 1 4 9 16 25"
+                f"SplatCloud.sh: found shape {self.sh.shape}, "
+                "expected (n, k, 3) with k one of 1, 4, 9, 16, 25"
             )
         wanted = {
             "positions": ((n, 3), np.float32),

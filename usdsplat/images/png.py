@@ -9,7 +9,6 @@ Source: W3C PNG Specification, Third Edition.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +58,7 @@ class PngWriter(ImageWriter):
 
     def _is_whole(self, path: Path) -> bool:
         with path.open("rb") as file:
-            file.seek(-len(END), os.SEEK_END)
+            file.seek(max(0, path.stat().st_size - len(END)))
             return file.read() == END
 
 

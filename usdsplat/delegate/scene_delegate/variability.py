@@ -55,6 +55,7 @@ def _instancer_varies(prim: Usd.Prim) -> bool:
         instancer.GetOrientationsfAttr(),
         instancer.GetScalesAttr(),
         instancer.GetIdsAttr(),
+        instancer.GetInvisibleIdsAttr(),
     )
     return any(attribute.ValueMightBeTimeVarying() for attribute in arrays)
 
