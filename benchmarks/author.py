@@ -2,8 +2,8 @@
 
     python -m benchmarks.author [SPLATS]
 
-The floor is the time that this machine takes to read the source's bytes and to write the stage's bytes
-with no format at all.
+The floor is the time that this machine takes to read the source's bytes and to write the stage's
+bytes with no format at all.
 """
 
 from __future__ import annotations

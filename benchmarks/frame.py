@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.scenes import CAPTURES, SHARED, capture, garden, scaled, scene_of, view_of
-from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import FrameStats, Renderer
@@ -142,6 +142,13 @@ class Report:
         Console(width=220).print(self._table)
 
 
+def lens_of(k: F64, size: tuple[int, int]) -> F64:
+    """The garden's lens at another size, its axis in the middle as the yardstick has it."""
+    k = scaled(k, size[0] / 1920)
+    k[:2, 2] = size[0] / 2, size[1] / 2
+    return k
+
+
 def against_yardstick(
     yardstick: Any,
     renderer: Renderer,
@@ -152,7 +159,7 @@ def against_yardstick(
 ) -> None:
     """The garden, in turns with the peer; prints the ratio and how alike the pictures are."""
     cloud, view_matrix, k = garden(grid)
-    scene, view = scene_of(cloud), view_of(view_matrix, scaled(k, size[0] / 1920), size)
+    scene, view = scene_of(cloud), view_of(view_matrix, lens_of(k, size), size)
     ours, _ = draw(renderer, scene, view)
     stats, log = [], []
     theirs: Any = None

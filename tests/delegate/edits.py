@@ -11,6 +11,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
 
 SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "lin_ap1_scene", "no_such_space")
 PURPOSES = ("default", "render", "proxy", "guide")
@@ -101,14 +102,12 @@ class Editor:
         return UsdGeom.PointInstancer(prim) if prim else None
 
     def _new_path(self) -> str:
-        parents = [
-            p for p in self._prims() if not p.IsInstance() and p.GetPath().pathElementCount < 5
-        ]
+        parents = self._prims(lambda p: not p.IsInstance() and p.GetPath().pathElementCount < 5)
         parent = self._random.choice([self.stage.GetPseudoRoot(), *parents])
         self._made += 1
         return str(parent.GetPath().AppendChild(f"New{self._made}"))
 
-    def _cloud(self):  # noqa: ANN202
+    def _cloud(self) -> SplatCloud:
         n, degree = self._random.randint(0, 9), self._random.choice([0, 1])
         return random_cloud(self._random.randrange(1000), n=n, degree=degree)
 
@@ -180,9 +179,8 @@ class Editor:
             schema.author(self.stage, prim.GetPath(), self._cloud(), form=form)
 
     def set_sample(self) -> None:
-        if prim := self._field():
-            if attribute := prim.GetAttribute("positions"):
-                self._set(attribute, lambda: self._vectors(self._random.randint(4, 5)))
+        if (prim := self._field()) and (attribute := prim.GetAttribute("positions")):
+            self._set(attribute, lambda: self._vectors(self._random.randint(4, 5)))
 
     def set_opacities(self) -> None:
         if prim := self._field():
@@ -191,15 +189,13 @@ class Editor:
             self._set(prim.CreateAttribute("opacities", kind), values)
 
     def set_block_or_clear(self) -> None:
-        if prim := self._prim():
-            if attributes := prim.GetAuthoredAttributes():
-                attribute = self._random.choice(attributes)
-                self._random.choice([attribute.Block, attribute.Clear])()
+        if (prim := self._prim()) and (attributes := prim.GetAuthoredAttributes()):
+            attribute = self._random.choice(attributes)
+            self._random.choice([attribute.Block, attribute.Clear])()
 
     def set_remove_property(self) -> None:
-        if prim := self._prim():
-            if names := prim.GetAuthoredPropertyNames():
-                prim.RemoveProperty(self._random.choice(names))
+        if (prim := self._prim()) and (names := prim.GetAuthoredPropertyNames()):
+            prim.RemoveProperty(self._random.choice(names))
 
     def set_hints(self) -> None:
         if prim := self._field():
@@ -227,9 +223,9 @@ class Editor:
                     attribute.SetColorSpace(self._random.choice(SPACES))
 
     def set_move(self) -> None:
-        if prim := self._prim(lambda each: each.IsA(UsdGeom.Xformable)):
-            if op := UsdGeom.Xformable(prim).MakeMatrixXform():
-                self._set(op, self._matrix)
+        prim = self._prim(lambda each: each.IsA(UsdGeom.Xformable))
+        if prim and (op := UsdGeom.Xformable(prim).MakeMatrixXform()):
+            self._set(op, self._matrix)
 
     def _matrix(self) -> Gf.Matrix4d:
         matrix = np.eye(4)
@@ -275,9 +271,8 @@ class Editor:
 
     def set_edit_asset(self) -> None:
         source = Usd.Stage.Open(self._asset)
-        prim = source.GetPrimAtPath(
-            self._random.choice(["/Asset/Splats", "/Asset", "/Asset/Inner"])
-        )
+        paths = ("/Asset/Splats", "/Asset", "/Asset/Inner")
+        prim = source.GetPrimAtPath(self._random.choice(paths))
         if self._random.random() < 0.5:
             UsdGeom.Xformable(prim).MakeMatrixXform().Set(Gf.Matrix4d(1 + self._random.random()))
         else:
@@ -364,10 +359,9 @@ class Editor:
     def _offset(self) -> None:
         root = self.stage.GetRootLayer()
         if root.subLayerPaths:
-            offset = Sdf.LayerOffset(
-                self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0])
-            )
-            root.subLayerOffsets[self._random.randrange(len(root.subLayerPaths))] = offset
+            start, scale = self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0])
+            number = self._random.randrange(len(root.subLayerPaths))
+            root.subLayerOffsets[number] = Sdf.LayerOffset(start, scale)
 
     def restructure_population_mask(self) -> None:
         masks = (Usd.StagePopulationMask.All(), Usd.StagePopulationMask(["/World"]))

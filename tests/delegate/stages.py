@@ -8,6 +8,7 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.specs import FieldSpec
 
 
 def random_cloud(seed: int = 0, *, n: int = 12, degree: int = 1, spread: float = 1.0) -> SplatCloud:
@@ -52,10 +53,13 @@ def contents(engine: Engine) -> list[tuple[object, ...]]:
     """All that an engine would draw, in the order of drawing, down to the last bit."""
     engine.sync()
     return [
-        (path, field.spec.color_space, field.spec.rasterize_mode, field.spec.projection_mode)
-        + (field.spec.sorting_mode, instance, *_bytes(field.spec.cloud))
+        (path, *_hints(field.spec), instance, *_bytes(field.spec.cloud))
         for path, field, instance in engine.render_scene.drawn()
     ]
+
+
+def _hints(spec: FieldSpec) -> tuple[str, ...]:
+    return spec.color_space, spec.rasterize_mode, spec.projection_mode, spec.sorting_mode
 
 
 def _bytes(cloud: SplatCloud) -> tuple[bytes | None, ...]:

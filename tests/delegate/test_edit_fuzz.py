@@ -36,6 +36,15 @@ def assert_alike(engine, fresh, history):
     assert all(np.array_equal(one[name], two[name]) for name in AOVS), history
 
 
+def assert_follows_time(engine, editor, purposes, history):
+    """Nothing but time changes from one check to the next."""
+    for time in (1.0, 3.0, 2.0, None, 1.5, 1.0):
+        engine.set_time(time)
+        with Engine(editor.stage, time=time, purposes=purposes) as fresh:
+            assert contents(engine) == contents(fresh), f"{history}, time {time}"
+            assert cameras(engine) == cameras(fresh), f"{history}, time {time}"
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_edits_leave_the_picture_of_a_fresh_engine(seed, tmp_path, capfd):
     """Oracle: a new engine on the edited stage, which pulls everything; some eighty edits each."""
@@ -54,4 +63,6 @@ def test_edits_leave_the_picture_of_a_fresh_engine(seed, tmp_path, capfd):
                 pulled = engine.pulls
                 engine.sync()
                 assert engine.pulls == pulled
+            if step % 15 == 14:
+                assert_follows_time(engine, editor, purposes, f"seed {seed}, step {step}")
     capfd.readouterr()  # USD has a lot to say about some of these stages

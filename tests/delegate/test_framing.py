@@ -72,7 +72,7 @@ def test_pixels_cover_the_window_whatever_the_policy(policy, resolution, pixel_a
 )
 def test_what_has_no_area_or_name_is_refused_in_a_sentence(window, asked):
     """Oracle: the error's class and shape."""
-    with pytest.raises(UsageError, match="found .*expected "):
+    with pytest.raises(UsageError, match=r"found .*expected "):
         conform(window, asked)
 
 

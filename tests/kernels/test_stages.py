@@ -58,7 +58,7 @@ def lists_of(device, records, window, chunks=3):
     starts = np.zeros(tiles + 1, np.int64)
     device.run(bins.count_tiles, records, grid, chunks, counts)
     lists = np.zeros(device.run(bins.offsets, counts, starts), np.int32)
-    device.run(bins.fill_tiles, records, grid, chunks, counts, starts, lists)
+    device.run(bins.fill_tiles, records, grid, chunks, counts, lists)
     return grid, starts, lists
 
 
@@ -77,7 +77,13 @@ def blend_all(device, records, window):
     x0, y0, x1, y1 = window
     image = np.full((y1 - y0, x1 - x0, 4), np.nan, np.float32)
     device.run(
-        blend.blend, records, starts, lists, grid, image, np.zeros(len(starts) - 1, np.int64)
+        blend.blend,
+        records,
+        starts,
+        lists,
+        grid,
+        image.reshape(len(image), -1),
+        np.zeros(len(starts) - 1, np.int64),
     )
     ranks = np.zeros(image.shape[:2], np.int32)
     device.run(median.median, records, starts, lists, grid, image, ranks)

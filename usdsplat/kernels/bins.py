@@ -147,7 +147,7 @@ def offsets(counts, starts):
     """Turn counts into the place where each chunk writes; returns the number of all pairs.
 
     Args:
-        counts: Shape (chunks, tiles + 1) i32; becomes offsets within each tile's list.
+        counts: Shape (chunks, tiles + 1) i32; becomes places in the lists (all pairs < 2**31).
         starts: Receives the first pair of each tile, shape (tiles + 1,) i64.
     """
     tiles = starts.shape[0] - 1
@@ -159,11 +159,14 @@ def offsets(counts, starts):
             starts[tile + 1] += here
     for tile in range(tiles):
         starts[tile + 1] += starts[tile]
+    for t in range(counts.shape[0]):
+        for tile in range(tiles):
+            counts[t, tile] += np.int32(starts[tile])
     return starts[tiles]
 
 
 @parallel
-def fill_tiles(records, grid, chunks, counts, starts, lists):
+def fill_tiles(records, grid, chunks, counts, lists):
     """Write each tile's list of splats (rows of `records`, i32) in depth order."""
     n = records.shape[0]
     for t in prange(chunks):
@@ -175,5 +178,6 @@ def fill_tiles(records, grid, chunks, counts, starts, lists):
             for y in range(first, end):
                 left, right = tile_columns(s, y, g)
                 for tile in range(y * g.columns + left, y * g.columns + right):
-                    lists[starts[tile] + row[tile]] = k
-                    row[tile] += 1
+                    at = row[tile]
+                    lists[at] = k
+                    row[tile] = at + 1

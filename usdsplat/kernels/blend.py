@@ -140,12 +140,29 @@ def look(state, row_floats, live):
     """Mark rows with a pixel that goes on; returns how many there are."""
     rows = 0
     for y in range(TILE):
-        most = np.float32(0)
+        at = np.uint64(y * row_floats)
+        alive = np.int32(0)
         for x in range(TILE):
-            most = max(most, state[y * row_floats + x])
-        live[y] = most > np.float32(0)
+            alive += np.int32(state[at + np.uint64(x)] > np.float32(0))
+        live[y] = alive > 0
         rows += live[y]
     return rows
+
+
+@scalar
+def _store(state, image, top, left, y0, y1, x0, x1):
+    """Write the pixels of a tile that lie in rows y0 to y1 - 1 and columns x0 to x1 - 1 of it."""
+    for y in range(y0, y1):
+        at = np.uint64(y * ROW)
+        row = image[top + y]
+        first = np.uint64((left + x0) * CHANNELS)
+        for x in range(x1 - x0):
+            j = at + np.uint64(x0 + x)
+            k = first + np.uint64(x * CHANNELS)
+            row[k] = state[j + np.uint64(TILE)]
+            row[k + np.uint64(1)] = state[j + np.uint64(2 * TILE)]
+            row[k + np.uint64(2)] = state[j + np.uint64(3 * TILE)]
+            row[k + np.uint64(3)] = np.float32(1) - abs(state[j])
 
 
 @parallel
@@ -154,7 +171,7 @@ def blend(records, starts, lists, grid, image, work):
 
     Args:
         records, starts, lists, grid: What `bins` made.
-        image: Receives premultiplied RGBA of the band, shape (y1 - y0, x1 - x0, 4) f32.
+        image: Receives premultiplied RGBA of the band, shape (y1 - y0, (x1 - x0) * 4) f32.
         work: Receives the rows of 16 pixels blended in each tile, shape (tiles,) i64.
     """
     for tile in prange(starts.shape[0] - 1):
@@ -163,8 +180,7 @@ def blend(records, starts, lists, grid, image, work):
         top = g.top + tile // g.columns * TILE
         state = np.zeros(TILE * ROW, np.float32)
         for y in range(TILE):
-            for x in range(TILE):
-                state[y * ROW + x] = np.float32(1)
+            state[y * ROW : y * ROW + TILE] = np.float32(1)
         live = np.ones(TILE, np.uint8)
         batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.int32)
@@ -187,9 +203,7 @@ def blend(records, starts, lists, grid, image, work):
             if look(state, ROW, live) == 0:
                 break
         work[tile] = done
-        for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
-            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
-                j = y * ROW + x
-                to = image[top + y - g.y0, left + x - g.x0]
-                to[0], to[1], to[2] = state[j + TILE], state[j + 2 * TILE], state[j + 3 * TILE]
-                to[3] = np.float32(1) - abs(state[j])
+        _store(
+            state, image, top - g.y0, left - g.x0, max(0, g.y0 - top), min(TILE, g.y1 - top),
+            max(0, g.x0 - left), min(TILE, g.x1 - left),
+        )  # fmt: skip

@@ -22,7 +22,7 @@ _WORKQUEUE_LOCK = threading.Lock()
 """Numba's own `workqueue` layer aborts the process when two threads launch at once; TBB and OpenMP,
 which Numba prefers where they exist, do not. A property of the process, hence a module's lock."""
 
-CHUNK = 4
+CHUNK = 8
 """Loop items handed to a thread at a time: small, so that a thread that lags is helped by the
 rest."""
 

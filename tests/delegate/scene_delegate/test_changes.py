@@ -171,6 +171,24 @@ def test_a_hundred_edits_between_two_pictures_are_read_once(stage):
         assert pulled(engine, edits) == Counter(transforms=1)
 
 
+def test_muting_the_layer_that_sets_the_rate_of_time_is_noticed(stage):
+    """Oracle: a fresh engine; USD sends no notice of what that changes."""
+    sublayer = Sdf.Layer.CreateAnonymous(".usda")
+    sublayer.timeCodesPerSecond = 48
+    stage.GetRootLayer().subLayerPaths.append(sublayer.identifier)
+    with Usd.EditContext(stage, sublayer):
+        for time, x in ((0, 0), (48, 48)):
+            UsdGeom.Xformable(stage.GetPrimAtPath("/World/A")).MakeMatrixXform().Set(
+                Gf.Matrix4d().SetTranslate((x, 0, 0)), time
+            )
+    stage.GetSessionLayer().timeCodesPerSecond = 60
+    with Engine(stage, time=10) as engine:
+        before = contents(engine)
+        stage.MuteLayer(stage.GetSessionLayer().identifier)
+        with Engine(stage, time=10) as fresh:
+            assert contents(engine) == contents(fresh) != before
+
+
 def test_other_stages_are_none_of_its_business(stage):
     """Oracle: the count; the other stage has the same paths and edits of its own."""
     other = two_fields()

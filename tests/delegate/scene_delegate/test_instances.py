@@ -65,7 +65,8 @@ def test_point_instances_stand_where_usd_computes_them():
     stage = asset_stage()
     UsdGeom.Xform.Define(stage, "/World").AddRotateZOp().Set(40.0)
     scattered = instancer(
-        stage, "/World/Scatter", ["/Asset", "/Asset/Splats"], [0, 1, 0], [(1, 0, 0), (0, 2, 0), (0, 0, 3)],
+        stage, "/World/Scatter", ["/Asset", "/Asset/Splats"], [0, 1, 0],
+        [(1, 0, 0), (0, 2, 0), (0, 0, 3)],
         orientations=Vt.QuathArray([Gf.Quath(0.5, 0.5, 0.5, 0.5)] * 3),
         scales=[Gf.Vec3f(1, 2, 3)] * 3,
     )  # fmt: skip
@@ -233,18 +234,42 @@ def test_an_edit_of_the_source_reaches_every_instance():
 
 
 def test_a_colour_space_named_above_an_instance_is_its_own():
-    """Oracle: USD's inheritance: what the root of one instance says does not reach another."""
+    """Oracle: USD's inheritance: what is said above one instance does not reach another, and what
+    the attribute itself says holds for both; and an engine that never saw the edits."""
     stage = Usd.Stage.CreateInMemory()
     prim = schema.author(stage, "/Asset/Splats", random_cloud())
     prim.RemoveProperty("colorSpace:name")
     for name in "AB":
-        parent = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
         child = UsdGeom.Xform.Define(stage, f"/{name}/I").GetPrim()
         child.GetReferences().AddInternalReference("/Asset")
         child.SetInstanceable(True)
+    above = Usd.ColorSpaceAPI.Apply(stage.GetPrimAtPath("/B")).CreateColorSpaceNameAttr()
+    harmonics = prim.GetAttribute("radiance:sphericalHarmonicsCoefficients")
+    trained, linear, wide = "srgb_rec709_scene", "lin_rec709_scene", "lin_ap1_scene"
+    edits = [
+        (lambda: None, (trained, trained)),
+        (lambda: above.Set(linear), (trained, linear)),
+        (lambda: above.Set(wide), (trained, wide)),
+        (lambda: harmonics.SetColorSpace(linear), (linear, linear)),
+        (lambda: harmonics.ClearColorSpace(), (trained, wide)),
+        (lambda: above.Clear(), (trained, trained)),
+    ]
     with Engine(stage) as engine:
-        assert {spec for _, spec, *_ in contents(engine)} == {"srgb_rec709_scene"}
-        Usd.ColorSpaceAPI.Apply(parent).CreateColorSpaceNameAttr("lin_rec709_scene")
-        spaces = {key[5].path: key[1] for key in contents(engine)}
-    assert spaces["/B/I/Splats"] == "lin_rec709_scene"
-    assert spaces["/A/I/Splats"] == "srgb_rec709_scene"
+        for edit, expected in edits:
+            edit()
+            spaces = {seen[5].path: seen[1] for seen in contents(engine)}
+            assert (spaces["/A/I/Splats"], spaces["/B/I/Splats"]) == expected
+            with Engine(stage) as fresh:
+                assert contents(engine) == contents(fresh)
+
+
+def test_masks_may_be_animated():
+    """Oracle: the samples, which USD holds."""
+    stage = asset_stage()
+    scattered = instancer(stage, "/S", ["/Asset"], [0, 0], [(1, 0, 0)] * 2)
+    scattered.InvisId(0, 1)
+    scattered.InvisId(1, 2)
+    with Engine(stage, time=1) as engine:
+        assert set(matrices(engine)) == {("/Asset/Splats", number) for number in (0, 2)}
+        engine.set_time(2)
+        assert set(matrices(engine)) == {("/Asset/Splats", 0)}
