@@ -221,7 +221,7 @@ def test_an_unknown_aov_is_refused():
 
 
 def test_bounds_hold_every_splat_and_the_subject_leaves_strays_out():
-    """Oracle: corners of the analytic footprint; one splat of a hundred lies a thousand units off."""
+    """Oracle: corners of the analytic footprint; one splat of a hundred lies far off."""
     positions = np.random.default_rng(0).uniform(-1, 1, (100, 3)).astype(np.float32)
     positions[7] = 1000
     cloud = SplatCloud(
