@@ -19,14 +19,21 @@ from .jit import scalar
 
 
 @scalar
+def straight(gamma, bias):
+    """Where the straight line ends [encoded], and its slope to linear light."""
+    one = np.float32(1)
+    slope = (gamma / (one + bias)) ** gamma * (bias / (gamma - one)) ** (gamma - one)
+    return bias / (gamma - one), slope
+
+
+@scalar
 def decode(x, gamma, bias):
     """Encoded to linear light."""
     one = np.float32(1)
     if gamma == one:
         return x
     if bias > np.float32(0):
-        knee = bias / (gamma - one)
-        slope = (gamma / (one + bias)) ** gamma * (bias / (gamma - one)) ** (gamma - one)
+        knee, slope = straight(gamma, bias)
         if x < knee:
             return x * slope
     elif x <= np.float32(0):
@@ -41,8 +48,7 @@ def encode(x, gamma, bias):
     if gamma == one:
         return x
     if bias > np.float32(0):
-        knee = bias / (gamma - one)
-        slope = (gamma / (one + bias)) ** gamma * (bias / (gamma - one)) ** (gamma - one)
+        knee, slope = straight(gamma, bias)
         if x < knee * slope:
             return x / slope
     elif x <= np.float32(0):

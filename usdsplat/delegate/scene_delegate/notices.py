@@ -71,8 +71,6 @@ class NoticeListener:
 
     def _change_property(self, path: Sdf.Path, *, new: bool) -> None:
         """`new` when there may be an attribute, or metadata of it, that was not there before."""
-        while not path.IsPropertyPath():
-            path = path.GetParentPath()
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
         self._changes.structural |= (
