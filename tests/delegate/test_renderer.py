@@ -240,3 +240,23 @@ def test_bounds_hold_every_splat_and_the_subject_leaves_strays_out():
     assert scene.bounds() is None and scene.subject() is None
     scene.close()
     assert scene.paths == () and scene.splat_count == 0
+
+
+def test_a_splat_that_is_not_finite_spoils_no_pixel(recwarn):
+    """Oracle: the picture without it, where its place is not seen; black where only its colour is."""
+    cloud = random_cloud(5, n=60)
+    sh = cloud.sh.copy()
+    sh[7, 0, 1], sh[9, 3, 2] = np.nan, np.inf
+    scales = cloud.scales.copy()
+    scales[11, 0] = np.inf
+    positions = cloud.positions.copy()
+    positions[13] = np.nan
+    broken = SplatCloud(
+        positions=positions, scales=scales, rotations=cloud.rotations, opacities=cloud.opacities,
+        sh=sh,
+    )  # fmt: skip
+    ours = picture(scene_of((broken, np.eye(4))), view_of(lens()))
+    assert np.isfinite(ours["color"]).all()
+    assert not {11, 13} & set(np.unique(ours["elementId"]))
+    assert scene_of((broken, np.eye(4))).bounds() is not None
+    assert [str(warning.message) for warning in recwarn] == []

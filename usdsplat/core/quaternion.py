@@ -13,11 +13,13 @@ Floats = npt.NDArray[np.floating[Any]]
 def normalize(quaternions: Floats) -> Floats:
     """Scale to length 1, shape (n, 4); a zero quaternion becomes the identity, NaN stays NaN."""
     # By the largest component first: squares of very small or large ones would leave float32.
-    largest = np.max(np.abs(quaternions), axis=1, keepdims=True)
+    w, x, y, z = np.abs(quaternions).T
+    largest = np.maximum(np.maximum(w, x), np.maximum(y, z))[:, None]
     is_zero = largest == 0
-    out = quaternions / np.where(is_zero, quaternions.dtype.type(1), largest)
-    out[is_zero[:, 0], 0] = 1
-    out /= np.sqrt(np.einsum("ni,ni->n", out, out))[:, None]
+    with np.errstate(invalid="ignore"):  # infinities have no direction and become NaN
+        out = quaternions / np.where(is_zero, quaternions.dtype.type(1), largest)
+        out[is_zero[:, 0], 0] = 1
+        out /= np.sqrt(np.einsum("ni,ni->n", out, out))[:, None]
     return out
 
 

@@ -36,7 +36,8 @@ class Engine:
     """One render scene of one stage at one time; views of it are values.
 
     Edits of the stage are noticed, whoever makes them, and cost only what they touch. Two engines
-    share nothing: neither scenes, nor caches, nor notices.
+    share nothing: neither scenes, nor caches, nor notices. An engine is used by one thread at a
+    time, and the stage must not be edited while it syncs or a `render` goes on.
 
     Args:
         stage: A Usd.Stage. The engine never edits it.

@@ -51,10 +51,11 @@ def _extent(spec: FieldSpec) -> Box | None:
     cloud = spec.cloud
     if len(cloud) == 0:
         return None
-    sigma = np.sqrt(
-        np.einsum("nii->ni", covariance.from_scale_rotation(cloud.scales, cloud.rotations))
-    )
-    low, high = cloud.positions - REACH * sigma, cloud.positions + REACH * sigma
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is left out below
+        sigma = np.sqrt(
+            np.einsum("nii->ni", covariance.from_scale_rotation(cloud.scales, cloud.rotations))
+        )
+        low, high = cloud.positions - REACH * sigma, cloud.positions + REACH * sigma
     finite = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
     if not finite.any():
         return None

@@ -83,7 +83,8 @@ def harmonics(sh, c, degree, x, y, z):
                     + C4F * (xx - yy) * (seven * zz - one) * sh[22, c]
                     + C4G * (xx * (xx - three * yy) - yy * (three * xx - yy)) * sh[24, c]
                 )
-    return max(value, np.float32(0))
+    # what is not finite is black: one broken splat may not poison the pixels behind it
+    return value if np.float32(0) < value < np.float32(np.inf) else np.float32(0)
 
 
 # --- 2. CPU ----------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import get_args
 from pxr import Sdf, Usd, UsdVol, Vt
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.schema import attributes, hints, packed, packing, proxy, registration, stock, tokens
 from usdsplat.schema.attributes import Time, set_array, set_uniform
 from usdsplat.schema.extent import compute_extent
@@ -86,7 +86,8 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
         The cloud in the prim's own space; its arrays may be read-only views of USD's memory.
 
     Raises:
-        StageError: If the prim is no splat field, or its packed arrays cannot be decoded.
+        StageError: If the prim is no splat field, its packed arrays cannot be decoded, or layers
+            gave its attributes other types than the schema's.
         SchemaUnavailableError: If the prim is packed and USD does not know the type.
     """
     if not is_splat_field(prim):
@@ -94,8 +95,14 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
         raise StageError(where, f"a prim of type {prim.GetTypeName()!s}", _EXPECTED)
     if is_packed(prim):
         registration.require(str(prim.GetPath()))
-        return packed.fetch(prim, attributes.time_code(prim, time))
-    return stock.fetch(prim, attributes.time_code(prim, time))
+    read = packed.fetch if is_packed(prim) else stock.fetch
+    try:
+        return read(prim, attributes.time_code(prim, time))
+    except UsdSplatError:
+        raise
+    except (TypeError, ValueError) as error:
+        found = f"attributes of other types than the schema's ({error})"
+        raise StageError(str(prim.GetPath()), found, "those of the schema") from error
 
 
 def is_splat_field(prim: Usd.Prim) -> bool:

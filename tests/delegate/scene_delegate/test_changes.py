@@ -148,6 +148,28 @@ def test_time_pulls_only_what_varies(stage):
         assert pulled(engine, lambda: engine.set_time(None)) == everything
 
 
+def test_value_clips_are_followed(tmp_path):
+    """Oracle: the clips' own numbers, one file for each frame."""
+    for frame in (1, 2, 3):
+        clip = Usd.Stage.CreateNew(str(tmp_path / f"clip.{frame}.usda"))
+        cloud = random_cloud(frame, n=frame + 3)
+        schema.author(clip, "/Splats", cloud, time=frame)
+        clip.Save()
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    prim = stage.DefinePrim("/Splats", "ParticleField3DGaussianSplat")
+    with Engine(stage, time=1) as engine:
+        assert engine.drawn_paths() == ()
+        clips = Usd.ClipsAPI(prim)
+        clips.SetClipPrimPath("/Splats")
+        clips.SetClipTemplateAssetPath("./clip.#.usda")
+        clips.SetClipTemplateStartTime(1)
+        clips.SetClipTemplateEndTime(3)
+        clips.SetClipTemplateStride(1)
+        for frame in (1, 2, 3, 2):
+            engine.set_time(frame)
+            assert engine.render_scene.splat_count == frame + 3
+
+
 def test_purposes_pull_visibility_and_the_arrays_of_what_appears(stage):
     """Oracle: what each purpose is, by hand."""
     UsdGeom.Imageable(stage.GetPrimAtPath("/World/A")).CreatePurposeAttr("guide")
@@ -158,6 +180,7 @@ def test_purposes_pull_visibility_and_the_arrays_of_what_appears(stage):
         change = pulled(engine, lambda: engine.set_purposes(("guide",)))
         assert change == Counter(visible=2, field=1)
         assert engine.drawn_paths() == ("/World/A",)
+        assert pulled(engine, lambda: engine.set_purposes(("guide",))) == Counter()
 
 
 def test_a_hundred_edits_between_two_pictures_are_read_once(stage):
@@ -218,6 +241,20 @@ def test_prims_that_cannot_be_drawn_are_skipped_with_one_sentence_each(stage):
         moved.Set(Gf.Vec3d(0, 0, 0))
         assert engine.warnings == ()
         assert engine.drawn_paths() == ("/World/A", "/World/B")
+
+
+@pytest.mark.parametrize("kind", ["StringArray", "Float2Array", "Token", "Matrix4d"])
+@pytest.mark.parametrize("name", ["positions", "scales", "radiance:sphericalHarmonicsDegree"])
+def test_attributes_of_other_types_spoil_only_their_own_prim(stage, name, kind):
+    """Oracle: the other prim is still drawn, and nothing is said about it."""
+    spec = stage.GetRootLayer().GetPrimAtPath("/World/A")
+    del spec.properties[name]
+    values = {"StringArray": ["a"] * 40, "Float2Array": [(1, 2)] * 40, "Token": "a"}
+    wrong = Sdf.AttributeSpec(spec, name, getattr(Sdf.ValueTypeNames, kind))
+    wrong.default = values.get(kind, Gf.Matrix4d(1))
+    with Engine(stage) as engine:
+        assert "/World/B" in engine.drawn_paths()
+        assert all("/World/A" in warning for warning in engine.warnings)
 
 
 def test_a_field_without_splats_is_drawn_by_nobody_and_no_mistake(stage):

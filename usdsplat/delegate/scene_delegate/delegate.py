@@ -57,7 +57,7 @@ class UsdSceneDelegate:
         """Path and kind of what could not be read -> why."""
         self._xforms = UsdGeom.XformCache(self._code)
         self._rate = stage.GetTimeCodesPerSecond()
-        self._is_new = True
+        self._is_stale = True
         self._notices = NoticeListener(stage)
 
     @property
@@ -78,8 +78,10 @@ class UsdSceneDelegate:
 
     def set_purposes(self, purposes: Iterable[str]) -> None:
         """Show prims of these purposes from the next sync on."""
-        self._purposes = frozenset(purposes)
-        self._index.tracker.mark_all(DirtyBits.RENDER_TAG)
+        wanted = frozenset(purposes)
+        if wanted != self._purposes:
+            self._purposes = wanted
+            self._index.tracker.mark_all(DirtyBits.RENDER_TAG)
 
     def close(self) -> None:
         """Stop listening and let go of every prim."""
@@ -92,12 +94,14 @@ class UsdSceneDelegate:
     def apply_pending_updates(self) -> None:
         """Bring the index's prims and their dirty bits up to date with the stage and the time."""
         changes = self._notices.take()
+        self._is_stale |= changes.structural
         rate = self.stage.GetTimeCodesPerSecond()
         changes.everything |= rate != self._rate  # muting a layer changes it without a notice
         self._mark(changes)
-        if changes.structural or self._is_new:
+        self._rate = rate
+        if self._is_stale:
             self._populate()
-        self._rate, self._is_new = rate, False
+            self._is_stale = False
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time
