@@ -243,7 +243,7 @@ def test_bounds_hold_every_splat_and_the_subject_leaves_strays_out():
 
 
 def test_a_splat_that_is_not_finite_spoils_no_pixel(recwarn):
-    """Oracle: the picture without it, where its place is not seen; black where only its colour is."""
+    """Oracle: without a place it is not seen; without a colour it is black, and nothing is NaN."""
     cloud = random_cloud(5, n=60)
     sh = cloud.sh.copy()
     sh[7, 0, 1], sh[9, 3, 2] = np.nan, np.inf
