@@ -27,6 +27,7 @@ cover: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks.frame
+	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.author
 
 clean:

@@ -11,7 +11,6 @@ ours.
 from __future__ import annotations
 
 import importlib.util
-import resource
 import shutil
 import sys
 import tempfile
@@ -25,8 +24,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.scenes import CAPTURES, SHARED, capture, garden, scaled, scene_of, view_of
-from usdsplat.core.cloud import F32, F64, SplatCloud
+from benchmarks.scenes import (
+    CAPTURES,
+    SHARED,
+    capture,
+    garden,
+    lens_of,
+    scaled,
+    scene_of,
+    view_of,
+)
+from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import FrameStats, Renderer
@@ -119,7 +127,7 @@ class Report:
         )
         for name in (
             "scene", "size", "splats", "visible", "pairs", "rows", *STAGES, "total", "floor",
-            "× floor", "peak MiB",
+            "× floor",
         ):  # fmt: skip
             self._table.add_column(name, justify="right")
 
@@ -129,24 +137,16 @@ class Report:
         last = stats[-1]
         floor = last.rows * self._probe * 1e-6
         width, height = view.framing.resolution
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         self._table.add_row(
             name, f"{width}×{height}", f"{last.splats:,}", f"{last.visible:,}", f"{last.pairs:,}",
             f"{last.rows:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
-            f"{floor:.0f}", f"{cpu[-1] / floor:.2f}", f"{peak:.0f}",
+            f"{floor:.0f}", f"{cpu[-1] / floor:.2f}",
         )  # fmt: skip
         return float(cpu[-1])
 
     def show(self) -> None:
         """Print it, as wide as it is."""
         Console(width=220).print(self._table)
-
-
-def lens_of(k: F64, size: tuple[int, int]) -> F64:
-    """The garden's lens at another size, its axis in the middle as the yardstick has it."""
-    k = scaled(k, size[0] / 1920)
-    k[:2, 2] = size[0] / 2, size[1] / 2
-    return k
 
 
 def against_yardstick(

@@ -77,3 +77,10 @@ def scaled(k: F64, factor: float) -> F64:
     k = k * factor
     k[2, 2] = 1.0
     return k
+
+
+def lens_of(k: F64, size: tuple[int, int]) -> F64:
+    """The garden's lens at another size, its axis in the middle as the yardstick has it."""
+    k = scaled(k, size[0] / 1920)
+    k[:2, 2] = size[0] / 2, size[1] / 2
+    return k

@@ -1,3 +1,5 @@
+"""The engine as a program uses it."""
+
 from __future__ import annotations
 
 import subprocess
@@ -142,3 +144,27 @@ from usdsplat.delegate import (
 assert "pxr" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_an_order_that_is_not_drawn_yet_is_said():
+    """Oracle: usdVol's tokens; the picture is sorted by depth instead."""
+    stage = two_fields()
+    schema.author(stage, "/World/B", random_cloud(2), sorting_mode="rayHitDistance")
+    with Engine(stage) as engine:
+        (sentence,) = engine.warnings
+    assert sentence.startswith("/World/B sortingModeHint: found rayHitDistance, expected zDepth")
+
+
+def test_a_prim_that_is_left_out_is_logged_once(caplog):
+    """Oracle: the log records of Python's own logging."""
+    stage = two_fields()
+    schema.author(stage, "/World/A", random_cloud(1), form="packed")
+    packing = stage.GetPrimAtPath("/World/A").GetAttribute(schema.tokens.PACKING)
+    with Engine(stage) as engine:
+        packing.Set("some_future_layout")
+        engine.sync()
+        engine.set_time(3)
+        engine.sync()
+        assert engine.drawn_paths() == ("/World/B",)
+    (record,) = caplog.records
+    assert record.name == "usdsplat" and "left out: /World/A" in record.getMessage()

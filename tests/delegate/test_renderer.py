@@ -221,13 +221,13 @@ def test_an_unknown_aov_is_refused():
 
 
 def test_bounds_hold_every_splat_and_the_subject_leaves_strays_out():
-    """Oracle: corners of the analytic footprint; one splat of a hundred lies far off."""
-    positions = np.random.default_rng(0).uniform(-1, 1, (100, 3)).astype(np.float32)
+    """Oracle: corners of the analytic footprint; one splat of a thousand lies far off."""
+    positions = np.random.default_rng(0).uniform(-1, 1, (1000, 3)).astype(np.float32)
     positions[7] = 1000
     cloud = SplatCloud(
-        positions=positions, scales=np.full((100, 3), 0.1, np.float32),
-        rotations=np.tile(np.float32([1, 0, 0, 0]), (100, 1)),
-        opacities=np.ones(100, np.float32), sh=np.zeros((100, 1, 3), np.float32),
+        positions=positions, scales=np.full((1000, 3), 0.1, np.float32),
+        rotations=np.tile(np.float32([1, 0, 0, 0]), (1000, 1)),
+        opacities=np.ones(1000, np.float32), sh=np.zeros((1000, 1, 3), np.float32),
     )  # fmt: skip
     matrix = np.diag([2.0, 1.0, -1.0, 1.0])
     scene = scene_of((cloud, matrix))
@@ -260,3 +260,64 @@ def test_a_splat_that_is_not_finite_spoils_no_pixel(recwarn):
     assert not {11, 13} & set(np.unique(ours["elementId"]))
     assert scene_of((broken, np.eye(4))).bounds() is not None
     assert [str(warning.message) for warning in recwarn] == []
+
+
+def one_by_one(*rows, **options):
+    """Round splats of sigma 0.5, one for each (position, colour), and their picture."""
+    positions, colors = (np.float32(column) for column in zip(*rows, strict=True))
+    n = len(rows)
+    cloud = SplatCloud(
+        positions=positions, scales=np.full((n, 3), 0.5, np.float32),
+        rotations=np.tile(np.float32([1, 0, 0, 0]), (n, 1)), opacities=np.ones(n, np.float32),
+        sh=((colors[:, None] - 0.5) / 0.28209479).astype(np.float32),
+    )  # fmt: skip
+    return scene_of((cloud, np.eye(4)), **options)
+
+
+def test_a_parallel_view_may_begin_behind_its_camera():
+    """Oracle: the nearer of two splats covers the other, with depths of either sign."""
+    red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    camera = CameraSpec(
+        orthographic=True, window=(-2.0, -2.0, 2.0, 2.0), clipping_range=(-100.0, 100.0)
+    )
+    view = View(camera=camera, framing=Framing(resolution=(32, 32)))
+    for near, far in ((5.0, 3.0), (1.0, -1.0), (-3.0, -5.0)):  # the camera looks along -z
+        ours = picture(one_by_one(((0, 0, far), red), ((0, 0, near), green)), view)
+        assert ours["color"][16, 16, 1] > 0.9 and ours["color"][16, 16, 0] < 0.1
+        assert ours["depth"][16, 16] == -near
+
+
+@pytest.mark.parametrize("near", [0.0, -5.0, -100.0])
+def test_a_perspective_view_shows_nothing_behind_its_eye(near):
+    """Oracle: a pinhole: the splat behind is not there, the one in front is."""
+    camera = CameraSpec(clipping_range=(near, 100.0))
+    view = View(camera=camera, framing=Framing(resolution=(32, 32)))
+    assert not picture(one_by_one(((0, 0, 3), (1, 1, 1))), view)["color"].any()
+    assert picture(one_by_one(((0, 0, -3), (1, 1, 1))), view)["color"][16, 16, 3] > 0.9
+
+
+def test_an_enormous_splat_still_covers_the_picture():
+    """Oracle: closed form: a Gaussian a thousand million units wide is 1, capped at 0.999, here."""
+    scene = one_by_one(((0, 0, 0), (0.2, 0.4, 0.6)))
+    wide = InstanceSpec(path="/field0", transform=tuple(np.diag([1e9, 1e9, 1.0, 1.0]).ravel()))
+    scene.set_instances("/field0", (wide,))
+    ours = picture(scene, view_of(lens()))["color"]
+    np.testing.assert_allclose(ours / 0.999, np.broadcast_to([0.2, 0.4, 0.6, 1], ours.shape), 1e-5)
+
+
+@pytest.mark.parametrize("window", [(5, 5, 5, 9), (5, 5, 9, 5), (9, 5, 5, 9)])
+def test_a_window_without_pixels_is_refused(window):
+    """Oracle: the wording of errors."""
+    with pytest.raises(UsageError, match=r"data window: found .*, expected x0 < x1 and y0 < y1"):
+        picture(RenderScene(), view_of(lens(), window))
+
+
+def test_a_renderer_that_was_closed_keeps_no_buffer():
+    """Oracle: the list of idle buffers, after the last band of a picture that was going on."""
+    renderer = Renderer(open_device())
+    settings = RenderSettings(sorting="zDepth", color_mode="display")
+    bands = renderer.render(scene_of((random_cloud(1), np.eye(4))), view_of(lens()), settings, AOVS)
+    next(bands)
+    renderer.close()
+    assert list(bands) == []
+    assert renderer._idle == []

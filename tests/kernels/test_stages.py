@@ -91,9 +91,10 @@ def blend_all(device, records, window):
 
 
 def test_sort_is_numpys_stable_argsort(device):
-    """Oracle: np.argsort(kind="stable"), with many equal keys."""
+    """Oracle: np.argsort(kind="stable"), with many equal keys, both signs and both zeros."""
     n = 5000
-    keys = np.float32(rng.integers(1, 200, n)) * np.float32(0.37)
+    keys = np.float32(rng.integers(-100, 100, n)) * np.float32(0.37)
+    keys[::7] = -0.0
     visible = np.flatnonzero(rng.random(n) < 0.7).astype(np.int32)
     count = len(visible)
     work = (np.zeros((2, count), np.uint32), np.zeros((2, count), np.int32))

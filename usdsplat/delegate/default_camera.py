@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -54,6 +55,15 @@ def frame_subject(
         window=(-right, -top, right, top),
         clipping_range=(near, far),
     )
+
+
+def union(boxes: Iterable[Box | None]) -> Box | None:
+    """The box around boxes; None if there is none."""
+    found = [box for box in boxes if box is not None]
+    if not found:
+        return None
+    lows, highs = zip(*found, strict=True)
+    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def _corners(box: Box) -> F64:

@@ -9,14 +9,14 @@ Pictures follow edits of the stage by themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.band import Band
-from usdsplat.delegate.default_camera import frame_subject
+from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -97,7 +97,13 @@ class Engine:
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim that cannot be used as it is; brings the scene up to date."""
         self.sync()
-        return self._open().warnings
+        unsorted = (
+            f"{path} sortingModeHint: found rayHitDistance, expected zDepth or cameraDistance; "
+            "zDepth is used"
+            for path, hint in self._index.sorting_hints()
+            if hint == "rayHitDistance"
+        )
+        return (*self._open().warnings, *unsorted)
 
     @property
     def render_scene(self) -> RenderScene:
@@ -112,7 +118,7 @@ class Engine:
 
     def drawn_paths(self) -> tuple[str, ...]:
         """Return the paths of the prims that are drawn; entry i is what the AOV primId calls i."""
-        return tuple(dict.fromkeys(seen.path for _, _, seen in self.render_scene.drawn()))
+        return self.render_scene.draw_list().prims
 
     # --- views -----------------------------------------------------------------------------
 
@@ -120,6 +126,11 @@ class Engine:
         """Return the paths of the stage's cameras, sorted."""
         self.sync()
         return sorted(self._index.cameras)
+
+    def fields(self) -> list[str]:
+        """Return the paths of the stage's splat fields, seen or not, sorted."""
+        self.sync()
+        return sorted(self._index.fields)
 
     def view(
         self,
@@ -143,6 +154,22 @@ class Engine:
         if resolution is not None:
             framing = replace(framing, resolution=resolution)
         return View(camera=self._camera(camera, framing), framing=framing)
+
+    def framing_camera(
+        self, times: Iterable[float | None], *, framing: Framing | None = None
+    ) -> CameraSpec:
+        """Return a camera that frames all that is visible at any of `times`; the time stays."""
+        before = self.time
+        subjects, bounds = [], []
+        try:
+            for time in times:
+                self.set_time(time)
+                scene = self.render_scene
+                subjects.append(scene.subject())
+                bounds.append(scene.bounds())
+        finally:
+            self.set_time(before)
+        return self._framing_camera(union(subjects), union(bounds), framing or Framing())
 
     def products(
         self,
@@ -232,16 +259,21 @@ class Engine:
         return self._scene
 
     def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
-        return (settings or RenderSettings()).resolved(self._index.sorting_hints())
+        return (settings or RenderSettings()).resolved(
+            hint for _, hint in self._index.sorting_hints()
+        )
+
+    def _framing_camera(
+        self, subject: Box | None, bounds: Box | None, framing: Framing
+    ) -> CameraSpec:
+        columns, rows = framing.resolution
+        aspect = framing.pixel_aspect_ratio * columns / rows
+        return frame_subject(subject, bounds, up_axis=self._open().up_axis, aspect=aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:
-            columns, rows = framing.resolution
-            aspect = framing.pixel_aspect_ratio * columns / rows
             scene = self._param.scene
-            return frame_subject(
-                scene.subject(), scene.bounds(), up_axis=self._open().up_axis, aspect=aspect
-            )
+            return self._framing_camera(scene.subject(), scene.bounds(), framing)
         found = self._index.cameras.get(path)
         if found is None:
             known = ", ".join(sorted(self._index.cameras))

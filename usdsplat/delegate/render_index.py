@@ -60,10 +60,11 @@ class RenderIndex:
         """Return the bprim that holds an AOV, made at first use."""
         return self._buffers.setdefault(aov, RenderBuffer(aov))
 
-    def sorting_hints(self) -> Iterator[SortingMode]:
-        """The orders that the visible fields ask for."""
-        hints = (field.sorting_hint for field in self._fields.values())
-        return (hint for hint in hints if hint is not None)
+    def sorting_hints(self) -> Iterator[tuple[str, SortingMode]]:
+        """Paths of the visible fields, and the orders that they ask for."""
+        for path, field in sorted(self._fields.items()):
+            if field.sorting_hint is not None:
+                yield path, field.sorting_hint
 
     def sync_all(self, scene: SceneDelegate) -> None:
         """Sync what is dirty: sprims, then rprims after the instancers that carry them.

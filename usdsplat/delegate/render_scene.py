@@ -10,14 +10,17 @@ import numpy as np
 
 from usdsplat.core import covariance
 from usdsplat.core.cloud import F64
+from usdsplat.delegate.draw_list import DrawList, draw_list
 from usdsplat.delegate.specs import FieldSpec, InstanceSpec
 
 REACH = math.sqrt(2.0 * math.log(255.0))
 """Standard deviations to where a fully opaque splat contributes nothing."""
-SUBJECT = 0.02
+SUBJECT = 0.004
 """Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
 
 Box = tuple[F64, F64]
+Drawn = tuple[str, "Field", InstanceSpec]
+"""Path of a field, the field, and one of its instances."""
 
 
 @dataclass(slots=True)
@@ -38,12 +41,12 @@ def matrix(numbers: tuple[float, ...]) -> F64:
     return np.array(numbers, np.float64).reshape(4, 4)
 
 
-def _place(box: Box, numbers: tuple[float, ...]) -> Box:
-    """The box around a box that is transformed."""
-    m = matrix(numbers)
-    center = m[:3, :3] @ (0.5 * (box[0] + box[1])) + m[:3, 3]
-    half = np.abs(m[:3, :3]) @ (0.5 * (box[1] - box[0]))
-    return center - half, center + half
+def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
+    """The box around all instances of a box."""
+    m = np.array([each.transform for each in instances]).reshape(-1, 4, 4)
+    center = m[:, :3, :3] @ (0.5 * (box[0] + box[1])) + m[:, :3, 3]
+    half = np.abs(m[:, :3, :3]) @ (0.5 * (box[1] - box[0]))
+    return (center - half).min(axis=0), (center + half).max(axis=0)
 
 
 def _extent(spec: FieldSpec) -> Box | None:
@@ -82,9 +85,12 @@ class RenderScene:
 
     def __init__(self) -> None:
         self._fields: dict[str, Field] = {}
+        self._drawn: list[Drawn] | None = None
+        self._draw_list: DrawList | None = None
 
     def set_field(self, path: str, spec: FieldSpec) -> None:
         """Add the field at `path`, or replace its splats."""
+        self._forget_order()
         field = self._fields.get(path)
         if field is None:
             self._fields[path] = Field(spec)
@@ -93,14 +99,17 @@ class RenderScene:
 
     def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
         """Say where the field at `path` is seen."""
+        self._forget_order()
         self._fields[path].instances = instances
 
     def set_visible(self, path: str, visible: bool) -> None:
         """Show or hide the field at `path`."""
+        self._forget_order()
         self._fields[path].visible = visible
 
     def remove(self, path: str) -> None:
         """Forget the field at `path`."""
+        self._forget_order()
         del self._fields[path]
 
     @property
@@ -113,15 +122,31 @@ class RenderScene:
         """Splats held; instances count once."""
         return sum(len(field.spec.cloud) for field in self._fields.values())
 
-    def drawn(self) -> list[tuple[str, Field, InstanceSpec]]:
-        """Each visible appearance, in the order that breaks ties of depth: by path, then index."""
-        seen = [
-            (path, field, instance)
-            for path, field in self._fields.items()
-            if field.visible and len(field.spec.cloud)
-            for instance in field.instances
+    def visible_fields(self) -> list[Field]:
+        """Fields that are drawn at least once."""
+        return [
+            field
+            for field in self._fields.values()
+            if field.visible and field.instances and len(field.spec.cloud)
         ]
-        return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+
+    def drawn(self) -> list[Drawn]:
+        """Each visible appearance, in the order that breaks ties of depth: by path, then index."""
+        if self._drawn is None:
+            seen = [
+                (path, field, instance)
+                for path, field in self._fields.items()
+                if field.visible and len(field.spec.cloud)
+                for instance in field.instances
+            ]
+            self._drawn = sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+        return self._drawn
+
+    def draw_list(self) -> DrawList:
+        """What is drawn, laid out for the kernels; it stays as it is until the next edit."""
+        if self._draw_list is None:
+            self._draw_list = draw_list(self.drawn())
+        return self._draw_list
 
     def bounds(self) -> Box | None:
         """Lowest and highest corner in the world of all that may be seen, or None if nothing is."""
@@ -133,12 +158,12 @@ class RenderScene:
 
     def _union(self, name: str, measure: Any) -> Box | None:
         boxes = []
-        for _, field, instance in self.drawn():
+        for field in self.visible_fields():
             if getattr(field, name) is None:
                 setattr(field, name, measure(field.spec))
             box = getattr(field, name)
             if box is not None:
-                boxes.append(_place(box, instance.transform))
+                boxes.append(_place(box, field.instances))
         if not boxes:
             return None
         lows, highs = zip(*boxes, strict=True)
@@ -146,4 +171,8 @@ class RenderScene:
 
     def close(self) -> None:
         """Let go of all arrays."""
+        self._forget_order()
         self._fields.clear()
+
+    def _forget_order(self) -> None:
+        self._drawn = self._draw_list = None

@@ -20,11 +20,12 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.band import Band
-from usdsplat.delegate.render_scene import Field, RenderScene, matrix
+from usdsplat.delegate.draw_list import DrawList, Group
+from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.screen import Screen
-from usdsplat.delegate.specs import InstanceSpec, View
+from usdsplat.delegate.specs import View
 from usdsplat.images.color import conversion, is_identity
 from usdsplat.kernels import bins, blend, median, project, radiance, recolor, sort
 from usdsplat.kernels.device import CpuDevice
@@ -53,6 +54,8 @@ class FrameStats:
     """Splats times the tiles that each touches."""
     rows: int = 0
     """Rows of 16 pixels that were blended."""
+    prims: tuple[str, ...] = ()
+    """Paths of what was drawn; `primId` is a place in this."""
     wall_ms: dict[str, float] = field(default_factory=dict)
     cpu_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage."""
@@ -76,24 +79,6 @@ class _Clock:
         self._wall, self._cpu = wall, cpu
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Neighbours in the drawing order that share one field: one launch draws them."""
-
-    field: Field
-    instances: tuple[InstanceSpec, ...]
-    block: int
-    """Slots of a block."""
-    blocks: int
-    """Blocks of one instance."""
-    slot: int
-    """First slot of the group."""
-
-    @property
-    def slots(self) -> int:
-        return len(self.instances) * self.blocks * self.block
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Visible:
     """What the view sees, nearest first."""
@@ -101,8 +86,7 @@ class _Visible:
     records: F32
     order: npt.NDArray[np.int32]
     sources: npt.NDArray[np.int32]
-    first_slots: npt.NDArray[np.int64]
-    labels: npt.NDArray[np.int32]
+    layout: DrawList
 
 
 class Renderer:
@@ -111,11 +95,13 @@ class Renderer:
     def __init__(self, device: CpuDevice) -> None:
         self._device = device
         self._idle: list[Scratch] = []
+        self._closed = False
         self.stats = FrameStats()
         """Of the last picture."""
 
     def close(self) -> None:
-        """Release the buffers."""
+        """Release the buffers; those of a picture that is being drawn go with its last band."""
+        self._closed = True
         self._idle.clear()
 
     def render(
@@ -155,7 +141,8 @@ class Renderer:
                 self.stats = stats
                 yield Band(y0, y1, {name: arrays[name] for name in aovs})
         finally:
-            self._idle.append(scratch)
+            if not self._closed:
+                self._idle.append(scratch)
 
     # --- once per view ---------------------------------------------------------------------
 
@@ -170,8 +157,8 @@ class Renderer:
         clock: _Clock,
     ) -> _Visible:
         """Project, colour and sort all splats of the view."""
-        groups, labels, first_slots = _groups(scene)
-        slots = groups[-1].slot + groups[-1].slots if groups else 0
+        layout = scene.draw_list()
+        slots = layout.slots
         if slots > np.iinfo(np.int32).max:
             raise UsageError("scene", f"{slots} splats in one view", "less than 2**31")
         out = (
@@ -179,26 +166,19 @@ class Renderer:
             scratch.get("keys", (slots,), np.float32),
             scratch.get("sources", (slots,), np.int32),
         )
-        count = sum(len(group.instances) * group.blocks for group in groups)
-        found = scratch.get("found", (count,), np.int32)
-        starts = scratch.get("block starts", (count,), np.int64)
-        at = 0
-        for group in groups:
-            n = len(group.instances) * group.blocks
-            starts[at : at + n] = group.slot + np.arange(n, dtype=np.int64) * group.block
-            self._project(group, screen, settings, out, found[at : at + n])
-            at += n
-            stats.splats += len(group.instances) * len(group.field.spec.cloud)
+        found = scratch.get("found", layout.block_starts.shape, np.int32)
+        ends = np.cumsum([group.all_blocks for group in layout.groups])
+        parts = np.split(found, ends[:-1])
+        stats.splats, stats.prims = layout.splats, layout.prims
+        for group, part in zip(layout.groups, parts, strict=bool(layout.groups)):
+            self._project(group, screen, settings, out, part)
         clock.lap("project")
-        at = 0
-        for group in groups:
-            n = len(group.instances) * group.blocks
-            self._radiance(group, screen, settings, blend_space, out, found[at : at + n])
-            at += n
+        for group, part in zip(layout.groups, parts, strict=bool(layout.groups)):
+            self._radiance(group, screen, settings, blend_space, out, part)
         clock.lap("radiance")
         run, threads = self._device.run, self._device.threads
         visible = scratch.get("visible", (slots,), np.int32)
-        total = run(sort.visible_slots, found, starts, count, visible)
+        total = run(sort.visible_slots, found, layout.block_starts, len(found), visible)
         work = (
             scratch.get("sort keys", (2, total), np.uint32),
             scratch.get("sort slots", (2, total), np.int32),
@@ -210,10 +190,10 @@ class Renderer:
         run(sort.gather, order, out[0], records)
         clock.lap("sort")
         stats.visible = total
-        return _Visible(records, order, out[2], first_slots, labels)
+        return _Visible(records, order, out[2], layout)
 
     def _project(
-        self, group: _Group, screen: Screen, settings: RenderSettings, out: Any, found: Any
+        self, group: Group, screen: Screen, settings: RenderSettings, out: Any, found: Any
     ) -> None:
         spec, upload = group.field.spec, self._device.upload
         mode = settings.rasterize_mode
@@ -223,9 +203,7 @@ class Renderer:
             by_distance=settings.sorting == "cameraDistance",
             antialiased=antialiased,
         )
-        matrices = np.stack(
-            [(screen.world_to_camera @ matrix(i.transform))[:3] for i in group.instances]
-        )
+        matrices = screen.world_to_camera[:3] @ group.transforms
         cloud = spec.cloud
         self._device.run(
             project.project, camera, matrices, upload(cloud.positions), upload(cloud.rotations),
@@ -234,7 +212,7 @@ class Renderer:
 
     def _radiance(
         self,
-        group: _Group,
+        group: Group,
         screen: Screen,
         settings: RenderSettings,
         blend_space: str,
@@ -242,7 +220,7 @@ class Renderer:
         found: Any,
     ) -> None:
         spec, upload = group.field.spec, self._device.upload
-        sights = np.stack([_sight(matrix(i.transform), screen) for i in group.instances])
+        sights = _sights(group, screen)
         numbers = conversion(spec.color_space, blend_space)
         degree = min(settings.sh_degree, spec.cloud.sh_degree)
         self._device.run(
@@ -292,8 +270,8 @@ class Renderer:
             ids = scratch.get("ids", (3, *shape), np.int32)
             run(median.median, seen.records, starts, lists, grid, color, ranks)
             run(
-                median.resolve, ranks, seen.records, seen.order, seen.sources, seen.first_slots,
-                seen.labels, depth, ids,
+                median.resolve, ranks, seen.records, seen.order, seen.sources,
+                seen.layout.first_slots, seen.layout.labels, depth, ids,
             )  # fmt: skip
             arrays |= {"depth": depth, "primId": ids[0], "instanceId": ids[1], "elementId": ids[2]}
             clock.lap("median")
@@ -302,51 +280,21 @@ class Renderer:
 
 def _blend_space(scene: RenderScene) -> str:
     """The space in which the visible captures are blended: their own where they agree."""
-    spaces = {field.spec.color_space for _, field, _ in scene.drawn()}
+    spaces = {field.spec.color_space for field in scene.visible_fields()}
     return spaces.pop() if len(spaces) == 1 else DISPLAY_SPACE
 
 
-def _groups(
-    scene: RenderScene,
-) -> tuple[list[_Group], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """Cut the drawing order into launches; returns them, and label and first slot of each
-    instance."""
-    groups: list[_Group] = []
-    labels, first_slots = [], []
-    prims: dict[str, int] = {}
-    pending: list[InstanceSpec] = []
-    slot = 0
-    drawn = scene.drawn()
-    for i, (_, part, instance) in enumerate(drawn):
-        n = len(part.spec.cloud)
-        block = min(n, project.BLOCK)
-        blocks = -(-n // block)
-        first_slots.append(slot + len(pending) * blocks * block)
-        labels.append((prims.setdefault(instance.path, len(prims)), instance.index))
-        pending.append(instance)
-        if i + 1 == len(drawn) or drawn[i + 1][1] is not part:
-            groups.append(_Group(part, tuple(pending), block, blocks, slot))
-            slot += groups[-1].slots
-            pending = []
-    return (
-        groups,
-        np.array(labels, np.int32).reshape(-1, 2),
-        np.array(first_slots, np.int64),
-    )
-
-
-def _sight(local_to_world: F64, screen: Screen) -> F64:
-    """Affine map from a splat's position to its direction of sight in the field's own space.
+def _sights(group: Group, screen: Screen) -> F64:
+    """Affine maps from a splat's position to its direction of sight in the field's own space.
 
     A = Q P with Q orthogonal, reflections included: directions go back by Qᵀ, so Qᵀ A = P takes the
-    positions. Of an orthographic camera the direction is the same everywhere.
+    positions. Of an orthographic camera the direction is the same everywhere. Shape (m, 3, 4).
     """
-    u, s, vt = np.linalg.svd(local_to_world[:3, :3])
-    q = u @ vt
-    sight = np.zeros((3, 4))
+    back = group.turns.transpose(0, 2, 1)
+    sights = np.zeros((len(back), 3, 4))
     if screen.orthographic:
-        sight[:, 3] = q.T @ screen.forward
+        sights[:, :, 3] = back @ screen.forward
     else:
-        sight[:, :3] = vt.T @ np.diag(s) @ vt
-        sight[:, 3] = q.T @ (local_to_world[:3, 3] - screen.eye)
-    return sight
+        sights[:, :, :3] = group.stretches
+        sights[:, :, 3:] = back @ (group.transforms[:, :3, 3:] - screen.eye[:, None])
+    return sights

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
+from usdsplat.core.errors import UsageError
 from usdsplat.delegate.framing import conform
 from usdsplat.delegate.render_scene import matrix
 from usdsplat.delegate.specs import View
@@ -20,6 +21,9 @@ USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
 MARGIN = 0.3
 """Part of the display window's half width by which the affine map's clamp is wider, on each
 side."""
+NEAREST = 1e-6
+"""Near plane, as a part of the far plane, of a perspective camera whose own is not in front of it:
+nothing at or behind the eye can be seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +45,21 @@ class Screen:
 
     @classmethod
     def of(cls, view: View) -> Screen:
-        """Conform the camera's aperture to the image and measure it in pixels."""
+        """Conform the camera's aperture to the image and measure it in pixels.
+
+        Raises:
+            UsageError: If the aperture, the image or the data window has no area.
+        """
         camera, framing = view.camera, view.framing
         (left, bottom, right, top), _ = conform(camera.window, framing)
         width, height = framing.resolution
         focal = width / (right - left), height / (top - bottom)
+        x0, y0, x1, y1 = framing.window
+        if not (x0 < x1 and y0 < y1):
+            raise UsageError("data window", str(framing.window), "x0 < x1 and y0 < y1")
+        near, far = camera.clipping_range
+        if near <= 0 and not camera.orthographic:
+            near = NEAREST * far
         return cls(
             world_to_camera=USD_TO_SCREEN @ matrix(camera.world_to_camera),
             orthographic=camera.orthographic,
@@ -53,7 +67,7 @@ class Screen:
             center=(-left * focal[0] - 0.5, top * focal[1] - 0.5),
             size=framing.resolution,
             window=framing.window,
-            clipping_range=camera.clipping_range,
+            clipping_range=(near, far),
         )
 
     @property

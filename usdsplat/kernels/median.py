@@ -16,7 +16,8 @@ from .project import DEPTH
 
 ROW = 3 * TILE
 """Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list
-of the splat that passed it, counted from 1 (exact in float32: no list holds 2**24 splats)."""
+of the splat that passed it, counted from 1: an int32 whose bits are kept in a float, as it is only
+ever moved."""
 NONE = np.int32(-1)
 
 
@@ -64,6 +65,7 @@ def median(records, starts, lists, grid, image, ranks):
         live = np.zeros(TILE, np.uint8)
         batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.int32)
+        counter = np.empty(1, np.int32)
         begin, end = starts[tile], starts[tile + 1]
         for first in range(begin, end, LOOK):
             if look(state, ROW, live) == 0:
@@ -74,15 +76,17 @@ def median(records, starts, lists, grid, image, ranks):
                 u, v = batch[i], batch[LOOK + i]
                 a, b, c = batch[2 * LOOK + i], batch[3 * LOOK + i], batch[4 * LOOK + i]
                 log_opacity = batch[5 * LOOK + i]
-                place = np.float32(first - begin + i + 1)
+                counter[0] = first - begin + i + 1
+                place = counter.view(np.float32)[0]
                 for y in range(rows[i], rows[LOOK + i]):
                     if live[y]:
                         dy = np.float32(y) - v
                         pass_row(state, y, u, a, b * dy, c * dy * dy + log_opacity, place)
+        places = state.view(np.int32)
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
-                place = int(state[y * ROW + 2 * TILE + x])
-                rank = lists[begin + place - 1] if place > 0 else NONE
+                mark = places[y * ROW + 2 * TILE + x]
+                rank = lists[begin + mark - 1] if mark > 0 else NONE
                 ranks[top + y - g.y0, left + x - g.x0] = rank
 
 

@@ -122,18 +122,20 @@ def project_one(cam, m, position, q, s, opacity, record):
     gg = g0 * g0 + g1 * g1 + g2 * g2
     pg = p0 * g0 + p1 * g1 + p2 * g2
     # det(rows · rowsᵀ) = |p × g|² (Lagrange): a sum of squares, where pp·gg − pg² would cancel
-    n0, n1, n2 = p1 * g2 - p2 * g1, p2 * g0 - p0 * g2, p0 * g1 - p1 * g0
+    n0 = np.float64(p1) * g2 - np.float64(p2) * g1  # in float64: squares of squares may overflow
+    n1 = np.float64(p2) * g0 - np.float64(p0) * g2
+    n2 = np.float64(p0) * g1 - np.float64(p1) * g0
     area = n0 * n0 + n1 * n1 + n2 * n2
     low = cam.low_pass
     uu, vv = pp + low, gg + low
-    det = area + low * (pp + gg) + low * low
+    det = area + low * (np.float64(pp) + gg) + low * low
     if cam.antialiased:
-        opacity = opacity * math.sqrt(area / det)
+        opacity = np.float32(opacity * math.sqrt(area / det))
     if not (opacity > np.float32(0)):
         return False
     log_opacity = np.float32(math.log(opacity))
     reach = np.float32(2) * (log_opacity - LOG_CUTOFF)
-    if not (reach >= np.float32(0) and det < np.float32(np.inf)):
+    if not (reach >= np.float32(0) and det < np.inf):
         return False
     if cam.projection == ORTHOGRAPHIC:
         u, v = cam.fx * x + cam.cx, cam.fy * y + cam.cy
@@ -148,9 +150,9 @@ def project_one(cam, m, position, q, s, opacity, record):
         or v - half_height > cam.bottom
     ):
         return False
-    scale = np.float32(-0.5) / det
+    scale = -0.5 / det
     record[U], record[V] = u, v
-    record[A], record[B], record[C] = vv * scale, np.float32(-2) * pg * scale, uu * scale
+    record[A], record[B], record[C] = vv * scale, -2.0 * pg * scale, uu * scale
     record[LOG_OPACITY] = log_opacity
     record[HALF_WIDTH], record[HALF_HEIGHT] = half_width, half_height
     record[DEPTH] = z
@@ -158,9 +160,8 @@ def project_one(cam, m, position, q, s, opacity, record):
 
 
 @scalar
-def sort_key(cam, m, position):
-    """Squared distance from the eye, in float64 until the end; a positive float sorts as its
-    bits."""
+def squared_distance(m, position):
+    """Squared distance from the eye, in float64 until the end."""
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
     y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
@@ -202,7 +203,7 @@ def project(camera, matrices, positions, rotations, scales, opacities, block, ba
                 cam, m, positions[i], rotations[i], scales[i], opacities[i], records[at]
             ):
                 if cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC:
-                    keys[at] = sort_key(cam, m, positions[i])
+                    keys[at] = squared_distance(m, positions[i])
                 else:
                     keys[at] = records[at, DEPTH]
                 sources[at] = i

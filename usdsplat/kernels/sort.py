@@ -1,6 +1,6 @@
 """One global depth order: pack what is visible, sort it by key, lay its records out in that order.
 
-A stable radix sort of positive float32 keys by their bits, 11 at a time. Splats enter in the order
+A stable radix sort of float32 keys by their bits, 11 at a time. Splats enter in the order
 of prim path and row, and stability keeps that order among equal keys: a picture is reproducible.
 
 Source: Knuth, TAOCP vol. 3, 5.2.5; Satish et al. 2009 for the chunked histograms.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .jit import parallel, serial
+from .jit import parallel, scalar, serial
 
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
@@ -41,13 +41,22 @@ def visible_slots(found, starts, blocks, visible):
     return count
 
 
+@scalar
+def ordered_bits(bits):
+    """The bits of a float32 as an unsigned number that sorts as the float does; -0 is 0."""
+    sign = np.uint32(0x80000000)
+    if bits == sign:
+        return sign
+    return np.uint32(bits ^ np.uint32(0xFFFFFFFF)) if bits & sign else np.uint32(bits | sign)
+
+
 @parallel
 def depth_order(visible, count, keys, chunks, work, histogram):
     """Sort slots by key, stably; returns which of the two halves of `work` holds the result.
 
     Args:
         visible: Slots in tie order, shape (>= count,) i32.
-        keys: Key of each slot, positive f32.
+        keys: Key of each slot, f32, no NaN.
         chunks: How many pieces the pass is cut into; any number gives the same result.
         work: (key bits (2, count) u32, slots (2, count) i32).
         histogram: Scratch, shape (chunks, DIGITS) i64.
@@ -56,7 +65,7 @@ def depth_order(visible, count, keys, chunks, work, histogram):
     raw = keys.view(np.uint32)
     for t in prange(chunks):
         for k in range(count * t // chunks, count * (t + 1) // chunks):
-            bits[0, k] = raw[visible[k]]
+            bits[0, k] = ordered_bits(raw[visible[k]])
             slots[0, k] = visible[k]
     source = 0
     for digit in range(PASSES):

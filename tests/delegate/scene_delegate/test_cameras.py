@@ -102,3 +102,16 @@ def test_animated_lens_and_rig_follow_time(stage):
         spec = engine.view("/Rig/Camera").camera
     assert spec.window[2] == pytest.approx(10.0 / 30.0)
     np.testing.assert_allclose(np.reshape(spec.world_to_camera, (4, 4))[:3, 3], [-4, 0, 0])
+
+
+@pytest.mark.parametrize("scale", [(2.0, 2.0, 2.0), (0.01, 0.01, 0.01), (1.0, 3.0, 0.5)])
+def test_a_scaled_camera_measures_in_scene_units(stage, scale):
+    """Oracle: Gf.Camera's frustum, and the distance from the eye to a point in front of it."""
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig")).AddScaleOp().Set(Gf.Vec3f(scale))
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    frustum = camera.GetCamera(Usd.TimeCode.Default()).frustum
+    with Engine(stage) as engine:
+        view = np.reshape(engine.view("/Rig/Camera").camera.world_to_camera, (4, 4))
+    np.testing.assert_allclose(view, np.array(frustum.ComputeViewMatrix()).T, atol=1e-12)
+    point = np.array(frustum.position + 7.0 * frustum.ComputeViewDirection())
+    np.testing.assert_allclose((view @ [*point, 1.0])[:3], [0, 0, -7], atol=1e-9)

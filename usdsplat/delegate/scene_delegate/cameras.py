@@ -29,7 +29,7 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
         raise StageError(where, f"clippingRange ({near:g}, {far:g})", "near less than far")
     return CameraSpec(
         path=where,
-        world_to_camera=_inverse(where, cache.GetLocalToWorldTransform(prim)),
+        world_to_camera=_view(where, cache.GetLocalToWorldTransform(prim)),
         orthographic=lens.projection == Gf.Camera.Orthographic,
         window=_window(where, lens),
         clipping_range=(near, far),
@@ -49,10 +49,15 @@ def _window(where: str, lens: Gf.Camera) -> tuple[float, float, float, float]:
     return x - width / 2, y - height / 2, x + width / 2, y + height / 2
 
 
-def _inverse(where: str, local_to_world: Gf.Matrix4d) -> Matrix:
+def _view(where: str, local_to_world: Gf.Matrix4d) -> Matrix:
+    """World to camera: position and rotation only, as GfFrustum has it, so that depth and clipping
+    range are in scene units however the camera, or a group above it, is scaled."""
+    frustum = Gf.Frustum()
     with np.errstate(all="ignore"):
-        matrix = column_matrix(local_to_world)
-        inverse = np.linalg.inv(matrix) if np.linalg.det(matrix) else np.full((4, 4), np.nan)
-    if not np.isfinite(inverse).all():
+        can_be_undone = bool(np.linalg.det(column_matrix(local_to_world)))
+    if can_be_undone:
+        frustum.SetPositionAndRotationFromMatrix(local_to_world)
+    view = column_matrix(frustum.ComputeViewMatrix())
+    if not can_be_undone or not np.isfinite(view).all():
         raise StageError(where, "a transform without an inverse", "one that can be undone")
-    return tuple(inverse.ravel().tolist())
+    return tuple(view.ravel().tolist())

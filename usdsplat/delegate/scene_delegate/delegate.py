@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -27,6 +28,9 @@ from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.specs import CameraSpec, FieldSpec
 
 T = TypeVar("T")
+
+LOG = logging.getLogger("usdsplat")
+"""Tells a Python user, once, of each prim that is left out of the picture; commands say it too."""
 
 
 class UsdSceneDelegate:
@@ -70,7 +74,7 @@ class UsdSceneDelegate:
         """One sentence for each prim that cannot be used as it is, by path."""
         found = {(path, ""): why for path, why in self._population.problems.items()}
         found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
-        return tuple(str(found[key]) for key in sorted(found))
+        return tuple(_told(found[key], key[1]) for key in sorted(found))
 
     def set_time(self, time: float | None) -> None:
         """Go to another time with the next update."""
@@ -197,12 +201,19 @@ class UsdSceneDelegate:
     def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
         """Count and read; a prim that cannot be read becomes a warning, and others go on."""
         self.pulls[kind] += 1
-        self.problems.pop((path, kind), None)
+        before = self.problems.pop((path, kind), None)
         try:
             return read()
         except UsdSplatError as error:
             self.problems[path, kind] = error
+            if str(error) != str(before):
+                LOG.warning("left out: %s", error)
             return unusable
+
+
+def _told(why: UsdSplatError, kind: str) -> str:
+    """The sentence, and what becomes of the prim."""
+    return f"{why}; it is not drawn" if kind == "field" else str(why)
 
 
 def _is_in(population: Population, path: str, kind: str) -> bool:

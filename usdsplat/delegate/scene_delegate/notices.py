@@ -30,7 +30,8 @@ class Changes:
 
 
 class NoticeListener:
-    """Listens to one stage and collects; whoever edits the stage may do so in any thread.
+    """Listens to one stage and collects, in whichever thread the stage is edited. (USD itself
+    forbids edits while another thread, such as one that syncs, reads the stage.)
 
     The callback only takes notes, so that a burst of edits costs one update.
     """

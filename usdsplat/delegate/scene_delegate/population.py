@@ -166,7 +166,7 @@ class _Walk:
             self._found.problems[path] = StageError(path, found, "prototypes without a cycle")
             return
         self._found.instancers[path] = instancer
-        targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetTargets()
+        targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
         for number, target in enumerate(targets):
             root = self._stage.GetPrimAtPath(target)
             if root:
