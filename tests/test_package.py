@@ -51,6 +51,11 @@ def test_the_readmes_pictures_and_links_exist():
     assert [link for link in links if not (ROOT / link).exists()] == []
 
 
+def test_the_readme_has_no_number_left_open():
+    """Oracle: a number to be filled in is an upper-case word in braces."""
+    assert re.findall(r"\{[A-Z]+\}", (ROOT / "README.md").read_text()) == []
+
+
 def test_no_file_of_the_package_is_too_long_to_hold_one_idea():
     """Oracle: the house rule, 400 lines."""
     lengths = {p: len(p.read_text().splitlines()) for p in (ROOT / "usdsplat").rglob("*.py")}

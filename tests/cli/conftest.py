@@ -43,6 +43,7 @@ def shot(tmp_path):
     stage.SetStartTimeCode(1)
     stage.SetEndTimeCode(4)
     UsdGeom.SetStageUpAxis(stage, "Y")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     prim = schema.author(stage, "/World/Ball", ball())
     move = UsdGeom.Xformable(prim).AddTranslateOp()

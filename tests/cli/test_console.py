@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pytest
 
 from usdsplat.cli import console
@@ -133,3 +134,25 @@ def test_compilation_is_announced_once(capsys):
     assert capsys.readouterr().err.splitlines() == [
         "usdsplat: compiling kernels for this machine, once; it takes about half a minute"
     ]
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.7, 3.0])
+def test_the_longer_work_takes_the_fewer_lines_it_gets(clock, capsys, seconds):
+    """Oracle: the promise: a line a second for 10 s, every 10 s for a minute, then every minute."""
+    heard = []
+    progress = console.Lines()
+    steps = round(600 / seconds)
+    for done in range(steps + 1):
+        progress.step("rendering", done, steps)
+        if capsys.readouterr().err:
+            heard.append(clock.now - 100)
+        clock.now += seconds
+    gaps = np.diff([0, *heard])
+    ends = np.array(heard)
+    slack = 1e-6
+    assert heard[-1] == pytest.approx(steps * seconds)
+    assert (gaps[:-1] >= 1 - slack).all()
+    assert (gaps[:-1][ends[:-1] > 10 + slack] >= 10 - slack).all()
+    assert (gaps[:-1][ends[:-1] > 60 + slack] >= 60 - slack).all()
+    assert (gaps <= 60 + seconds + slack).all()
+    assert len(heard) <= 10 + 5 + 9 + 1

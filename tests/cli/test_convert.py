@@ -60,7 +60,7 @@ def test_a_stage_becomes_a_capture_at_a_frame(run, shot, tmp_path):
 def test_a_stage_is_repacked(run, shot, tmp_path):
     """Oracle: schema.form_of the written prim."""
     status, out, _ = run("convert", shot, tmp_path / "b.usdc", "--packed")
-    assert (status, out) == (0, f"{tmp_path}/b.usdc: 1 fields, 1 samples, 300 splats, now packed\n")
+    assert (status, out) == (0, f"{tmp_path}/b.usdc: 1 field, 1 sample, 300 splats, now packed\n")
     stage = Usd.Stage.Open(str(tmp_path / "b.usdc"))
     assert schema.form_of(stage.GetPrimAtPath("/World/Ball")) == "packed"
 
@@ -71,7 +71,7 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
         (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of .ply"),
         (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
-        (["ball.ply", "a.usdc", "--frame", "xyz"], "frame: found 'xyz', expected where x, y"),
+        (["ball.ply", "a.usdc", "--frame", "xyz"], "--frame: found 'xyz', expected where x, y"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
     ],
 )
@@ -84,3 +84,37 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
     assert err.startswith(f"usdsplat: {sentence}")
     assert len(err.splitlines()) == 1
     assert sorted(capture.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        (["ball.ply", "b.ply", "--packed"], "--packed: found a capture that becomes a capture"),
+        (["ball.ply", "b.usda", "--time", "1"], "--time: found a capture that becomes a stage"),
+        (["shot.usda", "b.ply", "--half"], "--half: found a stage that becomes a capture"),
+        (["shot.usda", "b.ply", "--up-axis", "Z"], "--up-axis: found a stage that becomes a"),
+        (["shot.usda", "b.usda", "--frame", "rub"], "--frame: found a stage that becomes a stage"),
+        (["shot.usda", "b.usda/"], "b.usda/: found the name of a folder, expected one of a file"),
+        (["shot.usda", "b.doc"], "b.doc: found suffix '.doc', expected one of .ply, .usd, .usda,"),
+        (["folder", "b.ply"], "folder: found a directory without meta.json, expected a capture"),
+        (["ball.ply", "b.usda", "--up-axis", "X"], "--up-axis: found 'X', expected one of Y, Z"),
+        (["ball.ply", "b.usda", "--meters-per-unit", "0"], "--meters-per-unit: found 0, expected"),
+        (["ball.ply", "b.usda", "--prim", "x"], "--prim: found 'x', expected the path of a prim"),
+    ],
+)
+def test_flags_without_an_effect_are_refused(run, capture, shot, monkeypatch, argv, sentence):
+    """Oracle: where: found X, expected Y, flags spelled as they were typed; nothing is written."""
+    monkeypatch.chdir(capture.parent)
+    (capture.parent / "folder").mkdir()
+    before = sorted(capture.parent.iterdir())
+    status, out, err = run("convert", *argv)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usdsplat: {sentence}")
+    assert len(err.splitlines()) == 1
+    assert sorted(capture.parent.iterdir()) == before
+
+
+def test_a_reader_is_told_that_the_axes_are_a_guess(run, capture, tmp_path):
+    """Oracle: no .ply says where its axes point."""
+    out = run("convert", capture, tmp_path / "a.usdc")[1]
+    assert "note   the file does not say where its axes point: 'rdf' is assumed" in out

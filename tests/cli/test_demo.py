@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -87,6 +89,10 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
         alpha = np.asarray(picture)[..., 3]
     assert 0.05 < (alpha > 128).mean() < 0.9
     assert run("validate", folder / "stage.usda")[0] == 0
+    flags = ("--splats", 1000, "--frames", 1, "--json")
+    status, out, _ = run("demo", folder / "capture.ply", "-o", tmp_path / "again", *flags)
+    assert status == 0
+    assert [item["path"].rsplit("/", 1)[1] for item in json.loads(out)] == told[1:]
     layers, assets, missing = UsdUtils.ComputeAllDependencies(str(folder / "stage.usda"))
     assert (len(layers), list(assets), list(missing)) == (2, [], [])
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from tests.cli.conftest import ball
 from usdsplat import schema
@@ -111,3 +112,37 @@ def test_a_field_that_cannot_be_read_is_named_with_its_problem(run_json, shot):
     assert told["splats"] == 300
     assert [field["path"] for field in told["fields"]] == ["/World/Ball", "/World/Bad"]
     assert told["fields"][1]["problem"].startswith("/World/Bad")
+
+
+def test_an_unpacked_capture_is_as_large_as_the_files_that_are_read(run_json, data, tmp_path):
+    """Oracle: the sizes on disk of the copied files; a stranger in the folder does not count."""
+    folder = tmp_path / "scan"
+    shutil.copytree(data / "oracle" / "sogdir", folder)
+    size = sum(path.stat().st_size for path in folder.iterdir())
+    (folder / "stranger.txt").write_text("x" * 1000)
+    for named in (folder, folder / "meta.json"):
+        assert run_json("info", named)["bytes"] == size
+
+
+def test_instances_are_counted_as_a_render_counts_them(run_json, shot):
+    """Oracle: the ball of 300 splats and two instances of an asset of 50 that is held once; a
+    hidden ball is held and not drawn."""
+    stage = Usd.Stage.Open(str(shot))
+    schema.author(stage, "/Asset/Ball", ball(50))
+    stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
+    for name in ("A", "B"):
+        prim = stage.DefinePrim(f"/World/{name}", "Xform")
+        prim.GetReferences().AddInternalReference("/Asset")
+        prim.SetInstanceable(True)
+    UsdGeom.Imageable(schema.author(stage, "/World/Hidden", ball(7))).MakeInvisible()
+    stage.GetRootLayer().Save()
+    told = run_json("info", shot)
+    assert (told["splats"], told["splats_drawn"]) == (357, 400)
+
+
+def test_a_capture_has_no_time(run, capture):
+    """Oracle: one sentence rather than an option that does nothing."""
+    for flags in (("--time", 1), ("--mute", "x"), ("--mask", "/World")):
+        status, out, err = run("info", capture, *flags)
+        expected = f"{flags[0]}: found a capture, {capture}, expected a stage"
+        assert (status, out, err) == (2, "", f"usdsplat: {expected}\n")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -85,21 +87,25 @@ def test_an_unknown_command_is_one_line(capsys):
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
-        (["render"], ["usdsplat render: Missing", "STAGE"]),
-        (["render", "a.usd", "--resolutoin", "9"], ["Unrecognized", "--resolutoin"]),
-        (["render", "a.usd", "--threads", "x"], ["--threads", "'x'"]),
-        (["render", "a.usd", "--half", "--float"], ["--half", "--float"]),
+        (["render"], ["found no STAGE, expected one"]),
+        (["render", "a.usd", "--resolutoin", "9"], ["found --resolutoin, expected --resolution;"]),
+        (["render", "a.usd", "--threads", "x"], ["found --threads 'x', expected a whole number"]),
+        (
+            ["render", "a.usd", "--half", "--float"],
+            ["found --half and --float, expected one of them"],
+        ),
     ],
 )
-def test_mistakes_in_arguments_are_a_few_plain_lines(argv, words, capsys):
-    """Oracle: plain ASCII without tyro's boxes, the cure at the end, status 2."""
+def test_mistakes_in_arguments_are_one_sentence(argv, words, capsys):
+    """Oracle: where: found X, expected Y in plain ASCII, the cure at the end, status 2."""
     assert main(argv) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.isascii()
-    assert len(err.splitlines()) <= 8
+    assert err.startswith("usdsplat: render: found ")
+    assert len(err.splitlines()) == 1
     assert all(word in err for word in words)
-    assert err.endswith("usdsplat render --help tells more\n")
+    assert err.endswith("; see 'usdsplat render --help'\n")
 
 
 def test_ctrl_c_is_one_line_and_130(monkeypatch, capsys):
@@ -121,7 +127,10 @@ def test_errors_of_the_system_are_one_line(monkeypatch, capsys):
 
     monkeypatch.setattr(main_module, "_run", refused)
     assert main(["render"]) == 2
-    assert capsys.readouterr().err == "usdsplat: [Errno 13] Permission denied: 'a.usd'\n"
+    assert (
+        capsys.readouterr().err
+        == "usdsplat: a.usd: found permission denied, expected a place to read or write\n"
+    )
 
 
 def test_bugs_keep_their_traceback(monkeypatch):
@@ -151,5 +160,33 @@ def test_the_process_returns_the_status_and_a_clean_stderr():
     run = shell("render", "missing.usd", "-o", "a.png")
     assert run.returncode == 2
     assert run.stdout == ""
-    assert run.stderr == "usdsplat: missing.usd: found no such file, expected a USD layer\n"
+    assert run.stderr == "usdsplat: missing.usd: found no such file, expected a USD file\n"
     assert shell("--version").returncode == 0
+
+
+def test_a_full_disk_behind_stdout_is_one_sentence():
+    """Oracle: /dev/full, which refuses every byte; status 2 and no traceback at the end."""
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("the system has no device that is always full")
+    command = [sys.executable, "-m", "usdsplat", "--help"]
+    with full.open("w") as out:
+        run = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+    assert run.returncode == 2
+    place = "standard output: found no space left on device"
+    assert run.stderr == f"usdsplat: {place}, expected a place to read or write\n"
+
+
+def test_every_flag_that_errors_are_translated_to_exists(capsys):
+    """Oracle: the help of the commands."""
+    for name in ("convert", "render"):
+        main([name, "--help"])
+    out = capsys.readouterr().out
+    assert [flag for flag in main_module.FLAGS if f"--{flag} " not in out] == []
+
+
+def test_the_library_logs_to_nobody_at_the_command_line(capsys):
+    """Oracle: logging's own last resort, which would print; the commands speak for themselves."""
+    main(["--version"])
+    logging.getLogger("usdsplat.anything").warning("heard")
+    assert capsys.readouterr().err == ""

@@ -141,14 +141,66 @@ def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
     assert (tmp_path / "a.2.png").read_bytes() == b"here already"
 
 
+def test_resume_with_nothing_to_do_says_so(run, shot, tmp_path):
+    """Oracle: one remark, no result, status 0."""
+    (tmp_path / "a.png").write_bytes(b"here already")
+    found = run("render", shot, "-o", tmp_path / "a.png", "--resume", *SMALL)
+    assert found == (0, "", "usdsplat: nothing to do: every file is there already\n")
+
+
 def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):
     """Oracle: the ball is whole: it touches no edge of the picture, and fills a good part."""
     (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)
-    assert item["camera"] == ""
+    assert item["camera"] is None
     alpha = read(item["path"])[..., 3]
     edges = (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])
     assert max(edge.max() for edge in edges) < 0.05
     assert (alpha > 0.5).mean() > 0.1
+
+
+@pytest.fixture
+def moving(tmp_path):
+    """A ball that moves five units in three frames, and no camera."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "moving.usda"))
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(3)
+    move = UsdGeom.Xformable(schema.author(stage, "/Ball", ball())).AddTranslateOp()
+    for frame, x in ((1, 0), (3, 5)):
+        move.Set(Gf.Vec3d(x, 0, 0), frame)
+    stage.GetRootLayer().Save()
+    return tmp_path / "moving.usda"
+
+
+def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path):
+    """Oracle: one matrix in all headers; the ball is whole in every frame and moves to the right
+    by more than its own size; a run that resumes sees the same."""
+    drawn = run_json("render", moving, "-o", tmp_path / "a.#.exr", *SMALL)
+    pictures = [read(item["path"])[..., 3] for item in drawn]
+    matrices = {header(item["path"]).getattribute("worldToCamera") for item in drawn}
+    assert (len(drawn), len(matrices)) == (3, 1)
+    middles = [np.argwhere(alpha > 0.5).mean(axis=0)[1] for alpha in pictures]
+    assert middles[0] + 8 < middles[1] < middles[2] - 8
+    for alpha in pictures:
+        assert max(edge.max() for edge in (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])) < 0.05
+    (tmp_path / "a.3.exr").unlink()
+    (again,) = run_json("render", moving, "-o", tmp_path / "a.#.exr", *SMALL, "--resume")
+    np.testing.assert_array_equal(read(again["path"])[..., 3], pictures[2])
+
+
+def test_the_frame_of_a_capture_can_be_told(run, run_json, capture, tmp_path):
+    """Oracle: a picture in the frame rub is the stage's own way up, and the other one upside down,
+    so that they differ; a stage says where its axes point."""
+    for frame in ("rdf", "rub"):
+        run_json("render", capture, "-o", tmp_path / f"{frame}.png", *SMALL, "--frame", frame)
+    run_json("render", capture, "-o", tmp_path / "own.png", *SMALL)
+    told, other, own = (read(tmp_path / f"{name}.png") for name in ("rdf", "rub", "own"))
+    np.testing.assert_array_equal(told, own)
+    assert not np.array_equal(told, other)
+    run("convert", capture, tmp_path / "a.usda")
+    status, _, err = run("render", tmp_path / "a.usda", "-o", tmp_path / "a.png", "--frame", "rub")
+    assert status == 2
+    expected = "--frame: found a stage, which says where its axes point, expected a capture"
+    assert err == f"usdsplat: {expected}\n"
 
 
 def test_a_camera_goes_by_name_or_path(run, run_json, shot, tmp_path):
@@ -198,6 +250,13 @@ def test_a_stages_products_drive(run_json, products, tmp_path):
     assert read(tmp_path / "look.0002.png").shape == (10, 20, 4)
 
 
+def test_a_file_that_is_named_gets_the_first_product(run_json, products, tmp_path):
+    """Oracle: the order of the settings' relationship, which begins with /Render/deep, 40 x 20."""
+    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", "--frames", 1)
+    assert (item["path"], item["resolution"]) == (str(tmp_path / "a.exr"), [40, 20])
+    assert header(item["path"]).channelnames == ("R", "G", "B", "A", "Z")
+
+
 def test_flags_replace_what_products_say(run_json, products, tmp_path):
     """Oracle: the flags."""
     flags = ("--product", "/Render/deep", "--aovs", "color", *SMALL, "--frames", 1)
@@ -244,7 +303,27 @@ def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
     status, out, err = run("render", shot, "-o", tmp_path / "a.png", *SMALL)
     assert (status, out) == (0, f"{tmp_path}/a.png\n")
     assert err.startswith("usdsplat: /World/Bad")
+    assert err.endswith("; it is not drawn\n")
     assert len(err.splitlines()) == 1
+
+
+def test_no_camera_can_be_picked_of_none(run, moving, tmp_path):
+    """Oracle: written out by hand."""
+    status, _, err = run("render", moving, "-o", tmp_path / "a.png", "--camera", "/Nope")
+    expected = "--camera: found '/Nope', expected no --camera, as the stage has none"
+    assert (status, err) == (2, f"usdsplat: {expected}\n")
+
+
+def test_both_parts_say_what_ids_stand_for_and_where_the_camera_is(run, shot, tmp_path):
+    """Oracle: the first part's header, whose camera another test holds against the pixels."""
+    flags = ("--aovs", "color,id", "--frames", 1, *SMALL)
+    assert run("render", shot, "-o", tmp_path / "a.exr", *flags)[0] == 0
+    file = oiio.ImageInput.open(str(tmp_path / "a.exr"))
+    main, ids = (file.spec(part, 0) for part in (0, 1))
+    file.close()
+    for name in ("usdsplat:ids", "worldToCamera", "worldToNDC", "screenWindowWidth"):
+        assert main.getattribute(name) is not None
+        assert ids.getattribute(name) == main.getattribute(name), name
 
 
 @pytest.mark.parametrize(
@@ -255,18 +334,20 @@ def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
         (["-o", "a.png", "--aovs", "color,Z"], "a.png: found AOVs color, Z, expected color"),
         (["-o", "a.png", "--float"], "a.png: found float pixels, expected uint8 or uint16"),
         (["-o", "a.png", "--color-mode", "scene"], "a.png: found a picture in lin_rec709"),
-        (["-o", "a.png", "--color-mode", "x"], "render color_mode: found 'x', expected one of"),
-        (["-o", "a.png", "--sh-degree", "9"], "render sh_degree: found 9, expected 0 to 4"),
-        (["-o", "a.exr", "--aovs", "N"], "render AOVs: found 'N', expected one of color, Z"),
-        (["-o", "a.png", "--purposes", "x"], "render purposes: found 'x', expected of default"),
+        (["-o", "a.png", "--color-mode", "x"], "--color-mode: found 'x', expected one of"),
+        (["-o", "a.png", "--sh-degree", "9"], "--sh-degree: found 9, expected 0 to 4"),
+        (["-o", "a.exr", "--aovs", "N"], "--aovs: found 'N', expected one of color, Z"),
+        (["-o", "a.png", "--purposes", "x"], "--purposes: found 'x', expected one of default"),
         (["-o", "a.png", "--resolution", "9"], "--resolution: found '9', expected two numbers"),
+        (["-o", "a.png", "--resolution", "99999x8"], "--resolution: found 99999x8, expected"),
+        (["-o", "a.exr", "--resolution", "8x65537"], "--resolution: found 8x65537, expected"),
         (["-o", "a.png", "--frames", "1-2"], "a.png: found 2 frames, expected a place"),
-        (["-o", "a.png", "--frames", "x"], "frames: found 'x', expected a range"),
-        (["-o", "a.png", "--camera", "/No"], "camera: found /No, expected one of /World/Cam"),
+        (["-o", "a.png", "--frames", "x"], "--frames: found 'x', expected a range"),
+        (["-o", "a.png", "--camera", "/No"], "--camera: found '/No', expected one of /World/Cam"),
         (["-o", "a.png", "--camera", "No"], "--camera: found 'No', expected one of /World/Cam"),
-        (["-o", "a.png", "--device", "abacus"], "device: found 'abacus', expected auto or one"),
-        (["-o", "a.png", "--threads", "0"], "threads: found 0, expected 1 to"),
-        (["-o", "a.png", "--settings", "/No"], "render settings: found /No, expected the path"),
+        (["-o", "a.png", "--device", "abacus"], "--device: found 'abacus', expected auto or one"),
+        (["-o", "a.png", "--threads", "0"], "--threads: found 0, expected 1 to"),
+        (["-o", "a.png", "--settings", "/No"], "--settings: found /No, expected the path"),
         (["-o", "a.png", "--product", "/No"], "--product: found /No, expected a product of"),
         (["-o", "no/a.png"], "no/a.png: found no folder"),
     ],
@@ -284,9 +365,6 @@ def test_what_cannot_be_drawn_is_one_sentence(run, shot, monkeypatch, argv, sent
 
 def test_products_in_each_others_way_are_refused(run, products, tmp_path):
     """Oracle: one file cannot hold two products, nor can we draw a kind we do not know."""
-    status, _, err = run("render", products, "-o", tmp_path / "a.exr")
-    assert status == 2
-    assert "found one file for 2 products, expected --product, of /Render/deep, /Render/look" in err
     stage = Usd.Stage.Open(str(products))
     name = stage.GetPrimAtPath("/Render/look").GetAttribute("productName")
     name.Set(str(tmp_path / "deep.####.exr"))

@@ -106,7 +106,7 @@ def test_options_that_cannot_be_met_are_one_sentence(layered, options, kind, sen
 def test_a_broken_file_is_one_sentence(tmp_path, text, capfd):
     """Oracle: one line without a line break in it, and nothing printed by USD itself."""
     (tmp_path / "a.usda").write_bytes(text)
-    with pytest.raises(StageError, match=r"a\.usda: found .+, expected a USD layer") as caught:
+    with pytest.raises(StageError, match=r"a\.usda: found .+, expected a USD file") as caught:
         open_stage(tmp_path / "a.usda", StageOptions())
     assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
@@ -122,5 +122,38 @@ def test_a_capture_is_a_stage_in_memory(capture):
 
 def test_a_capture_has_no_variants(capture):
     """Oracle: one sentence rather than an option that does nothing."""
-    with pytest.raises(UsageError, match="options for stages with a capture, expected a USD file"):
+    with pytest.raises(UsageError, match=r"--mute: found a capture, .+, expected a stage"):
         open_stage_or_capture(capture, StageOptions(mute=("x",)))
+
+
+def test_usd_says_nothing_and_we_say_one_sentence(layered, capfd):
+    """Oracle: a muted sublayer is what was asked for; a missing one is named once, not by USD."""
+    open_stage(layered, StageOptions(mute=("strong",)))
+    assert capfd.readouterr() == ("", "")
+    root = Sdf.Layer.FindOrOpen(str(layered))
+    root.subLayerPaths.append("./gone.usda")
+    root.Save()
+    capfd.readouterr()
+    open_stage(layered, StageOptions())
+    out, err = capfd.readouterr()
+    assert (out, len(err.splitlines())) == ("", 1)
+    assert err.startswith("usdsplat: Could not load sublayer @") and "gone.usda" in err
+
+
+def test_a_muted_reference_is_not_remarked_on(layered, tmp_path, capfd):
+    """Oracle: a layer that is referenced, muted: it was asked for."""
+    stage = Usd.Stage.Open(str(layered))
+    stage.DefinePrim("/Ref").GetReferences().AddReference("./weak.usda", "/World")
+    stage.GetRootLayer().Save()
+    del stage
+    capfd.readouterr()
+    stage = open_stage(layered, StageOptions(mute=("weak",)))
+    assert not stage.GetPrimAtPath("/Ref/Ball")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("name", "found"), [("ball.ply", "a capture"), (".", "a directory")])
+def test_what_is_no_stage_is_called_by_its_name(capture, name, found):
+    """Oracle: where: found X, expected Y."""
+    with pytest.raises(StageError, match=f"found {found}, expected a USD file"):
+        open_stage(capture.parent / name, StageOptions())

@@ -24,14 +24,15 @@ def test_a_clean_stage_is_status_0(run, run_json, shot):
 
 
 def test_a_broken_stage_is_status_1_and_says_the_cure(run, shot):
-    """Oracle: the one value broken here; a scale of -1 must be found, with a cure."""
+    """Oracle: the one value broken here; a scale of -1 is found, with a
+    cure; its splat also reaches out of the extent, as a warning says."""
     break_scales(shot)
     status, out, err = run("validate", shot)
     assert (status, err) == (1, "")
     first, cure, *_ = out.splitlines()
     assert first.startswith("error: /World/Ball.scales: found ")
     assert cure.startswith("  cure: ")
-    assert "1 errors" in out.splitlines()[-1]
+    assert out.splitlines()[-1] == f"{shot}: 1 error, 1 warning"
 
 
 def test_json_findings_carry_every_field(run, shot):
@@ -49,4 +50,4 @@ def test_a_missing_stage_is_status_2(run):
     """Oracle: 1 is for findings, 2 for mistakes."""
     status, out, err = run("validate", "missing.usda")
     assert (status, out) == (2, "")
-    assert err == "usdsplat: missing.usda: found no such file, expected a USD layer\n"
+    assert err == "usdsplat: missing.usda: found no such file, expected a USD file\n"

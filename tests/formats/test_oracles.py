@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tests.formats.compare import differences
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.errors import FormatError, UsdSplatError
 
 VISIBLE = 1 / 255
 """splat-transform's SOG loses the colour of splats below this opacity."""
@@ -152,3 +155,24 @@ def _in_order(cloud, source):
     assert len(set(order)) == len(source)
     fields = ("positions", "scales", "rotations", "opacities", "sh")
     return SplatCloud(**{name: getattr(cloud, name)[order] for name in fields})
+
+
+@pytest.mark.parametrize(
+    "name", ["oracle/out.sog", "oracle/rt_sog.ply", "oracle/sogdir", "splats/pod.spz"]
+)
+def test_a_capture_knows_what_was_read(data: Path, tmp_path: Path, name: str) -> None:
+    """Oracle: the splats of a folder that holds these files and nothing else."""
+    capture = formats.read(data / name)
+    for path in capture.files:
+        shutil.copy(path, tmp_path)
+    is_folder = (data / name).is_dir()
+    assert (len(capture.files) > 1) == is_folder
+    copied = tmp_path if is_folder else tmp_path / Path(name).name
+    again = formats.read(copied)
+    np.testing.assert_array_equal(again.cloud.sh, capture.cloud.sh)
+    assert {path.parent for path in again.files} == {tmp_path}
+    for path in again.files[1:]:
+        path.rename(tmp_path / "away")
+        with pytest.raises(FormatError, match="no file"):
+            formats.read(copied)
+        (tmp_path / "away").rename(path)

@@ -16,6 +16,7 @@ from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW, ply, random_cloud
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, OutputError
+from usdsplat.formats.capture import UNKNOWN_AXES
 
 FEW = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -89,7 +90,7 @@ def test_any_order_type_and_encoding_of_the_columns_reads_the_same(
 
     capture = formats.read(path)
     assert_same(capture.cloud, decoded({name: rows[name] for name in names}, degree))
-    assert capture.notes == ()
+    assert capture.notes == (UNKNOWN_AXES,)
     assert capture.frame == "rdf"
     assert ("ascii" in capture.format) == text
 
@@ -207,7 +208,10 @@ def test_rotations_of_any_length_become_unit_and_zero_ones_are_dropped(tmp_path)
     expected = [[0.6, 0, 0.8, 0], [0, 0, 0.6, -0.8], [0.5, 0.5, 0.5, 0.5]]
     np.testing.assert_allclose(capture.cloud.rotations, expected, atol=1e-6)
     assert capture.cloud.positions[:, 0].tolist() == [0, 2, 3]
-    assert capture.notes == ("splats dropped because their rotation is zero: 1",)
+    assert capture.notes == (
+        UNKNOWN_AXES,
+        "splats dropped because their rotation is zero: 1",
+    )
 
 
 @pytest.mark.parametrize(
@@ -239,7 +243,10 @@ def test_bytes_behind_the_last_element_are_ignored_and_noted(tmp_path):
     (tmp_path / "long.ply").write_bytes(ply(np.array([SPLAT_ROW])) + bytes(77))
     capture = formats.read(tmp_path / "long.ply")
     assert len(capture.cloud) == 1
-    assert capture.notes == ("ignored 77 bytes behind the last element",)
+    assert capture.notes == (
+        UNKNOWN_AXES,
+        "ignored 77 bytes behind the last element",
+    )
 
 
 @pytest.mark.parametrize(

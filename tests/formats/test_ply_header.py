@@ -8,6 +8,7 @@ import pytest
 from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
+from usdsplat.formats.capture import UNKNOWN_AXES
 from usdsplat.formats.ply_header import HEADER_LIMIT, parse_header
 from usdsplat.formats.ply_table import open_table
 
@@ -75,7 +76,7 @@ def test_lists_behind_the_vertices_are_nobodys_business(tmp_path):
     (tmp_path / "a.ply").write_bytes(data)
     capture = formats.read(tmp_path / "a.ply")
     assert len(capture.cloud) == 1
-    assert capture.notes == ()
+    assert capture.notes == (UNKNOWN_AXES,)
 
 
 @pytest.mark.parametrize(

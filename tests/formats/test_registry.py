@@ -44,7 +44,7 @@ def test_an_unknown_file_or_folder_is_told_what_is_known(tmp_path):
     (tmp_path / "lod-meta.json").write_bytes(b"{}")
     with pytest.raises(UnknownFormatError, match=r"found suffix '.json', expected one of .*\.spz"):
         formats.read(tmp_path / "lod-meta.json")
-    with pytest.raises(UnknownFormatError, match=r"a folder without meta.json"):
+    with pytest.raises(UnknownFormatError, match=r"a directory without meta.json"):
         formats.read(tmp_path)
 
 

@@ -260,3 +260,19 @@ def test_memory_holds_a_band_however_large_the_picture(tmp_path):
     run = subprocess.run(argv, capture_output=True, text=True, check=True)
     assert run.stderr == ""
     assert int(run.stdout) < 60_000  # kB
+
+
+@pytest.mark.parametrize("pixel_type", ["half", "float"])
+def test_colour_beyond_half_is_its_largest_number(tmp_path, pixel_type):
+    """Oracle: 65504 from IEEE 754; 65520 would round to infinity. Float and depth keep theirs."""
+    layout = ImageLayout(resolution=(6, 1), aovs=("color", "Z"), pixel_type=pixel_type)
+    values = np.float32([[65504, 65520, 1e9, -1e9, np.inf, np.nan]])
+    color = np.repeat(values[:, :, None], 4, axis=2)
+    write(tmp_path / "a.exr", layout, {"color": color, "Z": values}, compression="none")
+    main = ExrFile(tmp_path / "a.exr").parts[0][1]
+    clamped = [[65504, 65504, 65504, -65504, 65504, np.nan]]
+    expected = clamped if pixel_type == "half" else values
+    for channel in "RGBA":
+        np.testing.assert_array_equal(main[channel], expected)
+    np.testing.assert_array_equal(main["Z"], values)
+    np.testing.assert_array_equal(color[:, :, 0], values)

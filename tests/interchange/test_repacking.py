@@ -13,6 +13,7 @@ from tests.interchange.samples import assert_same, capture
 from tests.schema.clouds import angles, cloud
 from usdsplat import schema
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
+from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import import_capture, repack
 from usdsplat.schema import packing
 
@@ -181,3 +182,73 @@ def test_numbers_that_do_not_fit_leave_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="65504"):
         repack(stage, tmp_path / "b.usdc", form="half")
     assert list(tmp_path.iterdir()) == []
+
+
+def drawn(path: Path) -> list[tuple[str, int]]:
+    """What a render of the file shows: path and splats of each appearance."""
+    with Engine(Usd.Stage.Open(str(path))) as engine:
+        return [
+            (seen.path, len(field.spec.cloud)) for _, field, seen in engine.render_scene.drawn()
+        ]
+
+
+@pytest.mark.parametrize("form", ["half", "packed"])
+def test_prototypes_do_not_show_by_themselves(tmp_path: Path, form: str) -> None:
+    """Oracle: what is drawn before: two instances, of which one is a guide, and a field that only
+    a point instancer shows, kept under an `over`."""
+    asset = Usd.Stage.CreateNew(str(tmp_path / "asset.usdc"))
+    schema.author(asset, "/Tree/Splats", cloud(n=5))
+    asset.SetDefaultPrim(asset.GetPrimAtPath("/Tree"))
+    asset.Save()
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    for name in ("A", "B", "C"):
+        prim = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
+        prim.GetReferences().AddReference("./asset.usdc", "/Tree")
+        prim.SetInstanceable(True)
+    UsdGeom.Imageable(stage.GetPrimAtPath("/C")).GetPurposeAttr().Set("guide")
+    schema.author(stage, "/Kept/Splats", cloud(n=3))
+    stage.GetPrimAtPath("/Kept").SetSpecifier(Sdf.SpecifierOver)
+    stage.Save()
+    expected = drawn(tmp_path / "shot.usda")
+    assert expected == [("/A/Splats", 5), ("/B/Splats", 5)]
+    repack(tmp_path / "shot.usda", tmp_path / "flat.usdc", form=form)
+    assert drawn(tmp_path / "flat.usdc") == expected
+    kept = Usd.Stage.Open(str(tmp_path / "flat.usdc"))
+    assert not kept.GetPrimAtPath("/Kept/Splats").IsDefined()
+    assert schema.form_of(kept.GetPrimAtPath("/Kept/Splats")) == form
+
+
+@pytest.mark.parametrize("purpose", ["guide", "proxy", "render"])
+def test_an_inherited_purpose_stays(tmp_path: Path, purpose: str) -> None:
+    """Oracle: USD's computed purpose, on the way to packed and back, and what a render shows."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    group = UsdGeom.Xform.Define(stage, "/Group")
+    group.GetPurposeAttr().Set(purpose)
+    schema.author(stage, "/Group/Splats", cloud(n=5))
+    own = schema.author(stage, "/Own", cloud(n=4))
+    UsdGeom.Imageable(own).GetPurposeAttr().Set("guide")
+    stage.Save()
+    expected = drawn(tmp_path / "a.usda")
+    repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
+    repack(tmp_path / "b.usda", tmp_path / "c.usda", form="float")
+    for name in ("b.usda", "c.usda"):
+        field = UsdGeom.Imageable(opened(tmp_path / name, "/Group/Splats"))
+        assert field.ComputePurpose() == purpose
+        assert UsdGeom.Imageable(opened(tmp_path / name, "/Own")).ComputePurpose() == "guide"
+        assert drawn(tmp_path / name) == expected
+
+
+def test_what_could_not_be_read_is_noted(tmp_path: Path, capfd) -> None:
+    """Oracle: a missing reference and a colour space that nobody knows, authored here; USD itself
+    prints nothing."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    prim = schema.author(stage, "/Splats", cloud(n=3))
+    prim.GetAttribute("colorSpace:name").Set("foo")
+    stage.Save()
+    stage.DefinePrim("/Lost").GetReferences().AddReference("./none.usda")
+    stage.Save()
+    capfd.readouterr()
+    missing, unknown = repack(tmp_path / "a.usda", tmp_path / "b.usdc", form="half").notes
+    assert "none.usda" in missing
+    assert unknown.startswith("/Splats: found colour space 'foo', expected one that USD knows")
+    assert capfd.readouterr() == ("", "")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 
+import usdsplat
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels import jit, sort
 from usdsplat.kernels.device import CpuDevice, open_device
@@ -81,26 +84,62 @@ def test_two_threads_may_launch_at_once():
         np.testing.assert_array_equal(result, expected)
 
 
-def cache_seen_by(home: str) -> str:
-    """Where a fresh process would keep its kernels."""
+def told_by_a_process(code: str, home: Path, package: Path | None = None) -> str:
+    """What a fresh process prints whose user's caches are at `home`; `package` replaces ours."""
+    paths = [str(package.parent)] if package else []
     return subprocess.run(
-        [sys.executable, "-c", "from usdsplat.kernels import jit; print(jit.CACHE)"],
-        env=os.environ | {"XDG_CACHE_HOME": home, "HOME": home},
+        [sys.executable, "-c", code],
+        env=os.environ
+        | {"XDG_CACHE_HOME": str(home), "HOME": str(home)}
+        | {"PYTHONPATH": os.pathsep.join([*paths, os.environ.get("PYTHONPATH", "")])},
+        cwd=paths[0] if paths else None,
         capture_output=True, text=True, check=True,
     ).stdout.strip()  # fmt: skip
 
 
+def cache_seen_by(home: Path, package: Path | None = None) -> str:
+    """Where a fresh process would keep its kernels."""
+    return told_by_a_process("from usdsplat.kernels import jit; print(jit.CACHE)", home, package)
+
+
 def test_the_cache_is_keyed_by_the_kernels_sources(tmp_path):
-    """Oracle: the name of the folder; equal sources share it, in every process."""
-    assert jit.CACHE is None or jit.CACHE.name in cache_seen_by(str(tmp_path))
-    assert cache_seen_by(str(tmp_path)) == cache_seen_by(str(tmp_path))
+    """Oracle: the name of the folder; equal sources share it wherever they lie, others do not."""
+    package = tmp_path / "elsewhere" / "usdsplat"
+    own = Path(usdsplat.__file__).parent
+    shutil.copytree(own / "kernels", package / "kernels")
+    shutil.copytree(own / "core", package / "core")
+    shutil.copy(own / "__init__.py", package)
+    before = cache_seen_by(tmp_path, package)
+    assert before == cache_seen_by(tmp_path)
+    with (package / "kernels" / "blend.py").open("a") as source:
+        source.write("\n")
+    after = cache_seen_by(tmp_path, package)
+    assert after != before
+    assert Path(after).parent == Path(before).parent
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
+def test_a_second_process_loads_what_the_first_one_compiled(tmp_path):
+    """Oracle: Numba's own events; both processes get the numbers written down by hand."""
+    code = """
+import numpy as np
+from usdsplat.kernels import sort
+from usdsplat.kernels.compiling import on_compile
+compiled = []
+visible = np.zeros(8, np.int32)
+with on_compile(compiled.append):
+    sort.visible_slots(np.int32([2, 0, 1]), np.int64([0, 4, 8]), 3, visible)
+print(compiled, visible[:3].tolist())
+"""
+    assert told_by_a_process(code, tmp_path) == "['visible_slots'] [0, 1, 8]"
+    assert told_by_a_process(code, tmp_path) == "[] [0, 1, 8]"
 
 
 def test_where_nothing_can_be_written_kernels_go_uncached(tmp_path):
     """Oracle: a home that is a file, so no folder can be made in it."""
     home = tmp_path / "home"
     home.write_text("")
-    assert cache_seen_by(str(home)) == "None"
+    assert cache_seen_by(home) == "None"
 
 
 def test_numbas_own_cache_folder_is_left_to_its_owner():

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 import usdsplat.schema  # noqa: F401 - before the first prim of the process
 
 
 @pytest.fixture
 def stage() -> Usd.Stage:
-    """An empty stage in memory."""
-    return Usd.Stage.CreateInMemory()
+    """An empty stage in memory that says how it stands and how large it is."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    return stage

@@ -14,7 +14,8 @@ from pxr import Gf, Usd, UsdGeom
 from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.schema.extent import REACH, compute_extent
+from usdsplat.core.extent import REACH
+from usdsplat.schema.extent import compute_extent
 
 
 def surface(source: SplatCloud, count: int = 400) -> np.ndarray:

@@ -256,3 +256,44 @@ def test_a_stage_that_holds_values_is_obeyed(stage: Usd.Stage) -> None:
     schema.author(stage, "/Splats", last, time=3)
     stage.SetInterpolationType(Usd.InterpolationTypeHeld)
     assert_same(schema.fetch(prim, 2), first)
+
+
+@pytest.mark.parametrize("form", ["float", "half"])
+def test_a_field_may_grow_from_nothing(stage: Usd.Stage, form: str) -> None:
+    """Oracle: the clouds that were written; USD holds the first one, of another length, between."""
+    grown = cloud(n=7)
+    prim = schema.author(stage, "/Splats", cloud(n=0), form=form, time=1)
+    schema.author(stage, "/Splats", grown, form=form, time=2)
+    assert schema.form_of(prim) == form
+    assert [len(schema.fetch(prim, time)) for time in (1, 1.5, 2)] == [0, 0, 7]
+    dtype = np.float32 if form == "float" else np.float16
+    found = schema.fetch(prim, 2)
+    np.testing.assert_array_equal(found.positions, grown.positions)
+    np.testing.assert_array_equal(found.opacities, grown.opacities.astype(dtype))
+    np.testing.assert_array_equal(found.sh, grown.sh.astype(dtype))
+
+
+@pytest.mark.parametrize("form", ["float", "half", "packed"])
+@pytest.mark.parametrize("time", [1, 1.5, 2])
+def test_every_array_lies_row_after_row(stage: Usd.Stage, form: str, time: float) -> None:
+    """Oracle: NumPy's own flags; kernels would copy anything else at every frame."""
+    moving = cloud(1, n=20, moving=True)
+    prim = schema.author(stage, "/Splats", moving, form=form, time=1)
+    after = replace(cloud(2, n=20), ids=moving.ids, velocities=moving.velocities)
+    schema.author(stage, "/Splats", after, form=form, time=2)
+    found = schema.fetch(prim, time)
+    scattered = [f.name for f in fields(found) if not getattr(found, f.name).flags.c_contiguous]
+    assert scattered == []
+
+
+def test_harmonics_that_are_cut_lie_row_after_row(stage: Usd.Stage) -> None:
+    """Oracle: NumPy's own flags, for the first 25 of 36 coefficients a splat."""
+    prim = stock_prim(
+        stage,
+        {
+            "positions": three_points(),
+            "radiance:sphericalHarmonicsDegree": 5,
+            "radiance:sphericalHarmonicsCoefficients": Vt.Vec3fArray(108),
+        },
+    )
+    assert schema.fetch(prim).sh.flags.c_contiguous

@@ -33,6 +33,7 @@ def test_quaternions_change_order_on_the_way() -> None:
     assert made[0] == Gf.Quatf(1, 2, 3, 4)
     assert made[1].GetReal() == 5
     np.testing.assert_array_equal(from_vt(made), array)
+    assert from_vt(made).flags.c_contiguous
 
 
 def test_half_is_rounded_to_nearest() -> None:

@@ -1,12 +1,13 @@
 """How a command talks: results on stdout, progress and remarks on stderr.
 
-On a terminal progress is a bar with the time left; elsewhere it is plain lines, a step each, which
-render managers and logs can read. Work that takes less than about a second is not mentioned.
+On a terminal progress is a bar with the time left; elsewhere it is plain lines, which render
+managers and logs can read. Work that takes less than about a second is not mentioned.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +17,9 @@ from typing import Any
 from usdsplat.core.progress import Progress
 
 PATIENCE = 1.0
-"""Seconds before anything is said about a piece of work, and between two plain lines."""
+"""Seconds before anything is said about a piece of work."""
+INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
+"""Until so many seconds of a piece of work have passed, a plain line every so many."""
 
 
 @contextmanager
@@ -63,7 +66,7 @@ def duration(seconds: float) -> str:
 
 
 class Lines:
-    """Progress as plain lines."""
+    """Progress as plain lines, the fewer the longer the work takes, so that logs stay short."""
 
     def __init__(self) -> None:
         self._label = ""
@@ -74,10 +77,12 @@ class Lines:
         if label != self._label:
             self._label, self._started, self._printed = label, now, now
         is_last = done == total and self._printed > self._started
-        if now - self._printed < PATIENCE and not is_last:
+        elapsed = now - self._started
+        interval = next(seconds for until, seconds in INTERVALS if elapsed <= until)
+        if now - self._printed < interval and not is_last:
             return
         self._printed = now
-        print(f"usdsplat: {label}{_amount(done, total, now - self._started)}", file=sys.stderr)
+        print(f"usdsplat: {label}{_amount(done, total, elapsed)}", file=sys.stderr)
 
 
 class Bar:

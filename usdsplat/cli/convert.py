@@ -18,19 +18,29 @@ notes:
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, create_mutex_group
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.parsing import option, time_code
+from usdsplat.core.errors import UsageError
+from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
     from usdsplat.interchange.converting import Report
     from usdsplat.schema import Form
 
+_NOT_FLAGS = ("source", "target", "json")
+_MEANINGFUL = {
+    (False, True): ("packed", "half", "up_axis", "frame", "meters_per_unit", "prim", "bake_axes"),
+    (True, False): ("prim", "frame", "time"),
+    (False, False): ("frame",),
+    (True, True): ("packed", "half"),
+}
+"""Whether input and output are stages -> the flags that mean something."""
 FORM = create_mutex_group(required=False, title="form")
 
 
@@ -40,7 +50,7 @@ class Options:
 
     source: Annotated[Positional[Path], option("IN")]
     """capture or USD file to read"""
-    target: Annotated[Positional[Path], option("OUT")]
+    target: Annotated[Positional[str], option("OUT")]
     """file to write; its suffix says what it becomes"""
     packed: Annotated[bool, FORM, option()] = False
     """store fields in our compact type: 28 bytes a splat at degree 0, 76 at degree 3"""
@@ -49,7 +59,8 @@ class Options:
     up_axis: Annotated[str | None, option("Y|Z")] = None
     """of a stage made from a capture; default: Y"""
     frame: Annotated[str | None, option("FRAME")] = None
-    """where x, y and z of the capture point; default: as the file says, rdf for a new one"""
+    """to a stage: where x, y and z of the input point, default as the file says; to a capture:
+    where those of the output are to point, default rdf"""
     meters_per_unit: Annotated[float | None, option("METRES")] = None
     """how long a unit of the capture is; default: 1"""
     prim: Annotated[str | None, option("/PRIM")] = None
@@ -66,6 +77,7 @@ def run(options: Options) -> int:
     """Convert; print what became of it."""
     from usdsplat.interchange import convert
 
+    _check_flags(options)
     form: Form = "packed" if options.packed else "half" if options.half else "float"
     with console.progress() as progress:
         report = convert(
@@ -77,7 +89,7 @@ def run(options: Options) -> int:
             meters_per_unit=options.meters_per_unit,
             prim_path=options.prim,
             bake_axes=options.bake_axes,
-            time=options.time,
+            time=time_code(options.time),
             progress=progress,
         )
     if options.json:
@@ -87,14 +99,34 @@ def run(options: Options) -> int:
     return 0
 
 
+def _check_flags(options: Options) -> None:
+    """Refuse a flag that would change nothing."""
+    from usdsplat.interchange.converting import check_target
+    from usdsplat.interchange.files import is_usd
+
+    kinds = is_usd(options.source), is_usd(check_target(options.target))
+    words = tuple("a stage" if kind else "a capture" for kind in kinds)
+    meaningful = _MEANINGFUL[kinds]
+    for item in fields(options):
+        flag = f"--{item.name.replace('_', '-')}"
+        if item.name in _NOT_FLAGS or getattr(options, item.name) == item.default:
+            continue
+        if item.name not in meaningful:
+            known = ", ".join(f"--{name.replace('_', '-')}" for name in meaningful)
+            found = f"{words[0]} that becomes {words[1]}"
+            raise UsageError(flag, found, f"only {known} with that")
+
+
 def _told(report: Report) -> str:
     """The report for people, a few lines."""
     from usdsplat.interchange import ImportReport, RepackReport
 
     if isinstance(report, RepackReport):
-        fields = f"{len(report.prim_paths)} fields, {report.samples} samples"
-        return f"{report.target}: {fields}, {report.splats} splats, now {report.form}"
-    lines = [f"{report.target}: {report.splats} splats, degree {report.degree}"]
+        fields = counted(len(report.prim_paths), "field")
+        samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
+        lines = [f"{report.target}: {fields}, {samples}, {splats}, now {report.form}"]
+        return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
+    lines = [f"{report.target}: {counted(report.splats, 'splat')}, degree {report.degree}"]
     if isinstance(report, ImportReport):
         lines[0] += f", {report.form}, from {report.format}"
         lines.append(f"  prim   {report.prim_path}")

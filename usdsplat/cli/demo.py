@@ -14,7 +14,7 @@ notes:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +30,7 @@ from usdsplat.core.progress import Progress
 class Options:
     """Arguments of `usdsplat demo`."""
 
-    capture: Annotated[Positional[Path | None], option("CAPTURE")] = None
+    capture: Annotated[Positional[Path | None], option("[CAPTURE]")] = None
     """capture to use; default: one that is modelled for the occasion"""
     output: Annotated[Path, option("DIR", short="-o")] = Path("demo")
     """folder to fill, made if it is missing; default: demo"""
@@ -40,6 +40,29 @@ class Options:
     """length of the sequence; default: 24"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
+    json: Annotated[bool, option()] = False
+    """print one JSON list of the files and what each is"""
+
+
+@dataclass(slots=True, kw_only=True)
+class Results:
+    """What was made, told to people as it is finished, or to programs in the end."""
+
+    is_json: bool
+    told: list[dict[str, str]] = field(default_factory=list)
+
+    def tell(self, path: Path, text: str) -> None:
+        """One result."""
+        self.told.append({"path": str(path), "text": text})
+        if not self.is_json:
+            print(f"{path!s:<28} {text}", flush=True)
+
+    def finish(self, advice: str) -> None:
+        """That was all."""
+        if self.is_json:
+            console.print_json(self.told)
+        else:
+            print(advice)
 
 
 def run(options: Options) -> int:
@@ -52,14 +75,16 @@ def run(options: Options) -> int:
         found = f"{options.splats} splats, {options.frames} frames"
         raise UsageError("demo", found, "1000 to 20000000 splats and 1 to 10000 frames")
     folder = _made(options.output)
+    results = Results(is_json=options.json)
     with console.progress() as progress, on_compile(console.announce_compilation()):
-        capture = options.capture or _model(folder / "capture.ply", options.splats, progress)
+        own = folder / "capture.ply"
+        capture = options.capture or _model(own, options.splats, results, progress)
         report = import_capture(capture, folder / "capture.usdc", progress=progress)
-        _tell(folder / "capture.usdc", f"{report.splats} splats as a prim, from {capture}")
+        results.tell(folder / "capture.usdc", f"{report.splats} splats as a prim, from {capture}")
         author_turntable(folder / "stage.usda", folder / "capture.usdc", frames=options.frames)
-        _tell(folder / "stage.usda", "the stage: camera, animation, render settings")
-        _render(folder, options, progress)
-    print(f"next: usdsplat info {folder / 'stage.usda'}")
+        results.tell(folder / "stage.usda", "the stage: camera, animation, render settings")
+        _render(folder, options, results, progress)
+    results.finish(f"next: usdsplat info {folder / 'stage.usda'}")
     return 0
 
 
@@ -73,7 +98,7 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _model(path: Path, splats: int, progress: Progress) -> Path:
+def _model(path: Path, splats: int, results: Results, progress: Progress) -> Path:
     """Model our own capture and write it as captures are: frame rdf."""
     import numpy as np
 
@@ -87,11 +112,11 @@ def _model(path: Path, splats: int, progress: Progress) -> Path:
     turn = np.eye(4)
     turn[:3, :3] = axes.change("rub", "rdf")
     formats.write(edit.transform(cloud, turn), path, progress=progress)
-    _tell(path, "a still life of our own, as a capture file")
+    results.tell(path, "a still life of our own, as a capture file")
     return path
 
 
-def _render(folder: Path, options: Options, progress: Progress) -> None:
+def _render(folder: Path, options: Options, results: Results, progress: Progress) -> None:
     """Draw the products of the stage, and make a preview of the sequence."""
     from usdsplat.cli.drawing import draw_frames
     from usdsplat.cli.planning import Request, plan
@@ -110,9 +135,9 @@ def _render(folder: Path, options: Options, progress: Progress) -> None:
             pictures = plan(engine, request)
             source = str(folder / "stage.usda")
             drawn = list(draw_frames(engine, pictures, frames, source=source, progress=progress))
-            _tell(folder / name, text)
+            results.tell(folder / name, text)
     _animate([picture.path for picture in drawn], folder / "sequence.webp")
-    _tell(folder / "sequence.webp", "the sequence as one moving picture")
+    results.tell(folder / "sequence.webp", "the sequence as one moving picture")
 
 
 def _animate(pictures: Sequence[Path], target: Path) -> None:
@@ -124,8 +149,3 @@ def _animate(pictures: Sequence[Path], target: Path) -> None:
     first, *others = [Image.open(path) for path in pictures]
     with atomic_path(target) as path:
         first.save(path, save_all=True, append_images=others, duration=1000 / 24, loop=0)
-
-
-def _tell(path: Path, text: str) -> None:
-    """One result on one line."""
-    print(f"{path!s:<28} {text}", flush=True)

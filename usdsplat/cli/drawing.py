@@ -15,7 +15,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.framing import conform
-from usdsplat.delegate.specs import View
+from usdsplat.delegate.specs import CameraSpec, View
 from usdsplat.images import open_writer
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.camera import camera_metadata
@@ -29,12 +29,14 @@ class Drawn:
 
     path: Path
     frame: float
-    camera: str
-    """Path of the camera; empty for one that frames the scene."""
+    camera: str | None
+    """Path of the camera; None for one that frames the scene."""
     resolution: tuple[int, int]
     """[pixel]"""
     splats: int
     """Splats that were drawn, instances counted each."""
+    visible: int
+    """Those that may touch the picture."""
     seconds: float
     """Time it took, file included."""
 
@@ -64,21 +66,24 @@ def draw_frames(
         OutputError: If a file cannot be written.
     """
     jobs = _jobs(pictures, frames, resume)
+    cameras = {picture: _framing_camera(engine, picture, frames) for picture, _, _ in jobs}
     for done, (picture, frame, path) in enumerate(jobs):
         started = time.perf_counter()
         engine.set_time(frame)
         engine.set_purposes(picture.purposes)
         metadata: dict[str, str | float] = {"usdsplat:stage": source, "usdsplat:frame": frame}
         rows = progress if len(jobs) == 1 else silent
-        view = draw(engine, picture, path, metadata=metadata, progress=rows)
+        camera = cameras[picture]
+        view = draw(engine, picture, path, camera=camera, metadata=metadata, progress=rows)
         if len(jobs) > 1:
             progress.step("rendering", done + 1, len(jobs))
         yield Drawn(
             path=path,
             frame=frame,
-            camera=view.camera.path,
+            camera=view.camera.path or None,
             resolution=view.framing.resolution,
             splats=engine.stats.splats,
+            visible=engine.stats.visible,
             seconds=time.perf_counter() - started,
         )
 
@@ -88,6 +93,7 @@ def draw(
     picture: Picture,
     path: Path,
     *,
+    camera: CameraSpec | None = None,
     metadata: Mapping[str, str | float],
     progress: Progress = silent,
 ) -> View:
@@ -97,6 +103,7 @@ def draw(
         engine: Whose stage is drawn; at its time, with its purposes.
         picture: What to draw.
         path: The file, the frame number in its name.
+        camera: Takes the place of the picture's.
         metadata: Header entries that the picture itself does not know.
         progress: Told how many rows are finished.
 
@@ -104,9 +111,12 @@ def draw(
         StageError: If the camera cannot be used.
         OutputError: If the file cannot be written.
     """
-    view = engine.view(picture.camera, framing=picture.framing)
+    if camera is None:
+        view = engine.view(picture.camera, framing=picture.framing)
+    else:
+        view = View(camera=camera, framing=picture.framing)
     window, pixel_aspect_ratio = conform(view.camera.window, view.framing)
-    camera = camera_metadata(
+    seen_by = camera_metadata(
         world_to_camera=view.camera.world_to_camera,
         window=window,
         orthographic=view.camera.orthographic,
@@ -118,7 +128,7 @@ def draw(
         aovs=picture.aovs,
         pixel_type=picture.pixel_type,
         color_space=OUTPUT_SPACE[picture.settings.color_mode],
-        metadata={**camera, **_drawing_metadata(engine, picture, view), **metadata},
+        metadata={**seen_by, **_drawing_metadata(engine, picture, view), **metadata},
     )
     names = {AOVS[name].hydra: AOVS[name] for name in picture.aovs}
     with open_writer(path, layout) as writer:
@@ -131,6 +141,26 @@ def draw(
             writer.write_band(band.y0, arrays)
             progress.step(path.name, band.y1 - layout.window[1], layout.shape[0])
     return view
+
+
+def why_nothing(engine: Engine, drawn: Drawn) -> str:
+    """Say why there is no splat in a picture, at the engine's time; "" if there is one."""
+    if drawn.visible:
+        return ""
+    if not engine.fields():
+        return "the stage has no splats"
+    if not drawn.splats:
+        return "all splats are hidden, of other purposes, or cannot be drawn"
+    return "no splats are in view"
+
+
+def _framing_camera(engine: Engine, picture: Picture, frames: Sequence[float]) -> CameraSpec | None:
+    """One camera for all frames where the picture has none of its own, so that motion shows."""
+    if picture.camera is not None:
+        return None
+    engine.set_purposes(picture.purposes)
+    times = dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1]))
+    return engine.framing_camera(times, framing=picture.framing)
 
 
 def _jobs(

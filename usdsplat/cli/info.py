@@ -18,8 +18,9 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.parsing import option, time_code
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.core.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,14 +39,18 @@ class Options:
 def run(options: Options) -> int:
     """Print a description of the file."""
     from usdsplat.cli import summary
-    from usdsplat.cli.stages import open_stage
+    from usdsplat.cli.stages import check_no_stage_options, open_stage
     from usdsplat.interchange.files import is_usd
 
+    time = time_code(options.time)
     with console.progress() as progress:
         if is_usd(options.file):
             stage = open_stage(options.file, options.opening)
-            described = summary.of_stage(stage, options.time, progress=progress)
+            described = summary.of_stage(stage, time, progress=progress)
         else:
+            check_no_stage_options(options.file, options.opening)
+            if time is not None:
+                raise UsageError("--time", f"a capture, {options.file}", "a stage")
             described = summary.of_capture(options.file, progress=progress)
     described = {"file": str(options.file), **described}
     if options.json:

@@ -8,13 +8,14 @@ is named gets loaded, and USD and Numba only once it runs, so help is there at o
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import sys
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 from usdsplat import __version__
-from usdsplat.core.errors import UsageError, UsdSplatError
+from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 
 COMMANDS = {
     "convert": "turn a capture into a stage, a stage into a capture, or one capture into another",
@@ -23,6 +24,26 @@ COMMANDS = {
     "render": "draw a stage, or a capture, to EXR or PNG",
     "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
 }
+
+FLAGS = (
+    "aovs",
+    "camera",
+    "color-mode",
+    "device",
+    "frame",
+    "frames",
+    "meters-per-unit",
+    "prim",
+    "purposes",
+    "rasterize-mode",
+    "resolution",
+    "settings",
+    "sh-degree",
+    "sorting",
+    "threads",
+    "up-axis",
+)
+"""Options whose values the library checks, and names in its own words."""
 
 OVERVIEW = f"""usage: usdsplat COMMAND ...
 
@@ -56,6 +77,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         stderr explains, 130 after Ctrl-C. Anything else that escapes is a bug and keeps its
         traceback.
     """
+    log = logging.getLogger("usdsplat")  # for programs; a command says itself what it leaves out
+    log.addHandler(logging.NullHandler())
+    log.propagate = False
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         status = _run(arguments)
@@ -67,8 +91,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read our output has seen enough; what is still buffered has nowhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    except (UsdSplatError, OSError) as error:
-        return _complain(str(error), 2)
+    except UsdSplatError as error:
+        is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
+        where = _as_typed(error.where) if is_ours else error.where
+        return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
+    except OSError as error:
+        if error.filename is None:  # nothing else is written to without a name
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        found = (error.strerror or str(error)).lower()
+        place = error.filename or "standard output"
+        return _complain(f"{place}: found {found}, expected a place to read or write", 2)
 
 
 def _run(arguments: list[str]) -> int:
@@ -92,6 +124,13 @@ def _run(arguments: list[str]) -> int:
     if isinstance(options, int):
         return options
     return command.run(options)
+
+
+def _as_typed(where: str) -> str:
+    """An option as it is spelled on the command line, if that is what a usage error is about."""
+    name = where.removeprefix("render settings ").removeprefix("render ").replace("_", "-")
+    name = {"prim-path": "prim"}.get(name, name)
+    return f"--{name}" if name in FLAGS else where
 
 
 def _complain(message: str, status: int) -> int:

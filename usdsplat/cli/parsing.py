@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import re
 import sys
 import textwrap
@@ -13,11 +14,14 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.conf import arg
 
+from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, knobs
 
 T = TypeVar("T")
 
 _FRAME = re.compile(r"^[│╭╰|+][─-]*\s?|[─-]*\s*[│╮╯|+]$")
+
+_KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 
 
 def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T | int:
@@ -31,7 +35,7 @@ def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T 
 
     Returns:
         An instance, or the exit status when there is nothing to run: 0 after help, 2 after a
-        mistake, which was explained on stderr in a few plain lines.
+        mistake, which was explained on stderr in a sentence.
     """
     complaint = io.StringIO()
     try:
@@ -50,7 +54,7 @@ def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T 
     except SystemExit as end:
         if not end.code:
             return 0
-        print(_plain(complaint.getvalue(), command), file=sys.stderr)
+        print(f"usdsplat: {_sentence(complaint.getvalue(), command)}", file=sys.stderr)
         return 2
 
 
@@ -80,6 +84,17 @@ def given(flags: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
+def time_code(value: float | None) -> float | None:
+    """The value of `--time`.
+
+    Raises:
+        UsageError: If it is not finite: NaN is how USD writes the default time.
+    """
+    if value is not None and not math.isfinite(value):
+        raise UsageError("--time", f"{value:g}", "the number of a frame")
+    return value
+
+
 def _flag(knob: Knob) -> Any:
     """The annotation of a flag; `core.knobs.checked` says whether its value is a legal one."""
     kind, metavar = knob.type, None
@@ -92,11 +107,29 @@ def _flag(knob: Knob) -> Any:
     return Annotated[kind | None, arg(help=text, metavar=metavar, help_behavior_hint="")]
 
 
-def _plain(complaint: str, command: str) -> str:
-    """tyro's complaint without its box, title, rules and advice, which are not for logs."""
+def _sentence(complaint: str, command: str) -> str:
+    """tyro's complaint, which is many lines in a box, as one line of our shape."""
     lines = [_FRAME.sub("", line).rstrip() for line in complaint.splitlines()[1:]]
-    said = textwrap.dedent("\n".join(line for line in lines if line.strip(" ─-"))).splitlines()
-    advice = next((i for i, x in enumerate(said) if x.startswith("For full helptext")), None)
-    return "\n".join(
-        [f"usdsplat {command}: {said[0]}", *said[1:advice], f"usdsplat {command} --help tells more"]
-    )
+    said = textwrap.dedent("\n".join(line for line in lines if line.strip(" ─-")))
+    said = said.partition("For full helptext")[0].strip()
+    found, expected = _found_and_expected(said)
+    return f"{command}: found {found}, expected {expected}; see 'usdsplat {command} --help'"
+
+
+def _found_and_expected(said: str) -> tuple[str, str]:
+    """What tyro says in its own words; what it may say some day is passed on as it is."""
+    flat = " ".join(said.split())
+    if match := re.match(r"Unrecognized options: ([^ ,]+)", flat):
+        meant = re.search(r"Perhaps you meant: (--\S+)", flat)
+        is_flag = match[1].startswith("-")
+        return match[1], meant[1] if meant else "a known option" if is_flag else "nothing more"
+    if flat.startswith("Missing from"):
+        names = re.findall(r"^ {4}(\S+)$", said, re.MULTILINE)
+        return f"no {' and no '.join(names)}", "one"
+    if match := re.match(r"Missing value for argument '(\S+)'", flat):
+        return f"{match[1]} without a value", "one"
+    if match := re.match(r"Arguments (.+) are not allowed together", flat):
+        return match[1], "one of them"
+    if match := re.match(r"Error parsing (\S+): no type matching (\S+) .*?from \[(.*?)\]", flat):
+        return f"{match[1]} {match[3]}", _KINDS.get(match[2], match[2])
+    return repr(flat), "other arguments"

@@ -9,6 +9,7 @@ from typing import Any
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
+from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
 from usdsplat.images import default_color_mode, open_writer
@@ -18,6 +19,8 @@ from usdsplat.images.layout import ImageLayout, PixelType
 
 OUTPUT_SPACE = {"display": "srgb_rec709_display", "scene": "lin_rec709_scene"}
 """Colour mode -> the space that the pixels of a file are in."""
+MAX_SIDE = 65536
+"""Pixels on a side of a picture: more is a slip of the finger, not a picture."""
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 
 
@@ -58,10 +61,13 @@ class Picture:
 def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
     """Return what is to be drawn: the stage's products as the user changes them, or one without.
 
+    A file that the user names gets one picture: of several products the first.
+
     Raises:
-        UsageError: If there is no file to write to, one for several products, or a flag is wrong.
+        UsageError: If there is no file to write to, or a flag is wrong.
         StageError: If there is no such camera, product or settings prim.
     """
+    _check_lists(request)
     camera = _camera_path(engine, request.camera)
     products = engine.products(
         request.settings_prim,
@@ -76,9 +82,8 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
             raise StageError("--product", request.product, f"a product of the settings: {known}")
     if not products:
         return (_own(engine, request, camera),)
-    if request.output and len(products) > 1:
-        known = ", ".join(product.path for product in products)
-        raise UsageError("-o", f"one file for {len(products)} products", f"--product, of {known}")
+    if request.output:
+        products = products[:1]
     pictures = []
     for product in products:
         if product.kind != "raster":
@@ -87,7 +92,7 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
             _finished(
                 output=request.output or product.name,
                 where=product.path,
-                camera=product.camera or _first_camera(engine),
+                camera=_camera_of(engine, product) or _first_camera(engine),
                 framing=product.framing,
                 settings=product.settings,
                 aovs=request.aovs or product.aovs,
@@ -129,11 +134,12 @@ def _finished(
     """Decide what is left to the file: the colour mode. Refuse what no file could hold."""
     if not output:
         raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
+    if max(framing.resolution) > MAX_SIDE:
+        found = "x".join(str(side) for side in framing.resolution)
+        raise UsageError(f"{where} resolution", found, f"at most {MAX_SIDE} pixels on a side")
     if settings.color_mode == "auto":
         settings = replace(settings, color_mode=default_color_mode(frame_path(output, 0)))
-    for purpose in purposes:
-        if purpose not in KNOWN_PURPOSES:
-            raise UsageError(f"{where} purposes", repr(purpose), f"of {', '.join(KNOWN_PURPOSES)}")
+    _check_purposes(f"{where} purposes", purposes)
     names = tuple(aov.name for aov in find_aovs(aovs, where=f"{where} AOVs"))
     picture = Picture(
         output=output,
@@ -154,16 +160,37 @@ def _finished(
     return picture
 
 
+def _check_lists(request: Request) -> None:
+    """Refuse a wrong name in a list that the user gave."""
+    find_aovs(request.aovs or ("color",), where="--aovs")
+    _check_purposes("--purposes", request.purposes or ())
+
+
+def _check_purposes(where: str, purposes: tuple[str, ...]) -> None:
+    for purpose in purposes:
+        if purpose not in KNOWN_PURPOSES:
+            raise UsageError(where, repr(purpose), f"one of {', '.join(KNOWN_PURPOSES)}")
+
+
 def _camera_path(engine: Engine, name: str | None) -> str | None:
-    """The path of the camera the user means; a path is left for the engine to check."""
-    if name is None or name.startswith("/"):
-        return name
+    """The path of the camera the user means."""
+    if name is None:
+        return None
     paths = engine.cameras()
-    matching = [path for path in paths if path.rsplit("/", 1)[-1] == name]
+    matching = [path for path in paths if name in (path, path.rsplit("/", 1)[-1])]
+    if not paths:
+        raise StageError("--camera", repr(name), "no --camera, as the stage has none")
     if len(matching) != 1:
-        known = ", ".join(matching or paths) or "no camera: the stage has none"
-        raise StageError("--camera", repr(name), f"one of {known}" if paths else known)
+        raise StageError("--camera", repr(name), f"one of {', '.join(matching or paths)}")
     return matching[0]
+
+
+def _camera_of(engine: Engine, product: ProductSpec) -> str:
+    """The camera of a product, if it is there."""
+    if product.camera and product.camera not in engine.cameras():
+        known = ", ".join(engine.cameras()) or "none, as the stage has none"
+        raise StageError(f"{product.path}.camera", product.camera, f"one of {known}")
+    return product.camera
 
 
 def _first_camera(engine: Engine) -> str | None:

@@ -15,6 +15,9 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags replace what the stage's UsdRender prims author.
   Without --frames a name with #### gets the stage's whole range, any other name its first frame.
+  Of several products -o draws the first of the settings; --product picks another.
+  Without any camera one frames what is seen at the first, middle and last of the frames, and stands
+  still; a sequence that is drawn in several runs should be given a --camera.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     from pxr import Usd
 
     from usdsplat.cli.planning import Picture, Request
+    from usdsplat.delegate.engine import Engine
 
 SettingsFlags: Any = flags_of(RenderSettings)
 EXR_PIXELS = create_mutex_group(required=False, title="precision")
@@ -50,7 +54,7 @@ class Options:
     stage: Annotated[Positional[Path], option("STAGE")]
     """stage or capture to draw"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
-    """file to write, .exr or .png, #### or %04d for the frame; default: the product's name"""
+    """file to write, .exr or .png, #### or %04d for the frame; default: the products' names"""
     camera: Annotated[str | None, option("CAMERA")] = None
     """path or name; default: the product's, the stage's first, or one that frames the scene"""
     frames: Annotated[str | None, option("RANGE")] = None
@@ -67,7 +71,9 @@ class Options:
     settings: Annotated[str | None, option("/PRIM")] = None
     """RenderSettings to follow; default: the one the stage names, or its first"""
     product: Annotated[str | None, option("/PRIM")] = None
-    """draw only this RenderProduct of the settings"""
+    """draw only this RenderProduct of the settings; default: all, or with -o the first"""
+    frame: Annotated[str | None, option("FRAME")] = None
+    """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
     purposes: Annotated[str | None, option("NAMES")] = None
     """of default, render, proxy, guide, with commas between; default: default,render"""
     device: Annotated[str, option("NAME")] = "auto"
@@ -83,7 +89,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
-    from usdsplat.cli.drawing import draw_frames
+    from usdsplat.cli.drawing import draw_frames, why_nothing
     from usdsplat.cli.planning import plan
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
@@ -92,16 +98,17 @@ def run(options: Options) -> int:
     request = _request(options)
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report = []
+    report, told_empty = [], False
     with console.progress() as progress, on_compile(console.announce_compilation()):
         keep = ("/Render", *(p for p in (options.camera, options.settings) if p and p[0] == "/"))
-        stage = open_stage_or_capture(options.stage, options.opening, keep=keep, progress=progress)
+        stage = open_stage_or_capture(
+            options.stage, options.opening, frame=options.frame, keep=keep, progress=progress
+        )
         first = _frames(options, stage, ())[0]
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             pictures = plan(engine, request)
             frames = _frames(options, stage, pictures)
-            for warning in engine.warnings:
-                console.remark(warning)
+            _warn(engine)
             for drawn in draw_frames(
                 engine,
                 pictures,
@@ -110,12 +117,26 @@ def run(options: Options) -> int:
                 resume=options.resume,
                 progress=progress,
             ):
+                empty = "" if told_empty else why_nothing(engine, drawn)
+                if empty:
+                    told_empty = True
+                    console.remark(f"{drawn.path}: nothing is drawn: {empty}")
                 report.append(drawn)
                 if not options.json:
                     print(drawn.path, flush=True)
+    if not report:
+        console.remark("nothing to do: every file is there already")
     if options.json:
         console.print_json([{**asdict(drawn), "path": str(drawn.path)} for drawn in report])
     return 0
+
+
+def _warn(engine: Engine) -> None:
+    """Say what is left out. A camera that is broken is an error if it is used, else nothing."""
+    cameras = tuple(f"{path}: " for path in engine.cameras())
+    for warning in engine.warnings:
+        if not warning.startswith(cameras):
+            console.remark(warning)
 
 
 def _request(options: Options) -> Request:

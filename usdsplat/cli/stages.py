@@ -3,39 +3,69 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd
+from pxr import Sdf, Usd
 
+from usdsplat.cli import console
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.interchange.files import is_usd
+from usdsplat.interchange.files import composition_remarks, is_usd, open_layer, quiet
 from usdsplat.interchange.importing import import_capture
 
 _VARIANT = re.compile(r"(/[^:{}]*):([^=]+)=(.*)")
 
 
 def open_stage_or_capture(
-    path: Path, options: StageOptions, *, keep: tuple[str, ...] = (), progress: Progress = silent
+    path: Path,
+    options: StageOptions,
+    *,
+    frame: str | None = None,
+    keep: tuple[str, ...] = (),
+    progress: Progress = silent,
 ) -> Usd.Stage:
     """Open a stage as `open_stage` does, or import a capture onto a stage in memory.
 
+    Args:
+        path: A file that USD reads, or a capture.
+        options: As for `open_stage`; none for a capture.
+        frame: Where x, y and z of a capture point; None believes the file.
+        keep: As for `open_stage`.
+        progress: Told about reading a capture.
+
     Raises:
-        UsageError: If options for stages are given for a capture, and as `open_stage` does.
+        UsageError: If options for stages are given for a capture or the other way around, and as
+            `open_stage` does.
         FormatError: If a capture is not what it claims to be.
     """
     if is_usd(path):
+        if frame is not None:
+            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
         return open_stage(path, options, keep=keep)
-    if options != StageOptions():
-        raise UsageError(str(path), "options for stages with a capture", "a USD file")
+    check_no_stage_options(path, options)
     stage = Usd.Stage.CreateInMemory()
-    import_capture(path, stage, progress=progress)
+    import_capture(path, stage, frame=frame, progress=progress)
     return stage
+
+
+def check_no_stage_options(path: Path, options: StageOptions) -> None:
+    """Refuse what does nothing for a capture.
+
+    Raises:
+        UsageError: If an option was given, the first of them named.
+    """
+    for item in fields(options):
+        if getattr(options, item.name) != item.default:
+            flag = f"--{item.name.replace('_', '-')}"
+            raise UsageError(flag, f"a capture, {path}", "a stage")
 
 
 def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ()) -> Usd.Stage:
     """Open a stage; the file, and the session layer that was given, are only read.
+
+    What it could not be composed of is remarked on, a sentence each.
 
     Args:
         path: A file that USD reads.
@@ -46,33 +76,22 @@ def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ())
         StageError: If a layer cannot be opened, or has no prim, variant or layer of a given name.
         UsageError: If an option cannot be understood.
     """
-    root = _layer(path)
+    root = open_layer(path)
     session = Sdf.Layer.CreateAnonymous("session.usda")
     if options.session_layer:
-        session.subLayerPaths.append(_layer(options.session_layer).identifier)
+        session.subLayerPaths.append(open_layer(options.session_layer).identifier)
     mask = _mask(options.mask, keep)
-    stage = Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
-    if mask:
-        stage.ExpandPopulationMask()
-    _mute(stage, options.mute)
-    with Usd.EditContext(stage, session):
-        for text in options.variant:
-            _select(stage, text)
+    with quiet():
+        stage = Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
+        if mask:
+            stage.ExpandPopulationMask()
+        _mute(stage, options.mute)
+        with Usd.EditContext(stage, session):
+            for text in options.variant:
+                _select(stage, text)
+    for remark in composition_remarks(stage):
+        console.remark(remark)
     return stage
-
-
-def _layer(path: Path) -> Sdf.Layer:
-    """Open a layer, or say in a sentence why not."""
-    if not path.is_file():
-        raise StageError(str(path), "no such file", "a USD layer")
-    try:
-        return Sdf.Layer.FindOrOpen(str(path)) or _refused(path, "nothing that USD can read")
-    except Tf.ErrorException as error:
-        return _refused(path, error.args[0].commentary if error.args else "an error of USD's")
-
-
-def _refused(path: Path, found: str) -> Sdf.Layer:
-    raise StageError(str(path), " ".join(found.split()), "a USD layer")
 
 
 def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationMask | None:

@@ -13,6 +13,7 @@ from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import provenance
 from usdsplat.schema.validation import splat_fields
 
@@ -27,8 +28,7 @@ def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
         UnknownFormatError: If neither content nor suffix is known.
     """
     capture = formats.read(path, progress=progress)
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    size = sum(file.stat().st_size for file in files)
+    size = sum(file.stat().st_size for file in capture.files)
     return {
         "format": capture.format,
         "frame": capture.frame,
@@ -68,10 +68,17 @@ def of_stage(
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in described),
+        "splats_drawn": _drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
     }
+
+
+def _drawn(stage: Usd.Stage, time: float | None) -> int:
+    """Splats in a picture, as a render counts them: instances each, what is hidden not."""
+    with Engine(stage, time=time) as engine:
+        return sum(len(field.spec.cloud) for _, field, _ in engine.render_scene.drawn())
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:

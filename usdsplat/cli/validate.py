@@ -21,8 +21,9 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.parsing import option, time_code
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.core.wording import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,14 +44,16 @@ def run(options: Options) -> int:
     from usdsplat.cli.stages import open_stage
     from usdsplat.schema import validate
 
+    time = time_code(options.time)
     with console.progress() as progress:
         stage = open_stage(options.stage, options.opening)
-        findings = validate(stage, time=options.time, progress=progress)
+        findings = validate(stage, time=time, progress=progress)
     errors = sum(finding.severity == "error" for finding in findings)
+    warnings = len(findings) - errors
     if options.json:
         console.print_json([asdict(finding) for finding in findings])
     else:
         for finding in findings:
             print(f"{finding.severity}: {finding.message}\n  cure: {finding.cure}")
-        print(f"{options.stage}: {errors} errors, {len(findings) - errors} warnings")
+        print(f"{options.stage}: {counted(errors, 'error')}, {counted(warnings, 'warning')}")
     return 1 if errors else 0

@@ -18,6 +18,9 @@ Codes = npt.NDArray[np.integer[Any]]
 SMALL_LIMIT = math.sqrt(0.5)
 """No component of a unit quaternion but the largest exceeds this."""
 
+HALF_MAX = 65504.0
+"""Largest finite number of half precision; what rounds to more becomes infinite."""
+
 
 def sigmoid(x: Floats) -> Floats:
     """Logistic function, without overflow; keeps the dtype. -inf gives 0 and +inf gives 1."""

@@ -38,11 +38,6 @@ def multiply(a: Floats, b: Floats) -> Floats:
     )
 
 
-def conjugate(quaternions: Floats) -> Floats:
-    """The opposite rotation of unit quaternions, shape (..., 4)."""
-    return quaternions * np.array([1, -1, -1, -1], quaternions.dtype)
-
-
 def rotate(quaternions: Floats, vectors: Floats) -> Floats:
     """Rotate vectors (n, 3) by unit quaternions (n, 4); either may be a single row, broadcast."""
     w, u = quaternions[..., :1], quaternions[..., 1:]

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from usdsplat.core import covariance
 from usdsplat.core.cloud import F64
+from usdsplat.core.extent import extent
 from usdsplat.delegate.draw_list import DrawList, draw_list
 from usdsplat.delegate.specs import FieldSpec, InstanceSpec
 
-REACH = math.sqrt(2.0 * math.log(255.0))
-"""Standard deviations to where a fully opaque splat contributes nothing."""
 SUBJECT = 0.004
 """Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
 
@@ -51,18 +48,8 @@ def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
 
 def _extent(spec: FieldSpec) -> Box | None:
     """Bounds of what a cloud can touch, in its own space; None when it has no finite splat."""
-    cloud = spec.cloud
-    if len(cloud) == 0:
-        return None
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is left out below
-        sigma = np.sqrt(
-            np.einsum("nii->ni", covariance.from_scale_rotation(cloud.scales, cloud.rotations))
-        )
-        low, high = cloud.positions - REACH * sigma, cloud.positions + REACH * sigma
-    finite = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
-    if not finite.any():
-        return None
-    return low[finite].min(axis=0).astype(np.float64), high[finite].max(axis=0).astype(np.float64)
+    box = extent(spec.cloud)
+    return None if box is None else (box[0], box[1])
 
 
 def _subject(spec: FieldSpec) -> Box | None:

@@ -71,7 +71,7 @@ def read(path: str | Path, *, progress: Progress = silent) -> Capture:
         if module.recognises(path, head):
             return module.read(path, progress=progress)
     if path.is_dir():
-        raise UnknownFormatError(str(path), "a folder without meta.json", "a capture")
+        raise UnknownFormatError(str(path), "a directory without meta.json", "a capture")
     return _by_suffix(path, suffixes_read()).read(path, progress=progress)
 
 
@@ -124,7 +124,8 @@ def _by_suffix(path: Path, allowed: tuple[str, ...]) -> Format:
         if suffix in allowed:
             return module
     found = f"suffix {(suffix if fitting else path.suffix)!r}"
-    raise UnknownFormatError(str(path), found, f"one of {' '.join(allowed)}")
+    listed = [f"a folder with {end[1:]}" if end[0] == "/" else end for end in allowed]
+    raise UnknownFormatError(str(path), found, f"one of {', '.join(listed)}")
 
 
 def _head(path: Path) -> bytes:

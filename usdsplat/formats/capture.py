@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from usdsplat.core.cloud import SplatCloud
+
+UNKNOWN_AXES = "the file does not say where its axes point: 'rdf' is assumed, else try 'rub'"
+"""A note of every reader whose files have no word on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -16,6 +20,8 @@ class Capture:
     """The splats, every encoding undone, in the file's own frame and order."""
     format: str
     """Format and version, for people: "PLY", "SPZ 2"."""
+    files: tuple[Path, ...]
+    """What was read: one file, or those of an unpacked SOG that its `meta.json` names, and that."""
     frame: str
     """Where x, y and z point (`core.axes`): as the file says, else as files of its kind do."""
     antialiased: bool = False

@@ -18,7 +18,7 @@ from usdsplat.core.encoding import decode_smallest_three, dequantize
 from usdsplat.core.errors import FormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import rgb_to_dc
-from usdsplat.formats.capture import Capture
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
 from usdsplat.formats.ply_columns import harmonics
 from usdsplat.formats.ply_header import read_header
@@ -84,9 +84,10 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
     return Capture(
         cloud=cloud,
         format="compressed PLY",
+        files=(path,),
         frame="rdf",
         error_bounds=ERROR_BOUNDS,
-        notes=(*notes, *vertex.remarks()),
+        notes=(UNKNOWN_AXES, *notes, *vertex.remarks()),
     )
 
 

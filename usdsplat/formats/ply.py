@@ -21,7 +21,7 @@ from usdsplat.core.encoding import logit, sigmoid
 from usdsplat.core.errors import FormatError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats.capture import Capture
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling
 from usdsplat.formats.ply_columns import Columns, harmonics
 from usdsplat.formats.ply_header import Header, read_header
@@ -61,12 +61,13 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
     if missing:
         raise FormatError(str(path), f"no property {missing[0]} in element vertex", "one")
     cloud, dropped = _read_rows(str(path), table, progress)
-    notes = [*dropped, *table.remarks()]
+    notes = [UNKNOWN_AXES, *dropped, *table.remarks()]
     if "scale_2" not in types:
         notes.append("the file has no scale_2: its splats are flat discs (2DGS)")
     return Capture(
         cloud=cloud,
         format=f"PLY, {header.data_kind}",
+        files=(path,),
         frame="rdf",
         antialiased=_is_antialiased(header),
         notes=tuple(notes),

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.progress import Progress
 from usdsplat.core.sh import rgb_to_dc
-from usdsplat.formats.capture import Capture
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling
 from usdsplat.formats.ply_columns import Columns
 from usdsplat.formats.ply_header import Header
@@ -65,8 +65,9 @@ def read_points(path: Path, header: Header, table: Table, *, progress: Progress)
     return Capture(
         cloud=cloud,
         format=f"PLY points, {header.data_kind}",
+        files=(path,),
         frame="rdf",
-        notes=(note, *table.remarks()),
+        notes=(note, UNKNOWN_AXES, *table.remarks()),
     )
 
 

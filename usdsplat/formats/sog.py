@@ -21,7 +21,7 @@ from usdsplat.core.errors import FormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.formats import webp
-from usdsplat.formats.capture import Capture
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
 from usdsplat.formats.inflate import check_count
 from usdsplat.formats.sog_files import META, SogFiles, open_sog
@@ -75,6 +75,7 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
         check_count(files.source, meta.count, files.total_bytes)
         images = _read_images(files, meta)
         tables = _read_tables(files, meta)
+        paths = files.paths([META, *(name for s in meta.sections.values() for name in s.files)])
         _check_labels(files.source, images, tables)
     filling = Filling(str(path), meta.count, tables.degree)
     for rows in blocks(meta.count):
@@ -85,10 +86,11 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
     return Capture(
         cloud=cloud,
         format=f"SOG {meta.version}",
+        files=paths,
         frame="rdf",
         antialiased=meta.antialiased,
         error_bounds=ERROR_BOUNDS,
-        notes=notes,
+        notes=(UNKNOWN_AXES, *notes),
     )
 
 

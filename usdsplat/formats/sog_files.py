@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,6 +43,10 @@ class SogFiles(ABC):
         return data
 
     @abstractmethod
+    def paths(self, names: Iterable[str]) -> tuple[Path, ...]:
+        """The files on disk that hold these files of the SOG, each once."""
+
+    @abstractmethod
     def _read(self, name: str, most: int) -> bytes:
         """Up to `most` bytes of a file whose name is harmless."""
 
@@ -54,6 +58,9 @@ class _Folder(SogFiles):
         sizes = [entry.stat().st_size for entry in folder.iterdir() if entry.is_file()]
         super().__init__(str(folder), sum(sizes))
         self._folder = folder
+
+    def paths(self, names: Iterable[str]) -> tuple[Path, ...]:
+        return tuple(self._folder / name for name in dict.fromkeys(names))
 
     def _read(self, name: str, most: int) -> bytes:
         path = self._folder / name
@@ -68,8 +75,12 @@ class _Archive(SogFiles):
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         super().__init__(str(path), path.stat().st_size)
+        self._path = path
         self._archive = archive
         self._names = [info.filename for info in archive.infolist()]
+
+    def paths(self, names: Iterable[str]) -> tuple[Path, ...]:
+        return (self._path,)
 
     def _read(self, name: str, most: int) -> bytes:
         found = self._names.count(name)

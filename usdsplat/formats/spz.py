@@ -18,7 +18,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32
 from usdsplat.core.encoding import join_largest
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats.capture import Capture
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
 from usdsplat.formats.spz_container import (
     GZIP_MAGIC,
@@ -58,13 +58,14 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
     frame = stated_frame(source, records)
     cloud, notes = filling.cloud()
     if frame is None:
-        notes += ("the file does not say where its axes point: 'rdf' is assumed, else try 'rub'",)
+        notes += (UNKNOWN_AXES,)
     unknown = [f"{kind:#010x}" for kind in records if kind != COORDINATE_SYSTEM]
     if unknown:
         notes += (f"ignored extensions {', '.join(unknown)}",)
     return Capture(
         cloud=cloud,
         format=f"SPZ {container.header.version}",
+        files=(path,),
         frame=frame or "rdf",
         antialiased=container.header.is_antialiased,
         error_bounds=_error_bounds(container.header),

@@ -42,7 +42,6 @@ BRADFORD = np.array(
 )
 
 SRGB = (2.4, 0.055)
-LINEAR = (1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

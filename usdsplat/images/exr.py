@@ -1,10 +1,13 @@
 """OpenEXR files, written band by band: colour and data in one part, ids in another.
 
 Colour may be half; data channels beside it stay float32 in the same part, because EXR keeps a type
-for each channel. Ids are uint32 in a second part, written from uint32 arrays: on the way through a
-float buffer every id above 2^24 would change. A file takes one part after the other and a render
-makes them side by side, so ids wait in an unnamed file beside the target until the first part is
-complete: memory holds one band, whatever the size of the picture.
+for each channel. Colour that half cannot hold is clamped to +-65504, its largest number: an
+infinite pixel would spread through every filter that the picture goes through.
+
+Ids are uint32 in a second part, written from uint32 arrays: on the way through a float buffer every
+id above 2^24 would change. A file takes one part after the other and a render makes them side by
+side, so ids wait in an unnamed file beside the target until the first part is complete: memory
+holds one band, whatever the size of the picture.
 
 Source: OpenEXR's standard attributes; ASWF Color Interop IDs; OpenImageIO's notes on OpenEXR.
 """
@@ -14,21 +17,34 @@ from __future__ import annotations
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio
 
 import usdsplat
+from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
-from usdsplat.images.layout import Band, ImageLayout
+from usdsplat.images.layout import Band, ImageLayout, Metadata
 from usdsplat.images.writer import ROWS, ImageWriter
+
+Pixels = npt.NDArray[Any]
 
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
 """Those that keep float32 data as it is; dwaa and dwab lose a little in R, G and B only."""
+
+SHARED = (
+    "usdsplat:ids",
+    "worldToCamera",
+    "worldToNDC",
+    "screenWindowCenter",
+    "screenWindowWidth",
+)
+"""Entries that every part has: what ids stand for and where the camera is. Readers that look at one
+part only need them there."""
 
 
 class ExrWriter(ImageWriter):
@@ -57,6 +73,8 @@ class ExrWriter(ImageWriter):
         self._parts = [part for part in halves if part]
         specs = tuple(_spec(layout, part, compression) for part in self._parts)
         _label(specs[0], layout)
+        for spec in specs[1:]:
+            _attach(spec, {key: layout.metadata[key] for key in SHARED if key in layout.metadata})
         super().__init__(path, layout, specs)
 
     def __enter__(self) -> Self:
@@ -71,12 +89,20 @@ class ExrWriter(ImageWriter):
         return self
 
     def _append(self, y0: int, band: Band) -> None:
-        pixels = [_side_by_side([band[aov.name] for aov in part]) for part in self._parts]
+        pixels = [
+            _side_by_side([self._within_range(aov, band[aov.name]) for aov in part])
+            for part in self._parts
+        ]
         self._write_rows(y0, pixels[0])
         if len(pixels) > 1:
             self._spool_rows(pixels[1])
 
-    def _spool_rows(self, ids: npt.NDArray[np.generic]) -> None:
+    def _within_range(self, aov: Aov, values: Pixels) -> Pixels:
+        """Values that the channels of an AOV can hold; NaN stays NaN."""
+        is_half = _type_of(aov, self._layout) == "half"
+        return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
+
+    def _spool_rows(self, ids: Pixels) -> None:
         """Put ids aside until the first part is complete."""
         try:
             ids.tofile(self._spool)
@@ -99,7 +125,7 @@ class ExrWriter(ImageWriter):
             self._write_rows(y0, ids.reshape(rows, width, channels))
 
 
-def _side_by_side(arrays: list[npt.NDArray[np.generic]]) -> npt.NDArray[np.generic]:
+def _side_by_side(arrays: list[Pixels]) -> Pixels:
     """The channels of one part, shape (rows, width, channels), contiguous."""
     planes = [np.atleast_3d(array) for array in arrays]
     return np.ascontiguousarray(planes[0]) if len(planes) == 1 else np.concatenate(planes, axis=2)
@@ -134,7 +160,12 @@ def _label(spec: oiio.ImageSpec, layout: ImageLayout) -> None:
     spec.attribute("oiio:ColorSpace", name)
     spec.attribute("colorInteropID", name)
     spec.attribute("Software", f"usdsplat {usdsplat.__version__}")
-    for key, value in layout.metadata.items():
+    _attach(spec, layout.metadata)
+
+
+def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
+    """Add entries of the caller's."""
+    for key, value in metadata.items():
         if isinstance(value, tuple):
             kind = "matrix" if len(value) == 16 else f"float[{len(value)}]"
             spec.attribute(key, kind, tuple(float(number) for number in value))

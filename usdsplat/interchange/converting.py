@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 
 from usdsplat import formats
 from usdsplat.core import axes, edit
+from usdsplat.core.errors import OutputError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import FRAME, export_capture
@@ -50,7 +52,7 @@ def convert(
     Raises:
         UsdSplatError: As `import_capture`, `export_capture` and `repack` say.
     """
-    source, target = Path(source), Path(target)
+    source, target = Path(source), check_target(target)
     if not files.is_usd(source) and files.is_usd(target):
         return import_capture(
             source,
@@ -70,6 +72,23 @@ def convert(
             source, target, prim_path=prim_path, time=time, frame=frame or FRAME, progress=progress
         )
     return _between_captures(source, target, frame or FRAME, progress)
+
+
+def check_target(target: Path | str) -> Path:
+    """The target as a path, if its name says what it is to become.
+
+    Raises:
+        UnknownFormatError: If it says nothing that can be written.
+        OutputError: If it says that it is a folder.
+    """
+    path = Path(target)
+    if str(target).endswith(os.sep):
+        raise OutputError(str(target), "the name of a folder", "one of a file")
+    known = (*formats.suffixes_written(), *files.SUFFIXES)
+    if not path.name.lower().endswith(known):
+        found = f"suffix {path.suffix!r}"
+        raise UnknownFormatError(str(path), found, f"one of {', '.join(known)}")
+    return path
 
 
 def _between_captures(source: Path, target: Path, frame: str, progress: Progress) -> ExportReport:

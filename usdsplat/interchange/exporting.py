@@ -70,7 +70,7 @@ def export_capture(
         splats=len(cloud),
         degree=cloud.sh_degree,
         frame=frame,
-        notes=(*notes, *_losses(prims, cloud)),
+        notes=(*files.composition_remarks(stage), *notes, *_losses(prims, cloud)),
     )
 
 
@@ -122,7 +122,7 @@ def _in_world(prim: Usd.Prim, turn: F64, time: float | None) -> SplatCloud:
 
 def _losses(prims: list[Usd.Prim], cloud: SplatCloud) -> list[str]:
     """What capture files cannot say."""
-    notes = []
+    notes = unknown_color_spaces(prims)
     spaces = sorted({schema.color_space(prim) for prim in prims})
     if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
         listed = " and ".join(spaces)
@@ -133,6 +133,16 @@ def _losses(prims: list[Usd.Prim], cloud: SplatCloud) -> list[str]:
         if getattr(cloud, name) is not None:
             notes.append(f"{name} are not written")
     return notes
+
+
+def unknown_color_spaces(prims: list[Usd.Prim]) -> list[str]:
+    """A sentence for each field whose colours nobody can read."""
+    return [
+        f"{prim.GetPath()}: found colour space {schema.color_space(prim)!r}, expected one that USD "
+        "knows; the field is not drawn"
+        for prim in prims
+        if not schema.is_known_color_space(schema.color_space(prim))
+    ]
 
 
 def _code(time: float | None) -> Usd.TimeCode:

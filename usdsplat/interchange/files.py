@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd, UsdUtils
+from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
 import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
+from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.core.output import atomic_path
 
@@ -27,13 +29,61 @@ def open_stage(path: Path) -> Usd.Stage:
     Raises:
         StageError: If USD cannot read it.
     """
+    layer = open_layer(path)
+    with quiet():
+        return Usd.Stage.Open(layer)
+
+
+def open_layer(path: Path) -> Sdf.Layer:
+    """Open a layer.
+
+    Raises:
+        StageError: If USD cannot read it.
+    """
+    if path.is_dir():
+        raise StageError(str(path), "a directory", "a USD file")
     if not path.is_file():
         raise StageError(str(path), "no such file", "a USD file")
+    if path.name.lower().endswith(formats.suffixes_read()):
+        raise StageError(str(path), "a capture", "a USD file")
+    found = ""
     try:
-        return Usd.Stage.Open(str(path))
+        layer = Sdf.Layer.FindOrOpen(str(path))
     except Tf.ErrorException as error:
-        found = _sentence(error) or "nothing that USD can read"
-        raise StageError(str(path), found, "a USD file") from None
+        layer, found = None, _sentence(error)
+    if not layer:
+        raise StageError(str(path), found or "nothing that USD can read", "a USD file")
+    return layer
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what USD prints about composition from stderr: `composition_remarks` says it better.
+
+    USD prints from C++, to file descriptor 2 itself.
+    """
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def composition_remarks(stage: Usd.Stage) -> list[str]:
+    """One sentence for each thing that a stage could not be composed of; muting is no fault."""
+    said = [
+        " ".join(str(error).partition(" -- ")[0].split()).removesuffix("; skipping.").rstrip(".")
+        for error in stage.GetCompositionErrors()
+        if not isinstance(error, Pcp.ErrorMutedAssetPath)
+    ]
+    return sorted(set(said))
 
 
 def save(layer: Sdf.Layer, target: Path) -> None:

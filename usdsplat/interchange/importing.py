@@ -74,7 +74,7 @@ def import_capture(
     notes = (*capture.notes, *_assumptions(frame, meters_per_unit))
     progress.step("authoring", 0, 1)
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
-        sha256 = beside.submit(fingerprint, source)
+        sha256 = beside.submit(fingerprint, capture.files)
         prim = _author(stage, where, capture, placed, form=form, bake_axes=bake_axes)
     memory = provenance(source, sha256.result(), capture, form=form, axes=text, notes=notes)
     record(prim, memory)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -64,15 +64,13 @@ def add_form(prim: Usd.Prim, form: Form) -> None:
         prim.SetCustomDataByKey(f"{KEY}:error_bounds", bounds)
 
 
-def fingerprint(path: Path) -> str:
-    """SHA-256 of a capture; of a folder, over the names and fingerprints of its files, sorted."""
-    whole = _whole(path)
-    if whole.is_file():
-        return _digest(whole)
+def fingerprint(files: Sequence[Path]) -> str:
+    """SHA-256 of a file; of several, over their names and fingerprints, sorted by name."""
+    if len(files) == 1:
+        return _digest(files[0])
     total = hashlib.sha256()
-    for item in sorted(whole.iterdir()):
-        if item.is_file():
-            total.update(f"{item.name}\0{_digest(item)}\n".encode())
+    for path in sorted(files):
+        total.update(f"{path.name}\0{_digest(path)}\n".encode())
     return total.hexdigest()
 
 

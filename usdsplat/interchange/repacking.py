@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
+from usdsplat.interchange.exporting import unknown_color_spaces
 from usdsplat.interchange.provenance import add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
@@ -59,9 +61,12 @@ def repack(
     for done, (prim, time) in enumerate(work):
         progress.step("repacking", done, len(work))
         cloud = schema.fetch(prim, time)
-        schema.author(new, prim.GetPath(), cloud, form=form, time=time)
+        with _as_defined_as_before(after, prim.GetPath()):
+            schema.author(new, prim.GetPath(), cloud, form=form, time=time)
         splats += len(cloud)
     for prim in changed:
+        if not prim.IsDefined():
+            _inherit_purpose(prim, new.GetPrimAtPath(prim.GetPath()))
         add_form(new.GetPrimAtPath(prim.GetPath()), form)
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
@@ -72,7 +77,28 @@ def repack(
         samples=len(work),
         splats=splats,
         form=form,
+        notes=(*files.composition_remarks(stage), *unknown_color_spaces(fields)),
     )
+
+
+@contextmanager
+def _as_defined_as_before(layer: Sdf.Layer, path: Sdf.Path) -> Iterator[None]:
+    """Undo that authoring defines a prim and its ancestors.
+
+    Prototypes, which flattening keeps under an `over`, would show by themselves.
+    """
+    specs = [layer.GetPrimAtPath(prefix) for prefix in path.GetPrefixes()]
+    specifiers = [spec.specifier for spec in specs]
+    yield
+    for spec, specifier in zip(specs, specifiers, strict=True):
+        if spec.specifier != specifier:
+            spec.specifier = specifier
+
+
+def _inherit_purpose(old: Usd.Prim, new: Usd.Prim) -> None:
+    """In a prototype: it is seen below prims that nobody knows there, and whose purpose counts."""
+    if not UsdGeom.Imageable(old).GetPurposeAttr().HasAuthoredValue():
+        new.RemoveProperty(schema.tokens.PURPOSE)
 
 
 def _times(prim: Usd.Prim) -> Sequence[float | None]:

@@ -63,3 +63,4 @@ class RepackReport:
     splats: int
     """In all those clouds together."""
     form: str
+    notes: tuple[str, ...] = ()

@@ -23,6 +23,7 @@ from usdsplat.schema.field import (  # noqa: E402
 )
 from usdsplat.schema.hints import (  # noqa: E402
     color_space,
+    is_known_color_space,
     projection_mode,
     rasterize_mode,
     sorting_mode,
@@ -40,6 +41,7 @@ __all__ = [
     "error_bounds",
     "fetch",
     "form_of",
+    "is_known_color_space",
     "is_packed",
     "is_splat_field",
     "is_time_varying",

@@ -70,7 +70,14 @@ def array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> Array | None:
     """The value of an array attribute, in place where possible; None when there is none."""
     attribute = prim.GetAttribute(name)
     value = attribute.Get(code) if attribute else None
-    return None if value is None or not hasattr(value, "__len__") else from_vt(value)
+    return from_vt(value) if _is_array(value) else None
+
+
+def length(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> int:
+    """Number of values of an array attribute; 0 where it has none, or is no array."""
+    attribute = prim.GetAttribute(name)
+    value: Any = attribute.Get(code) if attribute else None
+    return len(value) if _is_array(value) else 0
 
 
 def rows(values: Array | None, count: int) -> Array | None:
@@ -137,6 +144,11 @@ def _default_or_earliest(prim: Usd.Prim) -> Usd.TimeCode:
         if attribute and attribute.Get() is not None:
             return Usd.TimeCode.Default()
     return Usd.TimeCode.EarliestTime()
+
+
+def _is_array(value: Any) -> bool:
+    """Whether a value of USD's is an array; text and None are not."""
+    return hasattr(value, "__len__") and not isinstance(value, str)
 
 
 def _same(first: Any, second: Any) -> bool:

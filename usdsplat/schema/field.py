@@ -100,7 +100,7 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
         return read(prim, attributes.time_code(prim, time))
     except UsdSplatError:
         raise
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         found = f"attributes of other types than the schema's ({error})"
         raise StageError(str(prim.GetPath()), found, "those of the schema") from error
 
@@ -123,8 +123,7 @@ def form_of(prim: Usd.Prim) -> Form:
     if is_packed(prim):
         return "packed"
     name = stock.source_name(prim, tokens.SH_COEFFICIENTS)
-    has_half = bool(prim.GetAttribute(name) and prim.GetAttribute(name).HasAuthoredValue())
-    return "half" if name == tokens.SH_COEFFICIENTS_HALF and has_half else "float"
+    return "half" if name == tokens.SH_COEFFICIENTS_HALF else "float"
 
 
 def is_time_varying(prim: Usd.Prim) -> bool:

@@ -63,7 +63,8 @@ def author(
 def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
     """Read a packed prim, interpolated between samples as the stage's interpolation says.
 
-    Where the numbers of splats of two samples differ, the earlier one is held, as USD does.
+    Where two samples differ in their number of splats or in degree, the earlier one is held: USD
+    does so with arrays whose lengths differ.
 
     Raises:
         StageError: If the layout is not one we know, or an array is missing or too short.
@@ -73,10 +74,9 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
         raise _unfit(prim, tokens.PACKING, repr(token), repr(packing.TOKEN))
     centres = attributes.array(prim, tokens.POSITIONS, code)
     positions = np.empty((0, 3), np.float32) if centres is None else as_float32(centres)
-    attribute = prim.GetAttribute(tokens.PACKED)
-    around = attributes.bracket(attribute, code)
+    around = attributes.bracket(prim.GetAttribute(tokens.PACKED), code)
     cloud = _decode(prim, around.lower, positions, code)
-    if not around.fraction or _length(attribute, around.lower) != _length(attribute, around.upper):
+    if not around.fraction or _shape(prim, around.lower) != _shape(prim, around.upper):
         return cloud
     return _mix(cloud, _decode(prim, around.upper, positions, code), around.fraction)
 
@@ -133,10 +133,9 @@ def _mix(before: SplatCloud, after: SplatCloud, t: float) -> SplatCloud:
     return after
 
 
-def _length(attribute: Usd.Attribute, sample: Usd.TimeCode) -> int:
-    """Number of packed splats in a sample."""
-    value = attribute.Get(sample)
-    return 0 if value is None else len(value)
+def _shape(prim: Usd.Prim, sample: Usd.TimeCode) -> tuple[int, int]:
+    """Number of packed splats in a sample, and their degree."""
+    return attributes.length(prim, tokens.PACKED, sample), attributes.degree(prim, sample)
 
 
 def _nothing(degree: int) -> SplatCloud:

@@ -53,11 +53,6 @@ ROTATION_ERROR = math.radians(0.01)
 """[radian]"""
 SCALE_ERROR = 2.0 ** (1 / 2048) - 1
 """Relative, for scales of 2^-32 to 2^32 [scene unit]."""
-OPACITY_ERROR = 1 / 1022
-COLOR_ERROR = 1 / 510
-"""In units of a channel's upper minus lower end."""
-HARMONICS_ERROR = 1 / 254
-"""In units of the degree's range."""
 
 BOUNDS = {
     "rotations": "0.01 degrees",

@@ -19,9 +19,9 @@ _Type = Sdf.ValueTypeNames
 def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
     """Write at most MAX_POINTS of the splats as a UsdGeomPoints child of purpose "proxy".
 
-    The field itself gets purpose "render", unless it has another, and names the child as its
-    `proxyPrim`, so that a viewer shows one of the two. The fewer points there are, the larger they
-    are.
+    The field itself gets purpose "render", unless it has or inherits another, and names the child
+    as its `proxyPrim`, so that a viewer shows one of the two. The fewer points there are, the
+    larger they are.
 
     Args:
         prim: The packed prim.
@@ -44,7 +44,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
         (tokens.EXTENT, _Type.Float3Array, Vt.Vec3fArray, _extent(centres, widths)),
     ):
         set_array(child, name, kind, to_vt(value, vt_kind), code)
-    if UsdGeom.Imageable(prim).GetPurposeAttr().Get() == UsdGeom.Tokens.default_:
+    if UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.default_:
         set_uniform(prim, tokens.PURPOSE, _Type.Token, UsdGeom.Tokens.render)
     prim.CreateRelationship(tokens.PROXY_PRIM, custom=False).SetTargets([child.GetPath()])
 
@@ -56,7 +56,8 @@ def remove(prim: Usd.Prim) -> None:
     if child and child.typeName == "Points":
         stage.RemovePrim(path)
         prim.RemoveProperty(tokens.PROXY_PRIM)
-        prim.RemoveProperty(tokens.PURPOSE)
+        if prim.GetAttribute(tokens.PURPOSE).Get() == UsdGeom.Tokens.render:
+            prim.RemoveProperty(tokens.PURPOSE)
 
 
 def _extent(centres: np.ndarray, widths: np.ndarray) -> np.ndarray:

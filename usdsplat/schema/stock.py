@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import UsageError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.schema import attributes, tokens
@@ -30,7 +31,6 @@ HALF_BOUNDS = {
     "sh": "0.05 %",
 }
 """Field of the cloud -> what half adds to its error."""
-HALF_MAX = 65504.0
 HALF_TINY = 2.0**-24
 
 _UNIT_TOLERANCE = 1e-5  # of the squared length; above it, quaternions are normalised
@@ -120,13 +120,20 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
 
 
 def source_name(prim: Usd.Prim, name: str) -> str:
-    """Which of the two precisions counts: float, unless it is empty at its earliest time.
+    """Which of the two precisions counts: float, unless only half says anything at the beginning.
 
-    Source: the rule of usdVol's `UsesFloat...()`, which Python does not wrap.
+    Source: the rule of usdVol's `UsesFloat...()`, which Python does not wrap: float if it has
+    values at its earliest time. Unlike there, float counts too where half has no value at all: a
+    field that grows from nothing has an empty first sample.
     """
-    attribute = prim.GetAttribute(name)
-    value = attribute.Get(Usd.TimeCode.EarliestTime()) if attribute else None
-    return name if value is not None and len(value) else tokens.HALF_OF[name]
+    twin = prim.GetAttribute(tokens.HALF_OF[name])
+    has_twin = bool(twin) and twin.HasAuthoredValue()
+    return tokens.HALF_OF[name] if has_twin and begins_empty(prim, name) else name
+
+
+def begins_empty(prim: Usd.Prim, name: str) -> bool:
+    """Whether an array has no values at its earliest time."""
+    return attributes.length(prim, name, Usd.TimeCode.EarliestTime()) == 0
 
 
 def _array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> npt.NDArray[Any] | None:

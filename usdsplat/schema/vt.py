@@ -54,12 +54,13 @@ def from_vt(value: Any) -> Array:
         The array with its own dtype; quaternions as (w, x, y, z), shape (n, 4), in a new array.
     """
     array = np.asarray(value)
-    return array[:, _FROM_VT] if isinstance(value, _QUATERNIONS) else array
+    # Not array[:, _FROM_VT]: that puts columns after one another, and kernels would copy it back.
+    return np.take(array, _FROM_VT, axis=1) if isinstance(value, _QUATERNIONS) else array
 
 
 def as_float32(array: Array) -> F32:
-    """The same numbers in float32; no copy when they are already."""
-    return array.astype(np.float32, copy=False)
+    """The same numbers in float32, row after row; no copy when they are so already."""
+    return np.ascontiguousarray(array, np.float32)
 
 
 def _writable(fresh: Any) -> Array:

@@ -175,7 +175,7 @@ def test_a_message_counts_the_bad_splats_and_names_the_first(stage: Usd.Stage) -
     """Oracle: the numbers that were put there."""
     prim = schema.author(stage, "/Splats", cloud(n=20))
     setting("opacities", put(slice(4, 6), 2.5))(prim)
-    assert found(stage)["opacityRange"].found == "2 of 20 (first: splat 4, 2.5)"
+    assert found(stage)["opacityRange"].found == "2 of 20 (first: 2.5 at splat 4)"
 
 
 def test_degree_four_is_only_a_warning_for_others(stage: Usd.Stage) -> None:
@@ -279,3 +279,150 @@ def test_an_extent_of_nothing_but_bad_splats_is_not_judged(stage: Usd.Stage) -> 
     prim = schema.author(stage, "/Splats", cloud(n=1))
     setting("positions", put(0, np.nan))(prim)
     assert set(found(stage)) == {"notFinite"}
+
+
+def test_an_array_that_begins_empty_is_a_warning_for_others(stage: Usd.Stage) -> None:
+    """Oracle: usdVol's rule asks whether the float array has values at its earliest time."""
+    for time, count in ((1, 0), (2, 7), (3, 7)):
+        prim = schema.author(stage, "/Splats", cloud(n=count), time=time)
+    faults = [f for f in validate(stage) if f.name == "emptyFirst"]
+    assert {f.attribute for f in faults} == set(tokens.HALF_OF)
+    assert {(f.severity, f.time, f.samples) for f in faults} == {("warning", 2, 2)}
+    for name in tokens.HALF_OF:
+        prim.GetAttribute(name).ClearAtTime(1)
+    assert not [f for f in validate(stage) if f.name == "emptyFirst"]
+
+
+WRONG_VALUES = {
+    "string": "x",
+    "float": 1.5,
+    "string[]": Vt.StringArray(["x", "y"]),
+    "float[]": Vt.FloatArray([1, 2, 3]),
+    "int[]": Vt.IntArray([1, 2, 3]),
+    "double3[]": Vt.Vec3dArray([(1, 2, 3)] * 20),
+    "quatf[]": Vt.QuatfArray([Gf.Quatf(1, 0, 0, 0)] * 20),
+    "matrix4d[]": Vt.Matrix4dArray(2),
+}
+TYPES = {
+    "float": {
+        "positions": "point3f[]",
+        "orientations": "quatf[]",
+        "scales": "float3[]",
+        "opacities": "float[]",
+        SH: "float3[]",
+        tokens.SH_DEGREE: "int",
+        "ids": "int64[]",
+        "velocities": "vector3f[]",
+        "extent": "float3[]",
+    },
+    "half": {
+        "orientationsh": "quath[]",
+        "scalesh": "half3[]",
+        "opacitiesh": "half[]",
+        SH + "h": "half3[]",
+    },
+    "packed": {
+        "positions": "point3f[]",
+        tokens.PACKED: "int4[]",
+        tokens.COLOR_RANGE: "float3[]",
+        tokens.PACKED_HARMONICS: "int4[]",
+        tokens.HARMONICS_RANGE: "float[]",
+        tokens.SH_DEGREE: "int",
+        "ids": "int64[]",
+        "velocities": "vector3f[]",
+        "extent": "float3[]",
+    },
+}
+MISTYPED = [
+    (form, attribute, expected, wrong)
+    for form, types in TYPES.items()
+    for attribute, expected in types.items()
+    for wrong in WRONG_VALUES
+    if wrong != expected
+]
+
+
+def mistype(prim: Usd.Prim, attribute: str, kind: str) -> None:
+    """Say in the layer that an attribute has another type, with a value of that type."""
+    prim.RemoveProperty(attribute)
+    spec = prim.GetPrimStack()[0]
+    wrong = Sdf.AttributeSpec(spec, attribute, Sdf.GetValueTypeNameForValue(WRONG_VALUES[kind]))
+    wrong.default = WRONG_VALUES[kind]
+
+
+@pytest.mark.parametrize(("form", "attribute", "expected", "wrong"), MISTYPED)
+def test_a_wrong_type_is_all_that_is_said_of_an_attribute(
+    stage: Usd.Stage, form: str, attribute: str, expected: str, wrong: str
+) -> None:
+    """Oracle: the types in usdVol's schema, and in ours."""
+    prim = schema.author(stage, "/Splats", cloud(n=20, moving=True), form=form)
+    mistype(prim, attribute, wrong)
+    (finding,) = (f for f in validate(stage) if f.attribute == attribute)
+    assert (finding.severity, finding.name) == ("error", "wrongType")
+    assert finding.found == ("double" if wrong == "float" else wrong)
+    assert finding.expected == expected
+    names = {f.name for f in validate(stage) if f.path == "/Splats"}
+    assert names <= {"wrongType", "halfOnly"}
+
+
+@pytest.mark.parametrize("kind", WRONG_VALUES)
+@pytest.mark.parametrize(
+    "attribute", ["colorSpace:name", tokens.PACKING, tokens.RASTERIZE_MODE, "sortingModeHint"]
+)
+def test_a_token_of_a_wrong_type_ends_in_findings(
+    stage: Usd.Stage, attribute: str, kind: str
+) -> None:
+    """Oracle: the finding about a token that nobody knows; nothing is raised."""
+    prim = schema.author(stage, "/Splats", cloud(n=5), form="packed")
+    mistype(prim, attribute, kind)
+    known = {"colorSpace:name": "unknownColorSpace", tokens.PACKING: "unknownPacking"}
+    names = [f.name for f in validate(stage) if f.path == "/Splats"]
+    assert names == [known.get(attribute, "unknownMode")]
+
+
+def test_roles_of_vectors_may_differ(stage: Usd.Stage) -> None:
+    """Oracle: point3f and float3 are the same numbers in memory."""
+    prim = schema.author(stage, "/Splats", cloud(n=5))
+    value = prim.GetAttribute("positions").Get()
+    prim.RemoveProperty("positions")
+    spec = Sdf.AttributeSpec(prim.GetPrimStack()[0], "positions", Sdf.ValueTypeNames.Float3Array)
+    spec.default = value
+    assert [f for f in validate(stage) if f.path == "/Splats"] == []
+
+
+def test_what_is_compared_is_dated_by_what_changes(stage: Usd.Stage) -> None:
+    """Oracle: 20 opacities that do not change, beside 20 centres at 1 and 21 at 2."""
+    prim = schema.author(stage, "/Splats", cloud(n=20))
+    positions = prim.GetAttribute("positions")
+    for time, count in ((1, 20), (2, 21)):
+        positions.Set(Vt.Vec3fArray(count, Gf.Vec3f(0)), time)
+    short = {each.attribute: each for each in validate(stage) if each.name == "tooShort"}
+    finding = short["opacities"]
+    assert finding.time == 2
+    assert ".opacities at 2: found 20 values, expected 21 values" in finding.message
+
+
+@pytest.mark.parametrize("name", ["projectionModeHint", "sortingModeHint"])
+def test_a_hint_that_nobody_knows_is_found(stage: Usd.Stage, name: str) -> None:
+    """Oracle: the schema's allowed tokens."""
+    schema.author(stage, "/Splats", cloud(n=20)).GetAttribute(name).Set("sideways")
+    finding = found(stage)["unknownMode"]
+    assert (finding.attribute, finding.found) == (name, "'sideways'")
+
+
+def test_a_stage_that_does_not_say_how_large_it_is_is_warned_of() -> None:
+    """Oracle: USD's own question whether the metadata is authored; without splats nobody cares."""
+    bare = Usd.Stage.CreateInMemory()
+    assert validate(bare) == []
+    schema.author(bare, "/Splats", cloud(n=20))
+    names = [(each.severity, each.name) for each in validate(bare) if each.path == "/"]
+    assert names == [("warning", "noUpAxis"), ("warning", "noMetersPerUnit")]
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_too_large_for_float32_are_judged_in_silence(stage: Usd.Stage) -> None:
+    """Oracle: NumPy's warnings would be errors here."""
+    prim = schema.author(stage, "/Splats", cloud(n=20))
+    setting("positions", put(0, 1e30))(prim)
+    setting("scales", put(0, 1e30))(prim)
+    assert "extentTooSmall" in {finding.name for finding in validate(stage)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
 from pxr import Usd
 
 from usdsplat.core.progress import Progress, silent
@@ -30,8 +31,20 @@ VALIDATORS = {
 """Validator -> what it validates."""
 
 CHECKS: dict[str, Sequence[Check]] = {
-    "SplatArrays": (arrays.lengths, arrays.values, arrays.identities, arrays.half_only),
-    "SplatRadiance": (radiance.degree, radiance.coefficients, radiance.color_space),
+    "SplatArrays": (
+        arrays.value_types,
+        arrays.first_samples,
+        arrays.lengths,
+        arrays.values,
+        arrays.identities,
+        arrays.half_only,
+    ),
+    "SplatRadiance": (
+        radiance.degree,
+        radiance.coefficients,
+        radiance.color_space,
+        radiance.modes,
+    ),
     "SplatExtent": (box.extent,),
     "SplatPacking": (packing.layout, packing.arrays, packing.ranges),
 }
@@ -49,8 +62,8 @@ def validate(
         progress: Told about each field.
 
     Returns:
-        Findings in the order of the prims, each fault of an attribute once however many samples
-        have it; empty when all is well.
+        Findings in the order of the prims, the stage last, each fault of an attribute once however
+        many samples have it; empty when all is well.
     """
     fields = list(splat_fields(stage))
     checks = [check for group in CHECKS.values() for check in group]
@@ -60,7 +73,7 @@ def validate(
         codes = None if time is None else [Usd.TimeCode(time)]
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
-    return findings
+    return [*findings, *_stage_metadata(stage)] if fields else []
 
 
 def check_field(
@@ -71,7 +84,9 @@ def check_field(
     for code in sample_codes(prim) if codes is None else codes:
         sample = Sample(prim, code)
         for check in checks:
-            for finding in check(sample):
+            for finding in _quietly(check, sample):
+                if finding.name != arrays.WRONG_TYPE and not sample.is_typed(finding.attribute):
+                    continue  # nothing else can be said about it
                 key = (finding.attribute, finding.name)
                 seen = merged.get(key)
                 merged[key] = replace(seen, samples=seen.samples + 1) if seen else finding
@@ -79,6 +94,27 @@ def check_field(
         finding if finding.time is not None else replace(finding, samples=1)
         for finding in merged.values()
     ]
+
+
+def _quietly(check: Check, sample: Sample) -> list[Finding]:
+    """What a check finds; numbers too large for NumPy are among what it looks for."""
+    with np.errstate(all="ignore"):
+        return list(check(sample))
+
+
+def _stage_metadata(stage: Usd.Stage) -> Iterator[Finding]:
+    """Without these nobody knows how a capture stands or how large it is."""
+    for name, assumed in (("upAxis", "Y"), ("metersPerUnit", "0.01")):
+        if not stage.HasAuthoredMetadata(name):
+            yield Finding(
+                severity="warning",
+                path="/",
+                attribute="",
+                name=f"no{name[0].upper()}{name[1:]}",
+                found=f"no {name}, so that it is taken for {assumed}",
+                expected=f"{name} in the root layer",
+                cure=f"author {name} in the root layer",
+            )
 
 
 def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:

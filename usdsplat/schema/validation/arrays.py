@@ -8,17 +8,49 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.schema import tokens
+from usdsplat.core.wording import counted
+from usdsplat.schema import stock, tokens
 from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.value_types import actual_type, expected_type
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a quaternion may be from 1; the bound of NVIDIA's rule VG.035."""
+
+WRONG_TYPE = "wrongType"
+"""Of a finding about the type of an attribute."""
+
+_STOCK = (*tokens.HALF_OF, tokens.SH_DEGREE)
+_PACKED = (tokens.POSITIONS, *tokens.PACKED_ARRAYS, tokens.SH_DEGREE)
+_BOTH = (tokens.IDS, tokens.VELOCITIES, tokens.EXTENT)
 
 _WITHOUT = {
     tokens.ORIENTATIONS: "no rotation",
     tokens.SCALES: "unit scale",
     tokens.OPACITIES: "full opacity",
 }
+
+
+def value_types(sample: Sample) -> Iterator[Finding]:
+    """Values have the types that the schema gives them."""
+    for attribute in (*(_PACKED if sample.is_packed else _STOCK), *_BOTH):
+        name = sample.name(attribute)
+        if not sample.is_typed(name):
+            found, expected = actual_type(sample.value(name)), expected_type(name)
+            cure = f"author it as {expected}; with another type it is ignored, or the whole field"
+            yield sample.finding("error", name, WRONG_TYPE, f"{found}", f"{expected}", cure)
+
+
+def first_samples(sample: Sample) -> Iterator[Finding]:
+    """The first sample has values, or others take the array for one that is stored as half."""
+    for attribute in () if sample.is_packed else tokens.HALF_OF:
+        if sample.name(attribute) != attribute or not len(sample.numbers(attribute)):
+            continue
+        if stock.begins_empty(sample.prim, attribute):
+            half = tokens.HALF_OF[attribute]
+            found = "values after an empty first sample"
+            expected = f"values in the first one too, or readers by USD's rule look for {half}"
+            cure = "begin with at least one splat, if only one of opacity 0"
+            yield sample.finding("warning", attribute, "emptyFirst", found, expected, cure)
 
 
 def lengths(sample: Sample) -> Iterator[Finding]:
@@ -84,15 +116,16 @@ def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterato
     values = sample.array(attribute)
     found = 0 if values is None else len(values)
     name = sample.name(attribute)
+    expected = counted(n, "value")
     if values is None:
         cure = f"author it; {consequence}"
-        yield sample.finding("warning", name, "missing", "no value", f"{n} values", cure)
+        yield sample.finding("warning", name, "missing", "no value", expected, cure)
     elif found < n:
         cure = f"author one value for each centre; {consequence}"
-        yield sample.finding("error", name, "tooShort", f"{found} values", f"{n} values", cure)
+        yield sample.finding("error", name, "tooShort", counted(found, "value"), expected, cure)
     elif found > n:
         cure = "author one value for each centre; readers cut the rest off"
-        yield sample.finding("warning", name, "tooLong", f"{found} values", f"{n} values", cure)
+        yield sample.finding("warning", name, "tooLong", counted(found, "value"), expected, cure)
 
 
 def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
@@ -139,7 +172,7 @@ def _quaternions(sample: Sample) -> Iterator[Finding]:
             "error",
             sample.name(tokens.ORIENTATIONS),
             "notUnit",
-            _rows(bad, lengths),
+            _rows(bad, lengths, "norm "),
             f"length 1 within {UNIT_TOLERANCE:g}",
             "normalise the quaternions",
         )
@@ -160,8 +193,8 @@ def _opacities(sample: Sample) -> Iterator[Finding]:
         )
 
 
-def _rows(bad: Any, numbers: F32) -> str:
-    """How many rows are bad, and the first of them."""
+def _rows(bad: Any, numbers: F32, what: str = "") -> str:
+    """How many rows are bad, and the first of them, whose numbers are `what`."""
     first = int(np.argmax(bad))
     value = " ".join(f"{x:g}" for x in np.atleast_1d(numbers[first])[:4])
-    return f"{int(bad.sum())} of {len(bad)} (first: splat {first}, {value})"
+    return f"{int(bad.sum())} of {len(bad)} (first: {what}{value} at splat {first})"

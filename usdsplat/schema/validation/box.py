@@ -7,25 +7,27 @@ from collections.abc import Iterator
 import numpy as np
 
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.wording import counted
 from usdsplat.schema import tokens
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.field import fetch
 from usdsplat.schema.validation.finding import Finding, Sample
 
 _TOLERANCE = 1e-4  # of the diagonal
+_SHAPE = (tokens.ORIENTATIONS, tokens.SCALES)
 _CURE = "author what usdsplat.schema.compute_extent returns, for every sample that moves"
 
 
 def extent(sample: Sample) -> Iterator[Finding]:
     """USD computes no box for splats: without `extent` bounds are empty, with a small one wrong."""
-    if not sample.count:
-        return
+    if not sample.count or not all(sample.is_typed(sample.name(name)) for name in _SHAPE):
+        return  # nobody knows how far the splats reach
     box = sample.array(tokens.EXTENT)
     if box is None:
         yield sample.finding("error", tokens.EXTENT, "noExtent", "no value", "two corners", _CURE)
         return
     if len(box) != 2:
-        found = f"{len(box)} values"
+        found = counted(len(box), "value")
         yield sample.finding("error", tokens.EXTENT, "extentSize", found, "two corners", _CURE)
         return
     try:

@@ -11,11 +11,17 @@ from pxr import Usd
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.sh import coefficient_count
+from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, stock, tokens
 from usdsplat.schema.field import is_packed
+from usdsplat.schema.validation.value_types import fits
 from usdsplat.schema.vt import as_float32
 
 Severity = Literal["error", "warning"]
+
+
+COMPARED = {"tooShort", "tooLong", "coefficientCount", "packedCount", "extentTooSmall"}
+"""Names of findings that depend on other attributes as well, and so on those attributes' times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +51,7 @@ class Finding:
         if self.time is not None:
             where += f" at {self.time:g}"
         if self.samples > 1:
-            where += f" (and {self.samples - 1} more samples)"
+            where += f" (and {counted(self.samples - 1, 'more sample')})"
         return f"{where}: found {self.found}, expected {self.expected}"
 
 
@@ -68,9 +74,19 @@ class Sample:
         source = self.prim.GetAttribute(stock.source_name(self.prim, attribute))
         return str(source.GetName()) if source and source.HasAuthoredValue() else attribute
 
+    def value(self, name: str) -> Any:
+        """The value of an attribute, whether it counts or not; None when there is none."""
+        attribute = self.prim.GetAttribute(name) if name else None
+        return attribute.Get(self.code) if attribute else None
+
+    def is_typed(self, name: str) -> bool:
+        """Whether the attribute has the type that the schema says, or no value at all."""
+        return fits(name, self.value(name))
+
     def array(self, attribute: str) -> npt.NDArray[Any] | None:
-        """The value of the attribute that counts; None when there is none."""
-        return attributes.array(self.prim, self.name(attribute), self.code)
+        """The value of the attribute that counts; None when there is none of the right type."""
+        name = self.name(attribute)
+        return attributes.array(self.prim, name, self.code) if self.is_typed(name) else None
 
     def numbers(self, attribute: str) -> F32:
         """The same in float32, without rows where there is none."""
@@ -85,8 +101,9 @@ class Sample:
 
     @property
     def degree(self) -> int:
-        """Degree of the harmonics as written."""
-        return attributes.degree(self.prim, self.code)
+        """Degree of the harmonics as written; -1 where that is no whole number."""
+        is_number = self.is_typed(tokens.SH_DEGREE)
+        return attributes.degree(self.prim, self.code) if is_number else -1
 
     @property
     def coefficients(self) -> int:
@@ -97,7 +114,10 @@ class Sample:
         self, severity: Severity, attribute: str, name: str, found: str, expected: str, cure: str
     ) -> Finding:
         """A finding about this sample."""
-        varies = attribute and self.prim.GetAttribute(attribute).GetNumTimeSamples() > 0
+        names = {attribute} if attribute else set()
+        if name in COMPARED:
+            names |= tokens.DATA_ATTRIBUTES
+        varies = bool(attributes.sample_times(self.prim, names))
         return Finding(
             severity=severity,
             path=str(self.prim.GetPath()),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from usdsplat.core.sh import MAX_DEGREE
+from usdsplat.core.wording import counted
 from usdsplat.schema import packing, tokens
 from usdsplat.schema.validation.finding import Finding, Sample
 
@@ -48,8 +49,8 @@ def arrays(sample: Sample) -> Iterator[Finding]:
                 "error" if found < expected else "warning",
                 name,
                 "packedCount",
-                f"{found} values",
-                f"{expected} ({n} splats of degree {degree})",
+                counted(found, "value"),
+                f"{expected} ({counted(n, 'splat')} of degree {degree})",
                 _CURE,
             )
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pxr import UsdGeom
 
 from usdsplat.core.sh import MAX_DEGREE
+from usdsplat.core.wording import counted
 from usdsplat.schema import hints, tokens
 from usdsplat.schema.validation.finding import Finding, Sample
 
@@ -51,8 +52,8 @@ def coefficients(sample: Sample) -> Iterator[Finding]:
             "error" if short else "warning",
             name,
             "coefficientCount",
-            f"{len(values)} coefficients",
-            f"{expected} ({sample.count} splats of degree {sample.degree})",
+            counted(len(values), "coefficient"),
+            f"{expected} ({counted(sample.count, 'splat')} of degree {sample.degree})",
             cure + ("draw grey instead" if short else "cut the rest off"),
         )
     yield from _metadata(sample, name)
@@ -76,6 +77,21 @@ def color_space(sample: Sample) -> Iterator[Finding]:
             "a name from Gf.ColorSpaceNames",
             f"write {tokens.COLOR_SPACE_ALIASES[name]!r}" if known else cure,
         )
+
+
+def modes(sample: Sample) -> Iterator[Finding]:
+    """What it says about how to be drawn is said in the schema's words."""
+    for name, allowed in (
+        (tokens.PROJECTION_MODE, tokens.PROJECTION_MODES),
+        (tokens.SORTING_MODE, tokens.SORTING_MODES),
+        (tokens.RASTERIZE_MODE, tokens.RASTERIZE_MODES),
+    ):
+        attribute = sample.prim.GetAttribute(name)
+        value = attribute.Get() if attribute else None
+        if value is not None and value not in allowed:
+            expected = f"one of {', '.join(allowed)}"
+            cure = f"author one of these; readers take it for {allowed[0]}"
+            yield sample.finding("error", name, "unknownMode", repr(value), expected, cure)
 
 
 def _metadata(sample: Sample, name: str) -> Iterator[Finding]:
