@@ -66,6 +66,10 @@ class _Clock:
 
     def __init__(self, stats: FrameStats) -> None:
         self._stats = stats
+        self.resume()
+
+    def resume(self) -> None:
+        """Book nothing for the time since the last lap: the caller had its turn."""
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def lap(self, stage: str) -> None:
@@ -140,6 +144,7 @@ class Renderer:
                     clock.lap("recolor")
                 self.stats = stats
                 yield Band(y0, y1, {name: arrays[name] for name in aovs})
+                clock.resume()
         finally:
             if not self._closed:
                 self._idle.append(scratch)
