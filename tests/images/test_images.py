@@ -6,6 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -46,21 +47,24 @@ def test_looking_up_a_color_loads_no_image_library():
     assert not {"OpenImageIO", "pxr", "numba", "colour"} & set(run.stdout.split())
 
 
-@pytest.fixture
+@contextmanager
 def small_disk():
-    """For the length of a test, no file may grow beyond 4096 bytes."""
+    """No file may grow beyond 4096 bytes. For a few lines only: where the tests' own output goes to
+    a file, it is one of them."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
 
 
 @pytest.mark.parametrize(
     ("name", "aovs"), [("a.png", ("color",)), ("a.exr", ("color",)), ("a.exr", ("color", "id"))]
 )
-def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, small_disk, name, aovs):
+def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, name, aovs):
     """Oracle: the folder, empty as before, and a sentence that names the file."""
     rng = np.random.default_rng(0)
     band = {
@@ -69,6 +73,7 @@ def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, small_d
     }
     layout = ImageLayout(resolution=(64, 64), aovs=aovs, color_space="srgb_rec709_display")
     with (
+        small_disk(),
         pytest.raises(OutputError, match=rf"{name}: found .+, expected a p") as caught,
         images.open_writer(tmp_path / name, layout) as writer,
     ):
@@ -77,7 +82,7 @@ def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, small_d
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ids_that_cannot_wait_are_a_sentence(tmp_path, small_disk):
+def test_ids_that_cannot_wait_are_a_sentence(tmp_path):
     """Oracle: the ids of this picture alone are larger than the disk; the colours are not."""
     layout = ImageLayout(resolution=(64, 64), aovs=("color", "id"))
     band = {
@@ -85,6 +90,7 @@ def test_ids_that_cannot_wait_are_a_sentence(tmp_path, small_disk):
         "id": np.zeros((64, 64), np.uint32),
     }
     with (
+        small_disk(),
         pytest.raises(OutputError, match="no room for ids beside it, expected a place with room"),
         images.open_writer(tmp_path / "a.exr", layout) as writer,
     ):
