@@ -20,8 +20,9 @@ from rich.table import Table
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange import import_capture
+from usdsplat.schema import Form
 
-FORMS = ("float", "half", "packed")
+FORMS: tuple[Form, ...] = ("float", "half", "packed")
 REPEATS = 3
 
 
@@ -68,8 +69,8 @@ def main(count: int = 1_000_000) -> None:
         for form in FORMS:
             target = folder / f"{form}.usdc"
 
-            def run(target: Path = target, form: str = form) -> None:
-                import_capture(source, target, form=form)  # type: ignore[arg-type]
+            def run(target: Path = target, form: Form = form) -> None:
+                import_capture(source, target, form=form)
 
             wall, cpu = seconds(run)
             size = target.stat().st_size

@@ -60,8 +60,8 @@ def open_layer(path: Path) -> Sdf.Layer:
 def quiet() -> Iterator[None]:
     """Keep what USD prints about composition from stderr: `composition_remarks` says it better.
 
-    USD prints from C++, to file descriptor 2 itself. That belongs to the whole process: what another
-    thread writes to stderr in this moment is lost too.
+    USD prints from C++, to file descriptor 2 itself. That belongs to the whole process: what
+    another thread writes to stderr in this moment is lost too.
     """
     try:
         kept = os.dup(2)
