@@ -34,7 +34,7 @@ from benchmarks.scenes import (
     scene_of,
     view_of,
 )
-from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.cloud import F32
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import FrameStats, Renderer
@@ -201,20 +201,15 @@ def against_reference(renderer: Renderer) -> None:
     )
 
 
-def with_sh3(cloud: SplatCloud) -> str:
-    """How a line says what it was drawn with."""
-    return f"garden 1×1 SH {cloud.sh_degree}"
-
-
 def main(quick: bool = False) -> None:
     """Print everything."""
     device = open_device()
     renderer = Renderer(device)
-    print(f"numba {numba.__version__}, {device.threads} threads, {REPEATS} repeats, medians")
+    repeats = 3 if quick else REPEATS
+    print(f"numba {numba.__version__}, {device.threads} threads, {repeats} repeats, medians")
     report = Report(probe_ns(device.threads))
     with tempfile.TemporaryDirectory() as folder:
         yardstick = load_yardstick(Path(folder))
-        repeats = 3 if quick else REPEATS
         against_yardstick(yardstick, renderer, report, 1, (1920, 1080), repeats)
         if not quick:
             against_yardstick(yardstick, renderer, report, 3, (1920, 1080), repeats)
@@ -224,7 +219,7 @@ def main(quick: bool = False) -> None:
     view = view_of(view_matrix, k, (1920, 1080))
     scene = scene_of(cloud)
     draw(renderer, scene, view)
-    report.add(with_sh3(cloud), view, [draw(renderer, scene, view)[1] for _ in range(repeats)])
+    report.add("garden 1×1 SH 3", view, [draw(renderer, scene, view)[1] for _ in range(repeats)])
     for name in CAPTURES:
         captured, view_matrix, k = capture(name)
         for size in ((960, 720),) if quick else ((960, 720), (1920, 1080), (3840, 2160)):

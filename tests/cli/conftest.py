@@ -11,6 +11,8 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import formats, schema
 from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
 
 
 def ball(count=300, seed=0):
@@ -79,3 +81,14 @@ def run_json(run):
         return json.loads(out)
 
     return command
+
+
+@pytest.fixture(scope="session")
+def compiled():
+    """Draw with every kernel once, so that no test is the one that hears of compilation."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Ball", ball())
+    with Engine(stage) as engine:
+        view = engine.view(resolution=(16, 16))
+        for mode in ("scene", "display"):
+            engine.picture(view, RenderSettings(color_mode=mode), ("color", "depth", "primId"))

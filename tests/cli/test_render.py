@@ -38,15 +38,7 @@ def header(path):
     return spec
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Draw with every kernel once, so that no test is the one that hears of compilation."""
-    stage = Usd.Stage.CreateInMemory()
-    schema.author(stage, "/Ball", ball())
-    with Engine(stage) as engine:
-        view = engine.view(resolution=(16, 16))
-        for mode in ("scene", "display"):
-            engine.picture(view, RenderSettings(color_mode=mode), ("color", "depth", "primId"))
+pytestmark = pytest.mark.usefixtures("compiled")
 
 
 @pytest.fixture

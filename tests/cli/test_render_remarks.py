@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from pxr import Usd, UsdGeom
 
-from tests.cli.test_render import SMALL, compiled  # noqa: F401 - a fixture
+from tests.cli.test_render import SMALL
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 
 def change(shot, edit):

@@ -185,8 +185,10 @@ class Editor:
     def set_opacities(self) -> None:
         if prim := self._field():
             kind = Sdf.ValueTypeNames.FloatArray
-            values = lambda: Vt.FloatArray([self._random.random() for _ in range(12)])  # noqa: E731
-            self._set(prim.CreateAttribute("opacities", kind), values)
+            self._set(prim.CreateAttribute("opacities", kind), self._opacities)
+
+    def _opacities(self) -> Vt.FloatArray:
+        return Vt.FloatArray([self._random.random() for _ in range(12)])
 
     def set_block_or_clear(self) -> None:
         if (prim := self._prim()) and (attributes := prim.GetAuthoredAttributes()):

@@ -76,9 +76,12 @@ class RenderIndex:
 
     def close(self) -> None:
         """Remove every prim."""
-        for kind in (self._fields, self._instancers, self._cameras):
-            for path in list(kind):
-                self._remove(kind, path)
+        for path in list(self._fields):
+            self.remove_field(path)
+        for path in list(self._instancers):
+            self.remove_instancer(path)
+        for path in list(self._cameras):
+            self.remove_camera(path)
         for buffer in self._buffers.values():
             buffer.deallocate()
         self._buffers.clear()
@@ -93,6 +96,6 @@ class RenderIndex:
         prims[prim.path] = prim
         self.tracker.insert(prim.path, prim.INITIAL_DIRTY_BITS)
 
-    def _remove(self, prims: Mapping[str, Prim], path: str) -> None:
+    def _remove(self, prims: dict[str, P], path: str) -> None:
         self.tracker.remove(path)
-        prims.pop(path).finalize(self._param)  # type: ignore[attr-defined]
+        prims.pop(path).finalize(self._param)

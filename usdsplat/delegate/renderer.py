@@ -54,8 +54,6 @@ class FrameStats:
     """Splats times the tiles that each touches."""
     rows: int = 0
     """Rows of 16 pixels that were blended."""
-    prims: tuple[str, ...] = ()
-    """Paths of what was drawn; `primId` is a place in this."""
     wall_ms: dict[str, float] = field(default_factory=dict)
     cpu_ms: dict[str, float] = field(default_factory=dict)
     """Milliseconds by stage."""
@@ -174,7 +172,7 @@ class Renderer:
         found = scratch.get("found", layout.block_starts.shape, np.int32)
         ends = np.cumsum([group.all_blocks for group in layout.groups])
         parts = np.split(found, ends[:-1])
-        stats.splats, stats.prims = layout.splats, layout.prims
+        stats.splats = layout.splats
         for group, part in zip(layout.groups, parts, strict=bool(layout.groups)):
             self._project(group, screen, settings, out, part)
         clock.lap("project")
