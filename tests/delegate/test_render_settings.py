@@ -14,7 +14,7 @@ from usdsplat.delegate.render_settings import RenderSettings, usd_names
         ("auto", [], "zDepth"),
         ("auto", ["cameraDistance", "cameraDistance"], "cameraDistance"),
         ("auto", ["cameraDistance", "zDepth"], "zDepth"),
-        ("auto", ["rayHitDistance"], "zDepth"),
+        ("auto", ["rayHitDistance"], "rayHitDistance"),
         ("zDepth", ["cameraDistance"], "zDepth"),
         ("cameraDistance", ["zDepth"], "cameraDistance"),
     ],

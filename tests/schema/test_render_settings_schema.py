@@ -11,7 +11,7 @@ from usdsplat.core.knobs import Knob, knobs
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.schema import tokens
 
-USD_TYPES = {int: "int", float: "float", bool: "bool"}
+USD_TYPES = {int: "int", float: "float", bool: "bool", str: "string"}
 
 
 def usd_name(item: Knob) -> str:

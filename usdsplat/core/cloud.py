@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3, 25: 4}

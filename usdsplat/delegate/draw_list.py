@@ -5,7 +5,7 @@ Neighbours in the drawing order that share one field are one group: one launch d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -60,7 +60,7 @@ class DrawList:
     block_starts: I64
     """First slot of each block."""
     prims: tuple[str, ...]
-    """Paths of what is drawn; a prim's number is its place here."""
+    """Paths of all prims that are drawn, surfaces too, sorted; a prim's number is its place."""
     splats: int
     """Splats that are drawn, instances counted each."""
 
@@ -70,15 +70,16 @@ class DrawList:
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
 
 
-def draw_list(drawn: Sequence[Drawn]) -> DrawList:
-    """Lay out `drawn`, which is in drawing order."""
+def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = ()) -> DrawList:
+    """Lay out `drawn`, which is in drawing order; `others` are the prims that are not splats."""
     groups: list[Group] = []
     labels: list[tuple[int, int]] = []
     first_slots: list[I64] = []
-    prims: dict[str, int] = {}
+    paths = sorted({*others, *(instance.path for _, _, instance in drawn)})
+    prims = {path: number for number, path in enumerate(paths)}
     slot, begin = 0, 0
     for i, (_, field, instance) in enumerate(drawn):
-        labels.append((prims.setdefault(instance.path, len(prims)), instance.index))
+        labels.append((prims[instance.path], instance.index))
         if i + 1 == len(drawn) or drawn[i + 1][1] is not field:
             transforms = np.array([each[2].transform for each in drawn[begin : i + 1]])
             groups.append(_group(field, transforms.reshape(-1, 4, 4), slot))

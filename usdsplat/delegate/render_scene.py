@@ -1,4 +1,4 @@
-"""The resident splats of one engine. It has not heard of USD."""
+"""The resident splats, surfaces and lights of one engine. It has not heard of USD."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from usdsplat.core.cloud import F64
+from usdsplat.core.cloud import F32, F64
 from usdsplat.core.extent import extent
 from usdsplat.delegate.draw_list import DrawList, draw_list
-from usdsplat.delegate.specs import FieldSpec, InstanceSpec
+from usdsplat.delegate.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 
 SUBJECT = 0.004
 """Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
@@ -18,6 +18,8 @@ SUBJECT = 0.004
 Box = tuple[F64, F64]
 Drawn = tuple[str, "Field", InstanceSpec]
 """Path of a field, the field, and one of its instances."""
+DrawnMesh = tuple[str, "Mesh", InstanceSpec]
+"""Path of a mesh, the mesh, and one of its instances."""
 
 
 @dataclass(slots=True)
@@ -27,10 +29,35 @@ class Field:
     spec: FieldSpec
     instances: tuple[InstanceSpec, ...] = ()
     visible: bool = True
+    crops: tuple[CropSpec, ...] = ()
+    """Volumes in the world by which its splats are kept or left out."""
     local: Box | None = None
     """Bounds in its own space, conservative; computed when first asked for."""
     subject: Box | None = None
     """Bounds of the centres without strays; computed when first asked for."""
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is anything of it to see."""
+        return self.visible and bool(self.instances) and len(self.spec.cloud) > 0
+
+
+@dataclass(slots=True)
+class Mesh:
+    """One opaque prim and where it is seen."""
+
+    spec: MeshSpec
+    instances: tuple[InstanceSpec, ...] = ()
+    visible: bool = True
+    local: Box | None = None
+    """Bounds in its own space; computed when first asked for."""
+    subject: Box | None = None
+    """The same: a surface has no strays."""
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is anything of it to see."""
+        return self.visible and bool(self.instances) and len(self.spec.triangles) > 0
 
 
 def matrix(numbers: tuple[float, ...]) -> F64:
@@ -46,14 +73,26 @@ def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
     return (center - half).min(axis=0), (center + half).max(axis=0)
 
 
-def _extent(spec: FieldSpec) -> Box | None:
-    """Bounds of what a cloud can touch, in its own space; None when it has no finite splat."""
+def _extent(spec: FieldSpec | MeshSpec) -> Box | None:
+    """Bounds of what can be seen, in its own space; None when nothing of it is finite."""
+    if isinstance(spec, MeshSpec):
+        return _box_of(spec.points)
     box = extent(spec.cloud)
     return None if box is None else (box[0], box[1])
 
 
-def _subject(spec: FieldSpec) -> Box | None:
-    """Bounds of nearly all centres of a cloud, strays left out."""
+def _box_of(points: F32) -> Box | None:
+    """The box around all finite points."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        return None
+    return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+
+
+def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
+    """Bounds of a mesh, or of nearly all centres of a cloud, strays left out."""
+    if isinstance(spec, MeshSpec):
+        return _box_of(spec.points)
     positions = spec.cloud.positions
     positions = positions[np.isfinite(positions).all(axis=1)]
     if len(positions) == 0:
@@ -65,15 +104,20 @@ def _subject(spec: FieldSpec) -> Box | None:
 
 
 class RenderScene:
-    """Fields by prim path, each a resident range of splats with its transforms.
+    """Fields and meshes by prim path, with their transforms, and lights.
 
-    Nothing here is shared between scenes, and `close` lets go of everything.
+    A field is a resident range of splats. Nothing here is shared between scenes, and `close` lets
+    go of everything.
     """
 
     def __init__(self) -> None:
         self._fields: dict[str, Field] = {}
+        self._meshes: dict[str, Mesh] = {}
+        self._lights: dict[str, LightSpec] = {}
         self._drawn: list[Drawn] | None = None
         self._draw_list: DrawList | None = None
+
+    # --- editing ---------------------------------------------------------------------------
 
     def set_field(self, path: str, spec: FieldSpec) -> None:
         """Add the field at `path`, or replace its splats."""
@@ -84,25 +128,59 @@ class RenderScene:
         else:
             field.spec, field.local, field.subject = spec, None, None
 
-    def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
-        """Say where the field at `path` is seen."""
+    def set_mesh(self, path: str, spec: MeshSpec) -> None:
+        """Add the mesh at `path`, or replace its triangles."""
         self._forget_order()
-        self._fields[path].instances = instances
+        mesh = self._meshes.get(path)
+        if mesh is None:
+            self._meshes[path] = Mesh(spec)
+        else:
+            mesh.spec, mesh.local, mesh.subject = spec, None, None
+
+    def set_light(self, path: str, spec: LightSpec | None) -> None:
+        """Add or replace the light at `path`; None takes it away."""
+        self._lights.pop(path, None)
+        if spec is not None:
+            self._lights[path] = spec
+
+    def set_crops(self, path: str, crops: tuple[CropSpec, ...]) -> None:
+        """Say which splats of the field at `path` are kept."""
+        self._forget_order()
+        self._fields[path].crops = crops
+
+    def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
+        """Say where the field or mesh at `path` is seen."""
+        self._forget_order()
+        self._at(path).instances = instances
 
     def set_visible(self, path: str, visible: bool) -> None:
-        """Show or hide the field at `path`."""
+        """Show or hide the field or mesh at `path`."""
         self._forget_order()
-        self._fields[path].visible = visible
+        self._at(path).visible = visible
 
     def remove(self, path: str) -> None:
-        """Forget the field at `path`."""
+        """Forget the field or mesh at `path`."""
         self._forget_order()
-        del self._fields[path]
+        del (self._fields if path in self._fields else self._meshes)[path]
+
+    def close(self) -> None:
+        """Let go of all arrays."""
+        self._forget_order()
+        self._fields.clear()
+        self._meshes.clear()
+        self._lights.clear()
+
+    # --- reading ---------------------------------------------------------------------------
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of all fields, sorted."""
-        return tuple(sorted(self._fields))
+        """Paths of all fields and meshes, sorted."""
+        return tuple(sorted((*self._fields, *self._meshes)))
+
+    @property
+    def lights(self) -> tuple[LightSpec, ...]:
+        """All lights, by path."""
+        return tuple(self._lights[path] for path in sorted(self._lights))
 
     @property
     def splat_count(self) -> int:
@@ -111,28 +189,40 @@ class RenderScene:
 
     def visible_fields(self) -> list[Field]:
         """Fields that are drawn at least once."""
-        return [
-            field
-            for field in self._fields.values()
-            if field.visible and field.instances and len(field.spec.cloud)
-        ]
+        return [field for field in self._fields.values() if field.is_drawn]
 
     def drawn(self) -> list[Drawn]:
-        """Each visible appearance, in the order that breaks ties of depth: by path, then index."""
+        """Each visible appearance of splats, in the order that breaks ties of depth: by path, then
+        index."""
         if self._drawn is None:
             seen = [
                 (path, field, instance)
                 for path, field in self._fields.items()
-                if field.visible and len(field.spec.cloud)
+                if field.is_drawn
                 for instance in field.instances
             ]
             self._drawn = sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
         return self._drawn
 
+    def drawn_meshes(self) -> list[DrawnMesh]:
+        """Each visible appearance of a mesh, by path, then index."""
+        seen = [
+            (path, mesh, instance)
+            for path, mesh in self._meshes.items()
+            if mesh.is_drawn
+            for instance in mesh.instances
+        ]
+        return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+
+    def prims(self) -> tuple[str, ...]:
+        """Paths of all that is drawn, sorted; a prim's number is its place here."""
+        return self.draw_list().prims
+
     def draw_list(self) -> DrawList:
         """What is drawn, laid out for the kernels; it stays as it is until the next edit."""
         if self._draw_list is None:
-            self._draw_list = draw_list(self.drawn())
+            surfaces = {instance.path for _, _, instance in self.drawn_meshes()}
+            self._draw_list = draw_list(self.drawn(), surfaces)
         return self._draw_list
 
     def bounds(self) -> Box | None:
@@ -140,26 +230,32 @@ class RenderScene:
         return self._union("local", _extent)
 
     def subject(self) -> Box | None:
-        """Like `bounds`, of splat centres, without the few that lie far from the others."""
+        """Like `bounds`, with centres for splats and without the few that lie far from the others.
+
+        Where there are splats they are the subject, and surfaces are only around it.
+        """
         return self._union("subject", _subject)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _at(self, path: str) -> Field | Mesh:
+        return self._fields[path] if path in self._fields else self._meshes[path]
 
     def _union(self, name: str, measure: Any) -> Box | None:
         boxes = []
-        for field in self.visible_fields():
-            if getattr(field, name) is None:
-                setattr(field, name, measure(field.spec))
-            box = getattr(field, name)
+        things: list[Any] = list(self.visible_fields())
+        if name == "local" or not things:
+            things += [mesh for mesh in self._meshes.values() if mesh.is_drawn]
+        for thing in things:
+            if getattr(thing, name) is None:
+                setattr(thing, name, measure(thing.spec))
+            box = getattr(thing, name)
             if box is not None:
-                boxes.append(_place(box, field.instances))
+                boxes.append(_place(box, thing.instances))
         if not boxes:
             return None
         lows, highs = zip(*boxes, strict=True)
         return np.min(lows, axis=0), np.max(highs, axis=0)
-
-    def close(self) -> None:
-        """Let go of all arrays."""
-        self._forget_order()
-        self._fields.clear()
 
     def _forget_order(self) -> None:
         self._drawn = self._draw_list = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.cloud import F32, I32, SplatCloud
 
 Matrix = tuple[float, ...]
 
@@ -19,6 +19,10 @@ IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 
 RasterizeMode = Literal["classic", "antialiased"]
 ProjectionMode = Literal["perspective", "tangential"]
 SortingMode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
+CropShape = Literal["sphere", "cube", "cylinder", "cone", "capsule", "plane"]
+Wrap = Literal["black", "clamp", "repeat", "mirror"]
+
+NO_GRADE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -31,11 +35,88 @@ class FieldSpec:
     rasterize_mode: RasterizeMode = "classic"
     projection_mode: ProjectionMode = "perspective"
     sorting_mode: SortingMode = "zDepth"
+    grade: tuple[float, ...] = NO_GRADE
+    """What the prim's grade does to linear RGB in the primaries of `color_space`: exposure, white
+    balance, gain, saturation and matrix are all linear, so they are one 3x3, row-major."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CropSpec:
+    """One volume of a garbage matte: splats are kept or left out by their centres.
+
+    The canonical shapes: sphere, the unit ball; cube, [-1, 1] on each axis; cylinder, radius 1
+    about z and z in [-1, 1]; cone, base of radius 1 at z = -1 and apex at z = 1; capsule, radius 1
+    about the segment from z = -length to z = length; plane, everything at z <= 0.
+    """
+
+    shape: CropShape
+    world_to_shape: Matrix
+    """From the world to the space of the canonical shape."""
+    keeps: bool
+    """Whether it includes; with any volume that includes, only what is inside one is kept. What
+    is inside a volume that does not include is left out, whatever else it is inside of."""
+    length: float = 0.0
+    """Of a capsule: half the height of its cylinder, in radii."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TextureSpec:
+    """A picture on a surface."""
+
+    pixels: F32
+    """Linear Rec.709, shape (h, w, 3), row 0 at the top (v = 1)."""
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    """What lies outside, along u and v."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MaterialSpec:
+    """What a surface reflects: diffuse × texture × the mesh's colours, each if it is there."""
+
+    diffuse: tuple[float, float, float] = (0.18, 0.18, 0.18)
+    """Linear Rec.709."""
+    texture: TextureSpec | None = None
+    uses_colors: bool = False
+    """Whether the mesh's own colours count."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MeshSpec:
+    """The triangles of one opaque prim, in its own space, counter-clockwise seen from outside."""
+
+    points: F32
+    """[scene unit], shape (p, 3)."""
+    triangles: I32
+    """Rows of `points`, shape (t, 3)."""
+    faces: I32
+    """Authored face that each triangle is a part of, shape (t,)."""
+    normals: F32 | None = None
+    """Unit normal at each corner, shape (t, 3, 3); None for those of the triangles themselves."""
+    colors: F32 | None = None
+    """Linear Rec.709 at each corner, shape (t, 3, 3)."""
+    uvs: F32 | None = None
+    """Texture coordinates at each corner, shape (t, 3, 2)."""
+    materials: tuple[MaterialSpec, ...] = (MaterialSpec(),)
+    material_of: I32 | None = None
+    """Number of each triangle's material, shape (t,); None when all have the first."""
+    double_sided: bool = True
+    """Whether triangles seen from behind are there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LightSpec:
+    """A light from infinitely far away."""
+
+    direction: tuple[float, float, float]
+    """Where the light travels, in the world, unit length."""
+    irradiance: tuple[float, float, float]
+    """On a surface that faces it, divided by π: what a white diffuse surface then sends out.
+    Linear Rec.709."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InstanceSpec:
-    """One appearance of a field in the world."""
+    """One appearance of a field or a mesh in the world."""
 
     path: str
     """Path of the prim that is seen; instances of one field differ in it or in `index`."""
@@ -57,6 +138,14 @@ class CameraSpec:
     a perspective camera, in scene units for an orthographic one."""
     clipping_range: tuple[float, float] = (1.0, 1e6)
     """Near and far planar depth [scene unit]."""
+    exposure: float = 1.0
+    """What the camera's exposure attributes multiply linear light by."""
+    lens_radius: float = 0.0
+    """Of the entrance pupil [scene unit]: focal length / (2 fStop); 0 for a pinhole."""
+    focus_distance: float = 0.0
+    """Planar depth that is sharp [scene unit]; of use only with a lens radius."""
+    shutter: tuple[float, float] = (0.0, 0.0)
+    """When it opens and closes [time code], relative to the frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,3 +174,6 @@ class View:
 
     camera: CameraSpec
     framing: Framing = Framing()
+    matte: tuple[tuple[str, bool], ...] = ()
+    """Prims that hold out: they hide what is behind them and are not in the picture. A prim goes by
+    the longest of these paths that it is at or beneath; True makes it matte."""
