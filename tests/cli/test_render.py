@@ -328,7 +328,7 @@ def test_both_parts_say_what_ids_stand_for_and_where_the_camera_is(run, shot, tm
         (["-o", "a.png", "--color-mode", "scene"], "a.png: found a picture in lin_rec709"),
         (["-o", "a.png", "--color-mode", "x"], "--color-mode: found 'x', expected one of"),
         (["-o", "a.png", "--sh-degree", "9"], "--sh-degree: found 9, expected 0 to 4"),
-        (["-o", "a.exr", "--aovs", "N"], "--aovs: found 'N', expected one of color, Z"),
+        (["-o", "a.exr", "--aovs", "Ng"], "--aovs: found 'Ng', expected one of color, Z"),
         (["-o", "a.png", "--purposes", "x"], "--purposes: found 'x', expected one of default"),
         (["-o", "a.png", "--resolution", "9"], "--resolution: found '9', expected two numbers"),
         (["-o", "a.png", "--resolution", "99999x8"], "--resolution: found 99999x8, expected"),

@@ -58,9 +58,9 @@ class ExrFile:
 
     def pixels(self) -> None:
         windows = [self.window(i) for i in range(len(self.parts))]
-        for (_, arrays), (x0, y0, x1, y1), i in zip(self.parts, windows, range(9), strict=False):
+        for i, (x0, y0, x1, y1) in enumerate(windows):
             for name, dtype in self.channels(i):
-                arrays[name] = np.zeros((y1 - y0, x1 - x0), dtype)
+                self.parts[i][1][name] = np.zeros((y1 - y0, x1 - x0), dtype)
         for i, (_, y0, _, y1) in enumerate(windows):
             offsets = struct.unpack_from(f"<{y1 - y0}Q", self.data, self.at)
             self.at += 8 * (y1 - y0)

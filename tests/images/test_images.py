@@ -91,7 +91,9 @@ def test_ids_that_cannot_wait_are_a_sentence(tmp_path):
     }
     with (
         small_disk(),
-        pytest.raises(OutputError, match="no room for ids beside it, expected a place with room"),
+        pytest.raises(
+            OutputError, match="no room for later parts beside it, expected a place with room"
+        ),
         images.open_writer(tmp_path / "a.exr", layout) as writer,
     ):
         writer.write_band(0, band)

@@ -42,8 +42,71 @@ _ALL = (
         hydra="depth",
         channels=("Z",),
         kind="data",
-        meaning="planar camera depth at which half of the pixel's coverage is passed; "
-        "inf where nothing is",
+        meaning="planar camera depth at which half of the pixel's coverage, surfaces included, is "
+        "passed; inf where nothing is",
+    ),
+    Aov(
+        name="Zfront",
+        hydra="depthFront",
+        channels=("Zfront",),
+        kind="data",
+        meaning="planar camera depth of the first thing that adds 1/255 or more to the pixel's "
+        "coverage; inf where nothing is",
+    ),
+    Aov(
+        name="Zexp",
+        hydra="depthExpected",
+        channels=("Zexp",),
+        kind="data",
+        meaning="mean planar camera depth, weighted by what each thing adds to the pixel's "
+        "coverage; inf where nothing is",
+    ),
+    Aov(
+        name="N",
+        hydra="Neye",
+        channels=("N.x", "N.y", "N.z"),
+        kind="data",
+        meaning="unit normal in camera space (x right, y up, z towards the eye), the mean weighted "
+        "by what each thing adds to the pixel's coverage; 0 where nothing is",
+    ),
+    Aov(
+        name="P",
+        hydra="P",
+        channels=("P.x", "P.y", "P.z"),
+        kind="data",
+        meaning="world position at Z, in scene units; 0 where nothing is",
+    ),
+    Aov(
+        name="albedo",
+        hydra="albedo",
+        channels=("albedo.R", "albedo.G", "albedo.B"),
+        kind="color",
+        meaning="premultiplied colour without view dependence or light, in the space of "
+        "colorInteropID",
+    ),
+    Aov(
+        name="forward",
+        hydra="motionForward",
+        channels=("forward.u", "forward.v"),
+        kind="data",
+        meaning="pixels that what holds Z moves until the next frame; u right, v up; 0 where "
+        "nothing is",
+    ),
+    Aov(
+        name="backward",
+        hydra="motionBackward",
+        channels=("backward.u", "backward.v"),
+        kind="data",
+        meaning="pixels that what holds Z has moved since the previous frame; u right, v up; 0 "
+        "where nothing is",
+    ),
+    Aov(
+        name="cryptoObject",
+        hydra="cryptoObject",
+        channels=tuple(f"cryptoObject{rank:02}.{c}" for rank in range(3) for c in "RGBA"),
+        kind="data",
+        meaning="Cryptomatte of prim paths: hash and coverage of the six prims that cover most of "
+        "the pixel, most first",
     ),
     Aov(
         name="id",
@@ -66,7 +129,8 @@ _ALL = (
         hydra="elementId",
         channels=("splatId",),
         kind="id",
-        meaning="row in the prim's arrays of the splat that holds Z; 4294967295 where nothing is",
+        meaning="row in the prim's arrays of the splat that holds Z, or face of the mesh that "
+        "does; 4294967295 where nothing is",
     ),
 )
 

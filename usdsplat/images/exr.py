@@ -1,13 +1,17 @@
-"""OpenEXR files, written band by band: colour and data in one part, ids in another.
+"""OpenEXR files, written band by band: colour and data in one part, ids in another; or many parts.
 
 Colour may be half; data channels beside it stay float32 in the same part, because EXR keeps a type
 for each channel. Colour that half cannot hold is clamped to +-65504, its largest number: an
 infinite pixel would spread through every filter that the picture goes through.
 
-Ids are uint32 in a second part, written from uint32 arrays: on the way through a float buffer every
-id above 2^24 would change. A file takes one part after the other and a render makes them side by
-side, so ids wait in an unnamed file beside the target until the first part is complete: memory
-holds one band, whatever the size of the picture.
+Ids are uint32 in a part of their own, written from uint32 arrays: on the way through a float buffer
+every id above 2^24 would change. dwaa and dwab lose a little wherever a channel is called R, G or
+B, whatever it holds, so Cryptomatte, whose numbers must not change by a bit, leaves their part for
+one with zip.
+
+A file takes one part after the other and a render makes them side by side, so all but the first
+wait in unnamed files beside the target until the first is complete: memory holds one band, whatever
+the size of the picture.
 
 Source: OpenEXR's standard attributes; ASWF Color Interop IDs; OpenImageIO's notes on OpenEXR.
 """
@@ -16,8 +20,9 @@ from __future__ import annotations
 
 import tempfile
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +39,8 @@ from usdsplat.images.writer import ROWS, ImageWriter
 Pixels = npt.NDArray[Any]
 
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
-"""Those that keep float32 data as it is; dwaa and dwab lose a little in R, G and B only."""
+"""Those that keep float32 data as it is, for which parts with Cryptomatte leave the last two."""
+LOSSY = ("dwaa", "dwab")
 
 SHARED = (
     "usdsplat:ids",
@@ -45,6 +51,18 @@ SHARED = (
 )
 """Entries that every part has: what ids stand for and where the camera is. Readers that look at one
 part only need them there."""
+
+PART_NAMES = {"color": "rgba", "Z": "depth"}
+"""AOV -> its part in a file of many, where that is not the AOV's name."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Some AOVs that are kept together."""
+
+    name: str
+    aovs: tuple[Aov, ...]
+    compression: str
 
 
 class ExrWriter(ImageWriter):
@@ -69,60 +87,89 @@ class ExrWriter(ImageWriter):
         if layout.pixel_type not in (None, "half", "float"):
             raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
         aovs = find_aovs(layout.aovs, where=str(path))
-        halves = ([a for a in aovs if a.kind != "id"], [a for a in aovs if a.kind == "id"])
-        self._parts = [part for part in halves if part]
-        specs = tuple(_spec(layout, part, compression) for part in self._parts)
-        _label(specs[0], layout)
-        for spec in specs[1:]:
-            _attach(spec, {key: layout.metadata[key] for key in SHARED if key in layout.metadata})
+        self._parts = _parts(aovs, layout, compression)
+        self._waiting: list[IO[bytes]] = []
+        specs = tuple(_spec(layout, part) for part in self._parts)
+        _label(specs, self._parts, layout.metadata)
         super().__init__(path, layout, specs)
 
     def __enter__(self) -> Self:
         super().__enter__()
-        if len(self._parts) > 1:
-            with ExitStack() as stack:
-                stack.push(self._stack)
-                self._spool = stack.enter_context(
-                    tempfile.TemporaryFile(dir=self._temporary.parent)
-                )
-                self._stack = stack.pop_all()
+        with ExitStack() as stack:
+            stack.push(self._stack)
+            folder = self._temporary.parent
+            self._waiting = [
+                stack.enter_context(tempfile.TemporaryFile(dir=folder)) for _ in self._parts[1:]
+            ]
+            self._stack = stack.pop_all()
         return self
 
     def _append(self, y0: int, band: Band) -> None:
-        pixels = [
-            _side_by_side([self._within_range(aov, band[aov.name]) for aov in part])
+        first, *others = [
+            _side_by_side([self._within_range(aov, band[aov.name]) for aov in part.aovs])
             for part in self._parts
         ]
-        self._write_rows(y0, pixels[0])
-        if len(pixels) > 1:
-            self._spool_rows(pixels[1])
+        self._write_rows(y0, first)
+        for pixels, file in zip(others, self._waiting, strict=True):
+            self._put_aside(pixels, file)
 
     def _within_range(self, aov: Aov, values: Pixels) -> Pixels:
         """Values that the channels of an AOV can hold; NaN stays NaN."""
         is_half = _type_of(aov, self._layout) == "half"
         return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
 
-    def _spool_rows(self, ids: Pixels) -> None:
-        """Put ids aside until the first part is complete."""
+    def _put_aside(self, pixels: Pixels, file: IO[bytes]) -> None:
+        """Let rows of a later part wait until the parts before it are complete."""
         try:
-            ids.tofile(self._spool)
+            pixels.tofile(file)
         except OSError as error:
             raise OutputError(
-                str(self._path), "no room for ids beside it", "a place with room to write"
+                str(self._path), "no room for later parts beside it", "a place with room to write"
             ) from error
 
     def _finish(self) -> None:
-        """Copy the ids that wait behind the first part, some rows at a time."""
-        if len(self._parts) == 1:
-            return
-        self._open_next_part(self._specs[1])
+        """Copy the parts that wait behind the first, some rows at a time."""
         _, top, _, bottom = self._layout.window
-        width, channels = self._layout.shape[1], len(self._parts[1])
-        self._spool.seek(0)
-        for y0 in range(top, bottom, ROWS):
-            rows = min(ROWS, bottom - y0)
-            ids = np.fromfile(self._spool, np.uint32, rows * width * channels)
-            self._write_rows(y0, ids.reshape(rows, width, channels))
+        width = self._layout.shape[1]
+        for i, file in enumerate(self._waiting, start=1):
+            self._open_next_part(self._specs[i])
+            dtype = np.uint32 if self._parts[i].aovs[0].kind == "id" else np.float32
+            channels = self._specs[i].nchannels
+            file.seek(0)
+            for y0 in range(top, bottom, ROWS):
+                rows = min(ROWS, bottom - y0)
+                pixels = np.fromfile(file, dtype, rows * width * channels)
+                self._write_rows(y0, pixels.reshape(rows, width, channels))
+
+
+def _parts(aovs: tuple[Aov, ...], layout: ImageLayout, compression: str) -> tuple[_Part, ...]:
+    """Who shares a part with whom, in the order of the file."""
+    groups: dict[str, list[Aov]] = {}
+    for aov in aovs:
+        groups.setdefault(_part_name(aov, layout.multipart, compression), []).append(aov)
+    # Colour leads and ids come last: readers that know one part only look at the first.
+    names = sorted(groups, key=lambda name: (name not in ("main", "rgba"), name == "ids"))
+    return tuple(_part(name, tuple(groups[name]), compression) for name in names)
+
+
+def _part_name(aov: Aov, is_multipart: bool, compression: str) -> str:
+    """The part that an AOV goes to."""
+    if aov.kind == "id":
+        return "ids"
+    if is_multipart:
+        return PART_NAMES.get(aov.name, aov.name)
+    return aov.name if _must_be_exact(aov) and compression in LOSSY else "main"
+
+
+def _part(name: str, aovs: tuple[Aov, ...], compression: str) -> _Part:
+    """A part, with a compression that its channels can bear."""
+    is_exact = any(map(_must_be_exact, aovs))
+    return _Part(name, aovs, "zip" if is_exact and compression in LOSSY else compression)
+
+
+def _must_be_exact(aov: Aov) -> bool:
+    """Whether a lossy compression would change data, which it takes by name for colour."""
+    return aov.kind == "data" and any(name.endswith((".R", ".G", ".B")) for name in aov.channels)
 
 
 def _side_by_side(arrays: list[Pixels]) -> Pixels:
@@ -131,36 +178,41 @@ def _side_by_side(arrays: list[Pixels]) -> Pixels:
     return np.ascontiguousarray(planes[0]) if len(planes) == 1 else np.concatenate(planes, axis=2)
 
 
-def _spec(layout: ImageLayout, part: list[Aov], compression: str) -> oiio.ImageSpec:
+def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     """Header of one part, as far as the parts have it in common, and its channels."""
     rows, columns = layout.shape
-    types = tuple(_type_of(aov, layout) for aov in part for _ in aov.channels)
+    types = tuple(_type_of(aov, layout) for aov in part.aovs for _ in aov.channels)
     spec = oiio.ImageSpec(columns, rows, len(types), types[0])
     spec.channelformats = types
-    spec.channelnames = tuple(name for aov in part for name in aov.channels)
+    spec.channelnames = tuple(name for aov in part.aovs for name in aov.channels)
     spec.x, spec.y = layout.window[:2]
     spec.full_x, spec.full_y = 0, 0
     spec.full_width, spec.full_height = layout.resolution
-    spec.attribute("compression", compression)
-    spec.attribute("oiio:subimagename", "ids" if part[0].kind == "id" else "main")
-    for aov in part:
+    spec.attribute("compression", part.compression)
+    spec.attribute("oiio:subimagename", part.name)
+    for aov in part.aovs:
         spec.attribute(f"usdsplat:aov:{aov.name}", aov.meaning)
     # Parts that disagree on one of these two are refused by OpenEXR.
     spec.attribute("PixelAspectRatio", float(layout.pixel_aspect_ratio))
-    space = color_space(layout.color_space, where="output color space")
-    if space.chromaticities is not None:
-        spec.attribute("chromaticities", "float[8]", space.chromaticities)
+    chromaticities = color_space(layout.color_space, where="output color space").chromaticities
+    if chromaticities is not None:
+        spec.attribute("chromaticities", "float[8]", chromaticities)
+    has_color = chromaticities is not None and any(aov.kind == "color" for aov in part.aovs)
+    name = layout.color_space if has_color else "data"
+    spec.attribute("oiio:ColorSpace", name)
+    spec.attribute("colorInteropID", name)
     return spec
 
 
-def _label(spec: oiio.ImageSpec, layout: ImageLayout) -> None:
-    """Add what describes the picture as a whole: its space, our version, the caller's entries."""
-    is_data = color_space(layout.color_space).chromaticities is None
-    name = "data" if is_data else layout.color_space
-    spec.attribute("oiio:ColorSpace", name)
-    spec.attribute("colorInteropID", name)
-    spec.attribute("Software", f"usdsplat {usdsplat.__version__}")
-    _attach(spec, layout.metadata)
+def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries: Metadata) -> None:
+    """Add what describes the picture as a whole: our version, and the caller's entries."""
+    specs[0].attribute("Software", f"usdsplat {usdsplat.__version__}")
+    _attach(specs[0], entries)
+    for spec, part in zip(specs[1:], parts[1:], strict=True):
+        shared = set(SHARED)
+        if any(map(_must_be_exact, part.aovs)):
+            shared.update(key for key in entries if key.startswith("cryptomatte/"))
+        _attach(spec, {key: value for key, value in entries.items() if key in shared})
 
 
 def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:

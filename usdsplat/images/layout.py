@@ -33,6 +33,8 @@ class ImageLayout:
     """How colour is kept; None takes the format's own: half in EXR, uint8 in PNG."""
     color_space: str = "lin_rec709_scene"
     """What the numbers in the colour channels mean, a name from `color.COLOR_SPACES`."""
+    multipart: bool = False
+    """Whether an EXR has a part for each AOV, named after it, instead of one with many channels."""
     metadata: Metadata = field(default_factory=dict)
     """Further header entries; 16 numbers are a matrix as the file format wants it."""
 

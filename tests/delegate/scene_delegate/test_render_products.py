@@ -9,7 +9,9 @@ from tests.delegate.stages import two_fields
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.scene_delegate.render_products import AOVS
 from usdsplat.delegate.specs import Framing
+from usdsplat.images.aovs import AOVS as FILE_AOVS
 
 
 @pytest.fixture
@@ -103,14 +105,20 @@ def test_blocked_values_are_the_schemas(stage):
     assert plain.purposes == ("default", "render")
 
 
+def test_every_aov_of_a_file_can_be_asked_for_by_its_names():
+    """Oracle: the table of what files hold, in both of its spellings."""
+    for aov in FILE_AOVS.values():
+        assert AOVS[aov.name] == AOVS[aov.hydra] == aov.hydra
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
         (lambda s: s.GetPrimAtPath("/Render/depth").SetTypeName("Scope"), "a RenderVar prim"),
         (lambda s: s.RemovePrim("/Render/Plain"), "a RenderProduct prim"),
         (
-            lambda s: UsdRender.Var(s.GetPrimAtPath("/Render/depth")).GetSourceNameAttr().Set("N"),
-            "sourceName: found 'N', expected one of",
+            lambda s: UsdRender.Var(s.GetPrimAtPath("/Render/depth")).GetSourceNameAttr().Set("Ng"),
+            "sourceName: found 'Ng', expected one of",
         ),
     ],
 )

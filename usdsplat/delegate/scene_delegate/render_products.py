@@ -28,13 +28,30 @@ AOVS = {
     "cameraDepth": "depth",
     "Z": "depth",
     "z": "depth",
+    "Zfront": "depthFront",
+    "depthFront": "depthFront",
+    "Zexp": "depthExpected",
+    "depthExpected": "depthExpected",
+    "Neye": "Neye",
+    "N": "Neye",
+    "P": "P",
+    "Pworld": "P",
+    "__Pworld": "P",
+    "albedo": "albedo",
+    "forward": "motionForward",
+    "motionForward": "motionForward",
+    "backward": "motionBackward",
+    "motionBackward": "motionBackward",
+    "cryptoObject": "cryptoObject",
+    "crypto_object": "cryptoObject",
     "primId": "primId",
     "id": "primId",
     "instanceId": "instanceId",
     "elementId": "elementId",
     "splatId": "elementId",
 }
-"""`sourceName` of a RenderVar, as Hydra, RenderMan and our files spell them -> ours."""
+"""`sourceName` of a RenderVar, as Hydra, RenderMan, Arnold and our files spell them -> ours. Names
+that others give another meaning (Hydra's `normal`, Arnold's `motionvector`) are not among them."""
 
 
 def find_products(

@@ -1,0 +1,74 @@
+"""Cryptomatte: what the pixels of a `crypto…` AOV call a prim, and the header entries beside them.
+
+A pixel holds pairs of a prim's number and the part of the pixel that it covers. The number is a
+hash of the prim's path, kept in a float32 channel bit for bit. So its bits must be those of a
+normal number: a hash that would be denormal, infinite or not a number has one bit turned over.
+
+Source: Cryptomatte specification 1.2 (Friedman, Jones; Psyop 2015-2018). MurmurHash3_x86_32 from
+Appleby's description of the algorithm (2011).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterable
+
+import numpy as np
+
+from usdsplat.images.layout import Metadata
+
+HASH = "MurmurHash3_32"
+CONVERSION = "uint32_to_float32"
+
+_ALL = 0xFFFFFFFF
+_ONE, _TWO = 0xCC9E2D51, 0x1B873593
+
+
+def object_hash(name: str) -> np.float32:
+    """Return what pixels call the object `name`: a finite number that is neither 0 nor denormal."""
+    return np.float32(struct.unpack("<f", struct.pack("<I", hash_bits(name)))[0])
+
+
+def hash_bits(name: str) -> int:
+    """Return the 32 bits of `object_hash`."""
+    bits = murmur3(name.encode())
+    exponent = bits >> 23 & 0xFF
+    return bits ^ 1 << 23 if exponent in (0, 0xFF) else bits
+
+
+def metadata(layer: str, names: Iterable[str]) -> Metadata:
+    """Return the entries for `ImageLayout.metadata`.
+
+    Args:
+        layer: Name of the AOV, such as "cryptoObject".
+        names: Everything that may be in the picture, each once.
+    """
+    prefix = f"cryptomatte/{hash_bits(layer):08x}"[:-1]
+    manifest = {name: f"{hash_bits(name):08x}" for name in names}
+    return {
+        f"{prefix}/name": layer,
+        f"{prefix}/hash": HASH,
+        f"{prefix}/conversion": CONVERSION,
+        f"{prefix}/manifest": json.dumps(manifest, separators=(",", ":"), ensure_ascii=False),
+    }
+
+
+def murmur3(data: bytes) -> int:
+    """Return MurmurHash3_x86_32 of `data` with seed 0, in 0..2^32-1."""
+    whole = len(data) // 4
+    state = 0
+    for word in struct.unpack_from(f"<{whole}I", data):
+        state = _rotated(state ^ _scrambled(word), 13) * 5 + 0xE6546B64 & _ALL
+    state ^= _scrambled(int.from_bytes(data[4 * whole :], "little")) ^ len(data)
+    state = (state ^ state >> 16) * 0x85EBCA6B & _ALL
+    state = (state ^ state >> 13) * 0xC2B2AE35 & _ALL
+    return state ^ state >> 16
+
+
+def _scrambled(word: int) -> int:
+    return _rotated(word * _ONE & _ALL, 15) * _TWO & _ALL
+
+
+def _rotated(word: int, by: int) -> int:
+    return (word << by | word >> 32 - by) & _ALL
