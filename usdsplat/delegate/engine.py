@@ -24,7 +24,8 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import FrameStats, Renderer
+from usdsplat.delegate.frame_stats import FrameStats
+from usdsplat.delegate.renderer import Renderer
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View
 from usdsplat.kernels.device import open_device

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate.framing import conform
 from usdsplat.delegate.render_scene import matrix
 from usdsplat.delegate.specs import View
-from usdsplat.kernels import bins, project
+from usdsplat.kernels import bins, position, project
 
 USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera space of USD (y up, looking down -z) to the kernels' (y down, looking along z)."""
@@ -80,6 +80,35 @@ class Screen:
         """Where it looks, in the world, unit length, shape (3,)."""
         axis = np.linalg.inv(self.world_to_camera)[:3, 2]
         return np.asarray(axis / np.linalg.norm(axis))
+
+    def through(
+        self, lens: tuple[float, float], focus: float, offset: tuple[float, float]
+    ) -> Screen:
+        """Return the view through another point of the lens, and of other points of the pixels.
+
+        What is at the focus distance stays where it is.
+
+        Args:
+            lens: Right and up from the middle of the lens [scene unit].
+            focus: Planar depth that is sharp [scene unit]; of use only with a lens.
+            offset: From the pixels' centres, right and down [pixel].
+        """
+        shift = np.eye(4)
+        (u, v), right, down = self.center, lens[0], -lens[1]
+        if right or down:
+            shift[:2, 3] = -right, -down
+            u += self.focal[0] * right / focus
+            v += self.focal[1] * down / focus
+        return replace(
+            self,
+            world_to_camera=shift @ self.world_to_camera,
+            center=(u - offset[0], v - offset[1]),
+        )
+
+    def view_record(self) -> npt.NDArray[Any]:
+        """The VIEW record of `kernels.position`, shape (1,)."""
+        values = (*self.focal, *self.center, self.orthographic)
+        return np.array([values], position.VIEW)
 
     def bands(self, pixels: int) -> Iterator[tuple[int, int]]:
         """Cut the data window into bands of whole rows of tiles, of about `pixels` pixels each."""

@@ -1,5 +1,8 @@
 """The splat in which half of a pixel's own coverage is passed: what depth and ids are read from.
 
+Where a surface shows through, it is part of what covers the pixel: the whole is covered, and what
+passes half of it may be the surface, of which other arrays tell.
+
 How much a pixel covers is known only when it is finished, so the lists are walked a second time,
 with the same arithmetic and without colour; each pixel ends at the splat that passes its half.
 """
@@ -10,8 +13,9 @@ import numpy as np
 from numba import prange
 
 from .bins import TILE
-from .blend import END, FIELDS, LOOK, alpha_at, load_batch, look
+from .blend import END, FIELDS, LOOK, alpha_at, load_batch, load_stops, look
 from .jit import parallel, scalar
+from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
 from .project import DEPTH
 
 ROW = 3 * TILE
@@ -40,15 +44,42 @@ def pass_row(state, row, u, a, slope, rest, place):
         state[j + np.uint64(2 * TILE)] = place if passed else mark
 
 
+@scalar
+def pass_row_before(state, stop, row, u, a, slope, rest, place, peak, dy, is_parallel):
+    """`pass_row`, but for the pixels where the splat peaks behind `stop`: those it leaves."""
+    at = np.uint64(row * ROW)
+    behind = np.uint64(row * TILE)
+    first = np.float32(1) + peak[HX] * dy
+    second, third = peak[HY] * dy, peak[HZ] * dy
+    gx, gy, center, reach = peak[GX], peak[GY], peak[CENTER], peak[REACH]
+    for x in range(TILE):
+        j = at + np.uint64(x)
+        dx = np.float32(x) - u
+        depth = peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel)
+        alpha = alpha_at(dx, a, slope, rest)
+        alpha = alpha if depth <= stop[behind + np.uint64(x)] else np.float32(0)
+        t = state[j]
+        left = t - alpha * t
+        goes_on = left >= END
+        passed = goes_on and left <= state[j + np.uint64(TILE)] and alpha > np.float32(0)
+        state[j] = left if goes_on and not passed else -abs(t)
+        mark = state[j + np.uint64(2 * TILE)]
+        state[j + np.uint64(2 * TILE)] = place if passed else mark
+
+
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
 @parallel
-def median(records, starts, lists, grid, image, ranks):
-    """Find the median splat of every pixel of a band that `blend` has finished.
+def median(records, starts, lists, grid, peaks, stops, is_parallel, image, covered, part, ranks):
+    """Find the splat in which part of every pixel's coverage is passed, once `blend` has finished.
 
     Args:
-        records, starts, lists, grid, image: As `blend` had and left them.
+        records, starts, lists, grid, peaks, stops, is_parallel, image: As `blend` had and left
+            them.
+        covered: 1 where a surface shows behind the splats, shape (y1 - y0, x1 - x0) u8; or of no
+            size when there are none.
+        part: Which part of the coverage: 0.5, or 0 for the first splat that contributes.
         ranks: Receives rows of `records`, NONE where nothing is, shape (y1 - y0, x1 - x0) i32.
     """
     for tile in prange(starts.shape[0] - 1):
@@ -58,14 +89,20 @@ def median(records, starts, lists, grid, image, ranks):
         state = np.zeros(TILE * ROW, np.float32)
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
-                covered = image[top + y - g.y0, left + x - g.x0, 3]
-                if covered > np.float32(0):
+                whole = image[top + y - g.y0, left + x - g.x0, 3]
+                if whole > np.float32(0):
+                    if covered.shape[0] > 0 and covered[top + y - g.y0, left + x - g.x0] == 1:
+                        whole = np.float32(1)
                     state[y * ROW + x] = np.float32(1)
-                    state[y * ROW + TILE + x] = np.float32(1) - covered * np.float32(0.5)
+                    state[y * ROW + TILE + x] = np.float32(1) - whole * part
         live = np.zeros(TILE, np.uint8)
         batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.int32)
         counter = np.empty(1, np.int32)
+        least, most = np.float32(np.inf), np.float32(np.inf)
+        stop = np.empty(TILE * TILE, np.float32)
+        if stops.shape[0] > 0:
+            least, most = load_stops(stops, top, left, g, stop)
         begin, end = starts[tile], starts[tile + 1]
         for first in range(begin, end, LOOK):
             if look(state, ROW, live) == 0:
@@ -78,6 +115,19 @@ def median(records, starts, lists, grid, image, ranks):
                 log_opacity = batch[5 * LOOK + i]
                 counter[0] = first - begin + i + 1
                 place = counter.view(np.float32)[0]
+                if least < np.float32(np.inf):
+                    peak = peaks[lists[first + i]]
+                    if peak[CENTER] - peak[REACH] > most:
+                        continue
+                    if peak[CENTER] + peak[REACH] > least:
+                        for y in range(rows[i], rows[LOOK + i]):
+                            if live[y]:
+                                dy = np.float32(y) - v
+                                pass_row_before(
+                                    state, stop, y, u, a, b * dy, c * dy * dy + log_opacity,
+                                    place, peak, dy, is_parallel,
+                                )  # fmt: skip
+                        continue
                 for y in range(rows[i], rows[LOOK + i]):
                     if live[y]:
                         dy = np.float32(y) - v
@@ -92,7 +142,7 @@ def median(records, starts, lists, grid, image, ranks):
 
 @parallel
 def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
-    """Read depth and identity off the median splats.
+    """Read the depth of their centres and the identity off the median splats.
 
     Args:
         ranks: What `median` found, shape (h, w) i32.
@@ -100,17 +150,20 @@ def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
         first_slots: First slot of each drawn instance, ascending, shape (m,) i64.
         labels: (prim, instance) of each drawn instance, shape (m, 2) i32.
         depth: Receives planar depth [scene unit], +inf where nothing is, shape (h, w) f32.
-        ids: Receives (prim, instance, element), -1 where nothing is, shape (3, h, w) i32.
+        ids: Receives (prim, instance, element, row of the appearance in `first_slots`), -1 where
+            nothing is, shape (4, h, w) i32.
     """
     for y in prange(ranks.shape[0]):
         for x in range(ranks.shape[1]):
             rank = ranks[y, x]
             if rank < 0:
                 depth[y, x] = np.float32(np.inf)
-                ids[0, y, x], ids[1, y, x], ids[2, y, x] = NONE, NONE, NONE
+                for k in range(4):
+                    ids[k, y, x] = NONE
             else:
                 depth[y, x] = records[rank, DEPTH]
                 slot = order[rank]
                 drawn = np.searchsorted(first_slots, slot, side="right") - 1
                 ids[0, y, x], ids[1, y, x] = labels[drawn, 0], labels[drawn, 1]
                 ids[2, y, x] = sources[slot]
+                ids[3, y, x] = drawn

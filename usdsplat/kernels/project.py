@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numba import prange
 
+from .crop import is_left
 from .jit import parallel, scalar
 
 BLOCK = 1024
@@ -173,12 +174,17 @@ def squared_distance(m, position):
 
 
 @parallel
-def project(camera, matrices, positions, rotations, scales, opacities, block, base, out, found):
+def project(
+    camera, matrices, volumes, crops, positions, rotations, scales, opacities, block, base, out,
+    found,
+):  # fmt: skip
     """Project all instances of one field.
 
     Args:
         camera: One CAMERA record, shape (1,).
         matrices: Local to camera, float64, shape (m, 3, 4), one per instance.
+        volumes: CROP records by which splats are kept or left out, shape (k,).
+        crops: From the field's space to each volume's, shape (m, k, 3, 4) f64.
         positions, rotations, scales, opacities: A SplatCloud's arrays, n rows.
         block: Slots per block, min(n, BLOCK).
         base: First slot of this field; block b of instance i owns `block` slots from
@@ -198,6 +204,8 @@ def project(camera, matrices, positions, rotations, scales, opacities, block, ba
         first = (item % blocks) * block
         count = 0
         for i in range(first, min(first + block, n)):
+            if volumes.shape[0] > 0 and not is_left(volumes, crops[item // blocks], positions[i]):
+                continue
             at = slot + count
             if project_one(
                 cam, m, positions[i], rotations[i], scales[i], opacities[i], records[at]

@@ -17,7 +17,6 @@ from numba import prange
 
 from .color import convert
 from .jit import parallel, scalar
-from .project import BLUE, GREEN, RED
 
 C0 = np.float32(0.28209479177387814)
 C1 = np.float32(0.4886025119029199)
@@ -91,7 +90,9 @@ def harmonics(sh, c, degree, x, y, z):
 
 
 @parallel
-def radiance(sights, positions, sh, degree, conversion, converts, block, base, out, found):
+def radiance(
+    sights, positions, sh, degree, conversion, converts, block, base, sources, found, paints, column
+):  # fmt: skip
     """Colour the visible splats of all instances of one field.
 
     Args:
@@ -102,9 +103,9 @@ def radiance(sights, positions, sh, degree, conversion, converts, block, base, o
         degree: Highest degree evaluated; at most what `sh` holds.
         conversion: 13 numbers, see `color`; read only if `converts`.
         block, base, found: As `project` left them.
-        out: (records, keys, sources) of `project`; RED, GREEN and BLUE are written.
+        sources: Each slot's row in the field.
+        paints, column: Where the colour goes: three columns of each used slot, f32.
     """
-    records, _, sources = out
     n = positions.shape[0]
     blocks = (n + block - 1) // block
     for item in prange(sights.shape[0] * blocks):
@@ -130,4 +131,4 @@ def radiance(sights, positions, sh, degree, conversion, converts, block, base, o
             b = harmonics(sh[i], 2, degree, x, y, z)
             if converts:
                 r, g, b = convert(r, g, b, conversion)
-            records[at, RED], records[at, GREEN], records[at, BLUE] = r, g, b
+            paints[at, column], paints[at, column + 1], paints[at, column + 2] = r, g, b

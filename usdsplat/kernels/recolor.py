@@ -1,4 +1,4 @@
-"""Take a finished, premultiplied picture from its blend space to its output space."""
+"""Take a finished picture from one colour space to another."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ def recolor(image, conversion):
     """Un-premultiply, convert and premultiply again, in place.
 
     Args:
-        image: Premultiplied RGBA, shape (h, w, 4) f32; where A is 0 nothing is done.
+        image: Premultiplied RGBA, shape (h, w, 4) f32; where A is 0 nothing is done. Or RGB, shape
+            (h, w, 3), as if A were 1.
         conversion: 13 numbers, see `color`.
     """
     for y in prange(image.shape[0]):
         for x in range(image.shape[1]):
-            alpha = image[y, x, 3]
+            alpha = image[y, x, 3] if image.shape[2] > 3 else np.float32(1)
             if alpha > np.float32(0):
                 r, g, b = convert(
                     image[y, x, 0] / alpha,

@@ -1,0 +1,66 @@
+"""The average of a picture's samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.delegate.scratch import Scratch
+from usdsplat.images.cryptomatte import object_hash
+from usdsplat.kernels import cryptomatte, walk
+from usdsplat.kernels.device import CpuDevice
+
+CHANNELS = {"color": 4, "albedo": 3}
+
+
+class Sums:
+    """Sums of one band.
+
+    Args:
+        shape: Rows and columns.
+        names: The AOVs that are averaged: colour, albedo, cryptoObject.
+    """
+
+    def __init__(
+        self, device: CpuDevice, scratch: Scratch, shape: tuple[int, int], names: Sequence[str]
+    ) -> None:
+        self._device = device
+        self._names = names
+        self._count = 0
+        self._sums: dict[str, npt.NDArray[Any]] = {}
+        for name in names:
+            if name in CHANNELS:
+                self._sums[name] = scratch.get(f"sum {name}", (*shape, CHANNELS[name]), np.float32)
+                self._sums[name][:] = 0
+        if "cryptoObject" in names:
+            slots = (*shape, cryptomatte.SLOTS)
+            self._ids = scratch.get("sum prims", slots, np.int32)
+            self._weights = scratch.get("sum weights", slots, np.float32)
+            self._ids[:], self._weights[:] = -1, 0
+            self._mattes = scratch.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
+
+    def add(self, arrays: Mapping[str, Any]) -> None:
+        """Add one sample; cryptoObject is a list of (prims, weights)."""
+        self._count += 1
+        for name in self._names:
+            if name in CHANNELS:
+                self._sums[name] += arrays[name]
+            else:
+                for ids, weights in arrays[name]:
+                    run = self._device.run
+                    run(cryptomatte.gather, ids, weights, self._ids, self._weights)
+
+    def finish(self, prims: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
+        """Return the averages; `prims` are the paths of what is drawn."""
+        scale = np.float32(1 / self._count)
+        for total in self._sums.values():
+            total *= scale
+        if "cryptoObject" not in self._names:
+            return dict(self._sums)
+        hashes = np.array([object_hash(path) for path in prims], np.float32)
+        run, mattes = self._device.run, self._mattes
+        run(cryptomatte.finish, self._ids, self._weights, scale, hashes, mattes)
+        return {**self._sums, "cryptoObject": mattes}

@@ -1,0 +1,247 @@
+"""What a view sees of a scene's splats: projected, coloured and in order; once for each view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, I32
+from usdsplat.core.errors import UsageError
+from usdsplat.delegate.cropping import volumes
+from usdsplat.delegate.draw_list import DrawList, Group
+from usdsplat.delegate.frame_stats import Clock, FrameStats
+from usdsplat.delegate.matte import is_matte
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.scratch import Scratch
+from usdsplat.delegate.screen import Screen
+from usdsplat.images.color import conversion, is_identity
+from usdsplat.kernels import feature, peak, project, radiance, sort
+from usdsplat.kernels.device import CpuDevice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visible:
+    """The splats that a view sees, nearest first; row k of every array is rank k."""
+
+    records: F32
+    """Shape (n, project.RECORD)."""
+    order: I32
+    """Slot of each, shape (n,)."""
+    sources: I32
+    """Row of each slot in its field."""
+    layout: DrawList
+    peaks: F32
+    """Shape (n, peak.PEAK), or of no size where nobody asks where rays peak."""
+    features: F32
+    """Shape (n, feature.FEATURES), or of no size where nobody asks."""
+    keeps: F32
+    """0 for what only holds out, shape (n,); of no size where nothing does."""
+    labels: I32
+    """Number of each one's prim, shape (n,), or of no size where nobody asks."""
+    is_parallel: bool
+    """Whether rays are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """What is to be known of each splat besides its footprint and colour."""
+
+    peaks: bool = False
+    features: bool = False
+    labels: bool = False
+
+
+class Look:
+    """One look at a scene: the kernels that come before any pixel, in their order."""
+
+    def __init__(
+        self,
+        device: CpuDevice,
+        scratch: Scratch,
+        scene: RenderScene,
+        screen: Screen,
+        settings: RenderSettings,
+        blend_space: str,
+    ) -> None:
+        self._device = device
+        self._scratch = scratch
+        self._layout = scene.draw_list()
+        self._screen = screen
+        self._settings = settings
+        self._blend_space = blend_space
+        if self._layout.slots > np.iinfo(np.int32).max:
+            found = f"{self._layout.slots} splats in one view"
+            raise UsageError("scene", found, "less than 2**31")
+
+    def take(
+        self,
+        wanted: Wanted,
+        matte: tuple[tuple[str, bool], ...],
+        stats: FrameStats,
+        clock: Clock,
+    ) -> Visible:
+        """Project, colour and sort all splats of the view."""
+        layout, get, slots = self._layout, self._scratch.get, self._layout.slots
+        out = (
+            get("records", (slots, project.RECORD), np.float32),
+            get("keys", (slots,), np.float32),
+            get("sources", (slots,), np.int32),
+        )
+        records, _, sources = out
+        found = get("found", layout.block_starts.shape, np.int32)
+        ends = np.cumsum([group.all_blocks for group in layout.groups])
+        parts = np.split(found, ends[:-1])
+        pairs = list(zip(layout.groups, parts, strict=bool(layout.groups)))
+        stats.splats = layout.splats
+        for group, part in pairs:
+            self._project(group, out, part)
+        clock.lap("project")
+        for group, part in pairs:
+            self._radiance(group, sources, part, records, project.RED, self._settings.sh_degree)
+        clock.lap("radiance")
+        peaks = get("peaks", (slots if wanted.peaks else 0, peak.PEAK), np.float32)
+        if wanted.peaks:
+            for group, part in pairs:
+                self._peaks(group, records, sources, part, peaks)
+            clock.lap("peaks")
+        features = get("features", (slots if wanted.features else 0, feature.FEATURES), np.float32)
+        if wanted.features:
+            for group, part in pairs:
+                self._features(group, records, sources, part, features)
+                self._radiance(group, sources, part, features, feature.ALBEDO, 0)
+            clock.lap("features")
+        order = self._sort(found, out[1])
+        gathered = (
+            self._gather("ordered", order, records),
+            self._gather("ordered peaks", order, peaks),
+            self._gather("ordered features", order, features),
+        )
+        clock.lap("sort")
+        stats.visible = len(order)
+        holds = [is_matte(path, matte) for path in layout.prims]
+        keep = np.array([not each for each in holds], np.float32)[layout.labels[:, 0]]
+        return Visible(
+            records=gathered[0],
+            order=order,
+            sources=sources,
+            layout=layout,
+            peaks=gathered[1],
+            features=gathered[2],
+            keeps=self._label("keeps", order, keep, not keep.all()),
+            labels=self._label("labels", order, layout.labels[:, 0].copy(), wanted.labels),
+            is_parallel=self._screen.orthographic,
+        )
+
+    # --- one group -------------------------------------------------------------------------
+
+    def _matrices(self, group: Group) -> F64:
+        """Local to camera, shape (m, 3, 4)."""
+        return np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
+
+    def _record(self, group: Group) -> npt.NDArray[Any]:
+        spec, mode = group.field.spec, self._settings.rasterize_mode
+        return self._screen.record(
+            tangential=spec.projection_mode == "tangential",
+            by_distance=self._settings.sorting == "cameraDistance",
+            antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased",
+        )
+
+    def _project(self, group: Group, out: Any, found: I32) -> None:
+        cloud, upload = group.field.spec.cloud, self._device.upload
+        shapes, crops = volumes(group.field.crops, group.transforms)
+        self._device.run(
+            project.project, self._record(group), self._matrices(group), shapes, crops,
+            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales),
+            upload(cloud.opacities), group.block, group.slot, out, found,
+        )  # fmt: skip
+
+    def _radiance(
+        self, group: Group, sources: I32, found: I32, paints: F32, column: int, degree: int
+    ) -> None:
+        spec, upload = group.field.spec, self._device.upload
+        numbers = conversion(spec.color_space, self._blend_space)
+        self._device.run(
+            radiance.radiance, self._sights(group), upload(spec.cloud.positions),
+            upload(spec.cloud.sh), min(degree, spec.cloud.sh_degree), numbers,
+            not is_identity(numbers), group.block, group.slot, sources, found, paints, column,
+        )  # fmt: skip
+
+    def _peaks(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
+        cloud, upload = group.field.spec.cloud, self._device.upload
+        matrices = self._matrices(group)
+        self._device.run(
+            peak.peaks, self._record(group), matrices, _inverses(matrices),
+            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales), group.block,
+            group.slot, records, sources, found, out,
+        )  # fmt: skip
+
+    def _features(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
+        cloud, upload = group.field.spec.cloud, self._device.upload
+        matrices = self._matrices(group)
+        self._device.run(
+            feature.features, matrices, _inverses(matrices), self._screen.orthographic,
+            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales), group.block,
+            group.slot, sources, found, records[:, project.DEPTH], out,
+        )  # fmt: skip
+
+    def _sights(self, group: Group) -> F64:
+        """Affine maps from a splat's position to its direction of sight in the field's own space.
+
+        A = Q P with Q orthogonal, reflections included: directions go back by Qᵀ, so Qᵀ A = P
+        takes the positions. Of an orthographic camera the direction is the same everywhere. Shape
+        (m, 3, 4).
+        """
+        screen, back = self._screen, group.turns.transpose(0, 2, 1)
+        sights = np.zeros((len(back), 3, 4))
+        if screen.orthographic:
+            sights[:, :, 3] = back @ screen.forward
+        else:
+            sights[:, :, :3] = group.stretches
+            sights[:, :, 3:] = back @ (group.transforms[:, :3, 3:] - screen.eye[:, None])
+        return sights
+
+    # --- all groups ------------------------------------------------------------------------
+
+    def _sort(self, found: I32, keys: F32) -> I32:
+        """Slots of the visible splats, nearest first."""
+        run, get, threads = self._device.run, self._scratch.get, self._device.threads
+        visible = get("visible", (self._layout.slots,), np.int32)
+        total = run(sort.visible_slots, found, self._layout.block_starts, len(found), visible)
+        work = (
+            get("sort keys", (2, total), np.uint32),
+            get("sort slots", (2, total), np.int32),
+        )
+        histogram = get("histogram", (4 * threads, sort.DIGITS), np.int64)
+        half = run(sort.depth_order, visible, total, keys, 4 * threads, work, histogram)
+        return np.asarray(work[1][half])
+
+    def _gather(self, name: str, order: I32, rows: F32) -> F32:
+        """Rows of the slots in order of depth; nothing of nothing."""
+        if len(rows) == 0 or len(order) == 0:
+            return np.empty((0, rows.shape[1]), np.float32)
+        out = self._scratch.get(name, (len(order), rows.shape[1]), np.float32)
+        self._device.run(sort.gather, order, rows, out)
+        return out
+
+    def _label(self, name: str, order: I32, numbers: Any, wanted: bool) -> npt.NDArray[Any]:
+        """What belongs to the appearance of each splat, in order of depth."""
+        if not wanted:
+            return np.empty(0, numbers.dtype)
+        out = self._scratch.get(name, (len(order),), numbers.dtype)
+        self._device.run(feature.labels, order, self._layout.first_slots, numbers, out)
+        return out
+
+
+def _inverses(matrices: F64) -> F64:
+    """Inverses of the 3x3 of local-to-camera matrices; of flat ones what comes nearest to it."""
+    linear = matrices[:, :, :3]
+    try:
+        inverses = np.linalg.inv(linear)
+    except np.linalg.LinAlgError:
+        inverses = np.linalg.pinv(linear)
+    return np.ascontiguousarray(inverses)

@@ -1,0 +1,75 @@
+"""Gather, over the samples of a picture, how much each prim covers of each pixel.
+
+Source: Friedman & Jones 2015, "Fully automatic ID mattes with support for motion blur and
+transparency".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+
+SLOTS = 12
+"""Prims that are remembered for each pixel: twice as many as a file keeps."""
+
+
+# --- 1. mathematics: one pixel ---------------------------------------------------------
+
+
+@scalar
+def remember(prim, weight, ids, weights):
+    """Add to what is known of a prim; one too many takes the place of the lightest, if lighter."""
+    lightest = 0
+    for slot in range(SLOTS):
+        if ids[slot] == prim or ids[slot] < 0:
+            ids[slot] = prim
+            weights[slot] += weight
+            return
+        if weights[slot] < weights[lightest]:
+            lightest = slot
+    if weights[lightest] < weight:
+        ids[lightest], weights[lightest] = prim, weight
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def gather(ids, weights, all_ids, all_weights):
+    """Add the prims of one sample to those of all.
+
+    Args:
+        ids, weights: Of one sample, shape (h, w, n); -1 where there is no more.
+        all_ids, all_weights: Changed in place, shape (h, w, SLOTS); begin with -1 and 0.
+    """
+    for y in prange(ids.shape[0]):
+        for x in range(ids.shape[1]):
+            for rank in range(ids.shape[2]):
+                if ids[y, x, rank] >= 0:
+                    remember(ids[y, x, rank], weights[y, x, rank], all_ids[y, x], all_weights[y, x])
+
+
+@parallel
+def finish(all_ids, all_weights, scale, hashes, out):
+    """Write Cryptomatte's channels: id and coverage, the heaviest prim first.
+
+    Args:
+        all_ids, all_weights: What was gathered; the weights are used up.
+        scale: One over the number of samples.
+        hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
+        out: Shape (h, w, 2 n) f32, of which all is written.
+    """
+    for y in prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            for rank in range(out.shape[2] // 2):
+                best = 0
+                for slot in range(1, SLOTS):
+                    if all_weights[y, x, slot] > all_weights[y, x, best]:
+                        best = slot
+                weight = all_weights[y, x, best]
+                here = weight > np.float32(0)
+                out[y, x, 2 * rank] = hashes[all_ids[y, x, best]] if here else np.float32(0)
+                out[y, x, 2 * rank + 1] = weight * scale
+                all_weights[y, x, best] = np.float32(0)

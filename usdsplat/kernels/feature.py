@@ -1,0 +1,117 @@
+"""What AOVs average over splats: their normals and depths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+
+FEATURES = 9
+NORMAL, ALBEDO, EXPECTED = 0, 3, 6
+"""First columns of the paints of a splat: its normal in the camera's space; its colour without
+harmonics; the planar depth of its centre, and twice nothing."""
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def normal_of(m, inverse, position, q, s, is_parallel):
+    """Unit normal in the camera's space as USD has it: y up, z towards the viewer.
+
+    The axis along which the splat is thinnest, taken through the transform as normals are, and
+    facing the eye.
+    """
+    w, i, j, k = np.float64(q[0]), np.float64(q[1]), np.float64(q[2]), np.float64(q[3])
+    if s[0] <= s[1] and s[0] <= s[2]:
+        ax, ay, az = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j + w * k), 2.0 * (i * k - w * j)
+    elif s[1] <= s[2]:
+        ax, ay, az = 2.0 * (i * j - w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k + w * i)
+    else:
+        ax, ay, az = 2.0 * (i * k + w * j), 2.0 * (j * k - w * i), 1.0 - 2.0 * (i * i + j * j)
+    x = inverse[0, 0] * ax + inverse[1, 0] * ay + inverse[2, 0] * az
+    y = inverse[0, 1] * ax + inverse[1, 1] * ay + inverse[2, 1] * az
+    z = inverse[0, 2] * ax + inverse[1, 2] * ay + inverse[2, 2] * az
+    length = math.sqrt(x * x + y * y + z * z)
+    if is_parallel:
+        scale = (-1.0 if z > 0.0 else 1.0) / length if length > 0.0 else 0.0
+        return np.float32(x * scale), np.float32(-y * scale), np.float32(-z * scale)
+    px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
+    away = (
+        x * (m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3])
+        + y * (m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3])
+        + z * (m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3])
+    )
+    scale = (-1.0 if away > 0.0 else 1.0) / length if length > 0.0 else 0.0
+    return np.float32(x * scale), np.float32(-y * scale), np.float32(-z * scale)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def features(
+    matrices, inverses, is_parallel, positions, rotations, scales, block, base, sources, found,
+    depths, out,
+):  # fmt: skip
+    """Write the normals and depths of the visible splats of all instances of one field.
+
+    Args:
+        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `peaks`
+            takes them.
+        is_parallel: Whether rays are: the camera is orthographic.
+        depths: Of the slots, (slots,) f32.
+        out: Receives FEATURES floats for each used slot, but for the albedo.
+    """
+    n = positions.shape[0]
+    blocks = (n + block - 1) // block
+    for item in prange(matrices.shape[0] * blocks):
+        m, inverse = matrices[item // blocks], inverses[item // blocks]
+        slot = base + item * block
+        for at in range(slot, slot + found[item]):
+            i = sources[at]
+            x, y, z = normal_of(
+                m, inverse, positions[i], rotations[i], scales[i], is_parallel
+            )
+            out[at, NORMAL], out[at, NORMAL + 1], out[at, NORMAL + 2] = x, y, z
+            out[at, EXPECTED] = depths[at]
+            out[at, EXPECTED + 1], out[at, EXPECTED + 2] = np.float32(0), np.float32(0)
+
+
+@parallel
+def labels(order, first_slots, numbers, out):
+    """out[k] = the number that belongs to the appearance of the splat of rank k.
+
+    Args:
+        order: Slots by depth; first_slots: first slot of each appearance, ascending.
+        numbers: One for each appearance, any dtype.
+    """
+    for block in prange((order.shape[0] + 1023) // 1024):
+        for k in range(block * 1024, min(order.shape[0], (block + 1) * 1024)):
+            at = np.searchsorted(first_slots, order[k], side="right") - 1
+            out[k] = numbers[at]
+
+
+@parallel
+def unit(image, surface, left, out):
+    """Normalise summed normals, a surface's behind them included.
+
+    Args:
+        image: Sums and coverage, shape (h, w, 4) f32.
+        surface: Normal of a surface, shape (h, w, 3) f32.
+        left: What the splats let through of it, (h, w) f32; of no size where there is none.
+        out: Receives unit normals, 0 where nothing is, (h, w, 3) f32.
+    """
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            a, b, c = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            if left.shape[0] > 0 and left[y, x] > np.float32(0):
+                a += left[y, x] * surface[y, x, 0]
+                b += left[y, x] * surface[y, x, 1]
+                c += left[y, x] * surface[y, x, 2]
+            length = np.float32(math.sqrt(a * a + b * b + c * c))
+            scale = np.float32(1) / length if length > np.float32(0) else np.float32(0)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale

@@ -1,0 +1,119 @@
+"""From a depth to the place in the world, and to where that place is in another frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+
+VIEW = np.dtype([("fx", "f8"), ("fy", "f8"), ("cx", "f8"), ("cy", "f8"), ("is_parallel", "i4")])
+"""Focal lengths and principal point [pixel], and whether rays are parallel."""
+STILL = -1
+"""Of an appearance whose elements do not move by themselves."""
+
+
+# --- 1. mathematics: one pixel ---------------------------------------------------------
+
+
+@scalar
+def unproject(view, column, row, depth):
+    """A pixel's point in camera space: x right, y down, z forward."""
+    x, y = (column - view.cx) / view.fx, (row - view.cy) / view.fy
+    if view.is_parallel:
+        return x, y, depth
+    return x * depth, y * depth, depth
+
+
+@scalar
+def apply(m, x, y, z):
+    """A 3x4 matrix times a point."""
+    return (
+        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
+        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
+        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3],
+    )
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def positions(view, camera_to_world, depth, x0, y0, out):
+    """Write the place in the world of every pixel, 0 where nothing is.
+
+    Args:
+        view: One VIEW record, shape (1,).
+        camera_to_world: Shape (3, 4) f64, from x right, y down, z forward.
+        depth: Planar, +inf where nothing is, shape (h, w) f32.
+        x0, y0: Pixel of the first column and row.
+        out: Receives positions, shape (h, w, 3) f32.
+    """
+    for y in prange(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            z = np.float64(depth[y, x])
+            if not z < np.inf:
+                out[y, x, 0] = out[y, x, 1] = out[y, x, 2] = np.float32(0)
+                continue
+            px, py, pz = unproject(view[0], np.float64(x0 + x), np.float64(y0 + y), z)
+            px, py, pz = apply(camera_to_world, px, py, pz)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(px), np.float32(py), np.float32(pz)
+
+
+@parallel
+def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x0, y0, sign, out):
+    """Write by how many pixels what is seen at each pixel moves to another frame.
+
+    Args:
+        views: VIEW records of this frame and the other, shape (2,).
+        moves: Of each appearance, from this frame's camera space to the other's, (m, 3, 4) f64.
+        turns: From an appearance's own space to the other frame's camera space, (m, 3, 3) f64.
+        first: Where an appearance's deltas begin, or STILL, shape (m,) i64.
+        deltas: By how much points move in their own space, shape (n, 3) f32: one row for each
+            splat, and one for each corner of each triangle.
+        depth: Planar, +inf where nothing is, shape (h, w) f32.
+        rows: Which appearance is seen, -1 where none is, shape (h, w) i32.
+        elements: Which splat, or which triangle, of it, shape (h, w) i32.
+        weights: Of the triangle's second and third corner, shape (h, w, 2) f32; of a splat
+            (-1, -1).
+        x0, y0: Pixel of the first column and row.
+        sign: 1 for the way to the other frame, -1 for the way from it.
+        out: Receives (right, up) [pixel], 0 where nothing is, shape (h, w, 2) f32.
+    """
+    for y in prange(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            z, row = np.float64(depth[y, x]), rows[y, x]
+            out[y, x, 0], out[y, x, 1] = np.float32(0), np.float32(0)
+            if row < 0 or not z < np.inf:
+                continue
+            column, line = np.float64(x0 + x), np.float64(y0 + y)
+            px, py, pz = unproject(views[0], column, line, z)
+            px, py, pz = apply(moves[row], px, py, pz)
+            if first[row] != STILL:
+                b, c = np.float64(weights[y, x, 0]), np.float64(weights[y, x, 1])
+                dx, dy, dz = 0.0, 0.0, 0.0
+                if b < 0.0:
+                    at = first[row] + elements[y, x]
+                    dx, dy, dz = (
+                        np.float64(deltas[at, 0]),
+                        np.float64(deltas[at, 1]),
+                        np.float64(deltas[at, 2]),
+                    )
+                else:
+                    at = first[row] + 3 * np.int64(elements[y, x])
+                    a = 1.0 - b - c
+                    dx = a * deltas[at, 0] + b * deltas[at + 1, 0] + c * deltas[at + 2, 0]
+                    dy = a * deltas[at, 1] + b * deltas[at + 1, 1] + c * deltas[at + 2, 1]
+                    dz = a * deltas[at, 2] + b * deltas[at + 1, 2] + c * deltas[at + 2, 2]
+                t = turns[row]
+                px += t[0, 0] * dx + t[0, 1] * dy + t[0, 2] * dz
+                py += t[1, 0] * dx + t[1, 1] * dy + t[1, 2] * dz
+                pz += t[2, 0] * dx + t[2, 1] * dy + t[2, 2] * dz
+            other = views[1]
+            if not other.is_parallel:
+                if not pz > 0.0:
+                    continue
+                px, py = px / pz, py / pz
+            u, v = other.fx * px + other.cx, other.fy * py + other.cy
+            out[y, x, 0] = np.float32(sign * (u - column))
+            out[y, x, 1] = np.float32(sign * (line - v))

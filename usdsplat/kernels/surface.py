@@ -1,0 +1,91 @@
+"""Where a finished splat layer and opaque surfaces become one picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+from .walk import held_through
+
+DRAWN, MATTE = 1, 2
+"""Of a surface at a pixel: it is in the picture, or only hides what is behind it."""
+
+
+@scalar
+def straight_depth(depth):
+    """A holdout's depth: what is no depth hides nothing."""
+    return depth if depth > np.float32(0) else np.float32(np.inf)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def hold_back(stops, covered, depth):
+    """Let a flat holdout hide what is behind it, surfaces too.
+
+    Args:
+        stops, covered: Planar depths of surfaces and what they are, (h, w); changed in place.
+        depth: Of the holdout, +inf where it has nothing, shape (h, w) f32.
+    """
+    for y in prange(stops.shape[0]):
+        for x in range(stops.shape[1]):
+            nearest = straight_depth(depth[y, x])
+            if nearest < stops[y, x]:
+                stops[y, x], covered[y, x] = nearest, MATTE
+
+
+@parallel
+def show_through(image, through, covered, stops, holdout, left):
+    """Find how much of a surface the layer in front of it lets through.
+
+    Args:
+        image: The layer, premultiplied with coverage, shape (h, w, 4) f32.
+        through: Its transmittance, shape (h, w) f32; of no size where it is 1 − coverage.
+        covered, stops: What the surfaces are and their planar depth, (h, w).
+        holdout: As `walk` takes it: what else is in front of the surface.
+        left: Receives 0..1, 0 where no surface is in the picture, shape (h, w) f32.
+    """
+    offsets, depths, held = holdout
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            left[y, x] = np.float32(0)
+            if covered[y, x] == DRAWN:
+                part = through[y, x] if through.shape[0] > 0 else np.float32(1) - image[y, x, 3]
+                if offsets.shape[0] > 0:
+                    pixel = y * image.shape[1] + x
+                    part *= held_through(offsets, depths, held, pixel, stops[y, x])
+                left[y, x] = part
+
+
+@parallel
+def over(image, left, surface):
+    """Put a premultiplied layer over what it lets through of a surface, in place.
+
+    Args:
+        image: Shape (h, w, 4) f32; left: of `show_through`; surface: three numbers, (h, w, 3) f32.
+    """
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            part = left[y, x]
+            if part > np.float32(0):
+                for c in range(3):
+                    image[y, x, c] += part * surface[y, x, c]
+                image[y, x, 3] += part
+
+
+@parallel
+def nearest(depth, ids, stops, covered, surface_ids):
+    """Fill in surfaces where no splat is: depth and identity, in place.
+
+    Args:
+        depth, ids: Of the splats, +inf and -1 where none is, (h, w) f32 and (4, h, w) i32.
+        stops, covered, surface_ids: Of the surfaces, whose (prim, instance, face) are (3, h, w).
+    """
+    for y in prange(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            if covered[y, x] == DRAWN and ids[0, y, x] < 0:
+                depth[y, x] = stops[y, x]
+                for k in range(3):
+                    ids[k, y, x] = surface_ids[k, y, x]
