@@ -1,0 +1,1 @@
+"""Surfaces made into triangles: polygons, subdivision surfaces and USD's geometric primitives."""

@@ -1,0 +1,171 @@
+"""The weights of one step of Catmull-Clark or Loop subdivision, with creases.
+
+Sources: Catmull and Clark 1978; Loop 1987; semi-sharp creases after DeRose, Kass and Truong 1998,
+with the blending of fractional sharpness that OpenSubdiv documents (the uniform method).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64, I64
+from usdsplat.core.surface.level import Bools, Level, groups, softened
+from usdsplat.core.surface.stencil import Block, Stencil, Step
+
+Valence = Callable[[int], tuple[float, float, float]]
+
+
+def catmull_clark(level: Level) -> Step:
+    """The step to `level.quads`: faces have their means, edges and vertices use those."""
+    count = level.vertices
+    counts = np.diff(level.offsets)
+    blocks = []
+    for n in np.unique(counts):
+        faces = np.flatnonzero(counts == n)
+        columns = level.corners[level.offsets[faces] + np.arange(n)[:, None]]
+        blocks.append(_block(faces, columns, np.full((n, 1), 1 / n)))
+    means = Stencil(size=level.faces, blocks=tuple(blocks))
+
+    def smooth(n: int) -> tuple[float, float, float]:
+        return (n - 2) / n, 1 / n**2, 1 / n**2
+
+    edge_blocks = _edge_blocks(level, count + level.face_of, 0.25)
+    vertex_blocks = _vertex_blocks(level, count + level.face_of, smooth)
+    size = count + len(level.ends)
+    return Step(means=means, others=Stencil(size=size, blocks=(*vertex_blocks, *edge_blocks)))
+
+
+def loop(level: Level) -> Step:
+    """The step to `level.triangles`."""
+
+    def smooth(n: int) -> tuple[float, float, float]:
+        beta = (0.625 - (0.375 + 0.25 * math.cos(2 * math.pi / n)) ** 2) / n
+        return 1 - n * beta, beta, 0.0
+
+    opposite = level.corners[level.preceding]
+    size = level.vertices + len(level.ends)
+    blocks = (*_vertex_blocks(level, None, smooth), *_edge_blocks(level, opposite, 0.375))
+    return Step(means=None, others=Stencil(size=size, blocks=blocks))
+
+
+def _block(rows: I64, columns: I64, weights: F64) -> Block:
+    """Rows, their terms and weights, as they are stored."""
+    if weights.shape[1] > 1 and (weights == weights[:, :1]).all():
+        weights = weights[:, :1]
+    return Block(
+        rows=rows.astype(np.int32),
+        columns=columns.astype(np.int32),
+        weights=weights.astype(np.float32),
+    )
+
+
+def _edge_blocks(level: Level, across: I64, near: float) -> list[Block]:
+    """Blocks of points on edges.
+
+    Args:
+        level: The coarser level.
+        across: What counts on each corner's side of its edge: the face's mean, or the vertex
+            opposite, shape (c,).
+        near: Weight of either end of a smooth edge.
+    """
+    sharp = np.minimum(level.edge_sharpness, 1)
+    ends, first = level.ends.T, level.vertices
+    hard = np.flatnonzero(sharp >= 1)
+    blocks = [_block(first + hard, ends[:, hard], np.full((2, 1), 0.5))]
+    soft = np.flatnonzero(sharp < 1)
+    offsets, order = groups(level.edge_of, len(level.ends))
+    sides = across[order[offsets[soft] + np.arange(2)[:, None]]]  # a smooth edge has two faces
+    t = sharp[soft]
+    ends_weight, side_weight = near + (0.5 - near) * t, (0.5 - near) * (1 - t)
+    weights = np.stack([ends_weight, ends_weight, side_weight, side_weight])
+    blocks.append(_block(first + soft, np.concatenate([ends[:, soft], sides]), weights))
+    return [block for block in blocks if len(block.rows)]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Blend:
+    """What each vertex is a blend of; the three add up to one."""
+
+    corner: F64
+    crease: F64
+    smooth: F64
+    early: Bools
+    """Where the crease is that of the coarser level, else it is that of the finer."""
+
+
+def _blend(level: Level) -> _Blend:
+    """The rules before and after this step, weighed by how sharp what becomes smooth still was."""
+    edge, vertex = level.edge_sharpness, level.vertex_sharpness
+    edge_after, vertex_after = softened(edge), softened(vertex)
+    corner, crease = _rule(level, edge, vertex)
+    corner_after, crease_after = _rule(level, edge_after, vertex_after)
+
+    ending = (edge > 0) & (edge_after == 0)
+    at = level.ends[ending].ravel()
+    total = np.bincount(at, np.repeat(edge[ending], 2), minlength=level.vertices)
+    number = np.bincount(at, minlength=level.vertices)
+    fading = (vertex > 0) & (vertex_after == 0)
+    total = total + np.where(fading, vertex, 0)
+    w = np.minimum(total / np.maximum(number + fading, 1), 1)
+    corners = np.where(corner & corner_after, 1, w * corner + (1 - w) * corner_after)
+    creases = np.where(crease & crease_after, 1, w * crease + (1 - w) * crease_after)
+    return _Blend(corner=corners, crease=creases, smooth=1 - corners - creases, early=crease)
+
+
+def _rule(level: Level, edge: F32, vertex: F32) -> tuple[Bools, Bools]:
+    """Whether each vertex is a corner, and whether it is a crease; else it is smooth."""
+    sharp = np.bincount(level.ends[edge > 0].ravel(), minlength=level.vertices)
+    corner = (vertex > 0) | (sharp > 2)
+    return corner, ~corner & (sharp == 2)
+
+
+def _vertex_blocks(level: Level, means: I64 | None, smooth: Valence) -> list[Block]:
+    """Blocks of points that vertices move to.
+
+    Args:
+        level: The coarser level.
+        means: Row of the mean of each corner's face, shape (c,), if it counts.
+        smooth: Weights of a smooth vertex of n edges: of itself, of each neighbour, of each mean.
+    """
+    blend = _blend(level)
+    starts, order = groups(level.ends.ravel(), level.vertices)
+    across = level.ends.ravel()[order ^ 1]  # the other end of each vertex's edges
+    at = level.ends.ravel()[order]
+    sharpness = level.edge_sharpness[order // 2]
+    creased = np.where(blend.early[at], sharpness > 0, softened(sharpness) > 0)
+    valence = np.diff(starts)
+
+    alone = valence == 0
+    still = np.flatnonzero((blend.corner == 1) | alone)
+    along = np.flatnonzero(blend.crease == 1)
+    ends = across[creased & (blend.crease[at] == 1)].reshape(-1, 2).T
+    blocks = [
+        _block(still, still[None], np.ones((1, 1))),
+        _block(along, np.concatenate([along[None], ends]), np.array([[0.75], [0.125], [0.125]])),
+    ]
+    if means is None:
+        firsts, faces = starts, np.zeros(level.vertices, np.int64)
+    else:
+        firsts, by_vertex = groups(level.corners, level.vertices)
+        faces = np.diff(firsts)
+    rest = np.flatnonzero((blend.corner < 1) & (blend.crease < 1) & ~alone)
+    kinds = valence[rest] * (faces.max(initial=0) + 1) + faces[rest]
+    for kind in np.unique(kinds):
+        rows = rest[kinds == kind]
+        n = int(valence[rows[0]])
+        own, near, far = smooth(n)
+        neighbours = starts[rows] + np.arange(n)[:, None]
+        s, c = blend.smooth[rows], blend.crease[rows]
+        columns = [rows[None], across[neighbours]]
+        weights = [(blend.corner[rows] + 0.75 * c + own * s)[None]]
+        weights.append(0.125 * c * creased[neighbours] + near * s)
+        if means is not None:
+            around = firsts[rows] + np.arange(faces[rows[0]])[:, None]
+            columns.append(means[by_vertex[around]])
+            weights.append(np.broadcast_to(far * s, around.shape))
+        blocks.append(_block(rows, np.concatenate(columns), np.concatenate(weights)))
+    return [block for block in blocks if len(block.rows)]

@@ -1,0 +1,277 @@
+"""A mesh made into triangles: refined where it is a subdivision surface, then triangulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, I32, I64
+from usdsplat.core.errors import StageError
+from usdsplat.core.surface import masks
+from usdsplat.core.surface.face_varying import cut, hard, split, weld
+from usdsplat.core.surface.level import (
+    INFINITE,
+    Bools,
+    Level,
+    coarsest,
+    edge_numbers,
+    open_edges,
+    quads,
+    sharpen,
+    triangles,
+)
+from usdsplat.core.surface.stencil import Step, refine
+from usdsplat.core.surface.topology import Polygons, Topology, check, creases
+from usdsplat.core.surface.triangulate import triangulate
+
+Values = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Refined:
+    """A level made finer: what happens to values, and which of them each corner has."""
+
+    steps: tuple[Step, ...]
+    finest: Level
+
+
+class Surface:
+    """A topology made into triangles, and whatever lies on it at their corners.
+
+    The topology is worked out once; points and values may then change as often as they like.
+    Catmull-Clark and Loop surfaces are refined uniformly, as OpenSubdiv does, bilinear ones without
+    smoothing; with `levels` 0 they are the cage. A quad is cut from its first corner to its third.
+
+    Args:
+        topology: Faces over points.
+        points: How many there are.
+        levels: Refinements of a subdivision surface; each makes four faces of one.
+        rest: Points, shape (points, 3), by which concave polygons of a mesh that is no subdivision
+            surface are cut; without them all polygons are taken for convex. The cut stays the same
+            when points move.
+        where: Names the prim in errors.
+
+    Raises:
+        StageError: The topology does not hold together.
+    """
+
+    triangles: I32
+    """Rows of refined points, counter-clockwise from outside, shape (t, 3)."""
+    faces: I32
+    """Authored face of each triangle, shape (t,)."""
+
+    def __init__(
+        self,
+        topology: Topology,
+        *,
+        points: int,
+        levels: int = 2,
+        rest: F32 | None = None,
+        where: str = "mesh",
+    ) -> None:
+        self._where, self._topology, self._points = where, topology, points
+        self._polygons = check(topology, points, where)
+        self._smooth = topology.scheme != "none"
+        self._levels = levels if self._smooth else 0
+        self._cage = _sharpened(topology, self._polygons, points)
+        self._vertex = self._refine(self._cage)
+        self._linear: _Refined | None = None
+
+        finest = self._vertex.finest
+        shape = None if rest is None or self._levels else np.asarray(rest, np.float64)
+        cuts, owner = triangulate(np.diff(finest.offsets), finest.corners, shape)
+        polygon = self._ancestors(finest.faces)[owner]
+        drawn = self._drawn()[polygon]
+        self._corners = cuts[drawn][:, [0, 2, 1] if topology.left_handed else [0, 1, 2]]
+        self.triangles = finest.corners[self._corners].astype(np.int32)
+        self.faces = self._polygons.faces[polygon[drawn]].astype(np.int32)
+
+    def points(self, points: F32) -> F32:
+        """Refined points, shape (p, 3), of points of shape (n, 3); the first n of them are where
+        the given ones went."""
+        return refine(self._vertex.steps, self._rows(points, self._points, "points"))
+
+    def normals(self, points: F32) -> F32 | None:
+        """Unit normals at the corners of triangles, shape (t, 3, 3), of refined points.
+
+        They are means of the faces around, weighed by area, and differ across infinitely sharp
+        edges, with the bilinear scheme across all edges of the cage. None for a mesh that is no
+        subdivision surface: its triangles have their own.
+        """
+        if not self._smooth:
+            return None
+        pieces = hard(self._cage) if self._topology.scheme == "bilinear" else self._cage
+        numbers = self._vertex.finest.corners
+        if (pieces.edge_sharpness >= INFINITE).any():
+            level, _ = cut(pieces, split(pieces), "none")
+            numbers = self._finest(level).corners
+        normals = _corner_normals(self._vertex.finest, numbers, np.asarray(points, np.float32))
+        if self._topology.left_handed:
+            normals = -normals
+        return np.take(normals, numbers[self._corners], axis=0)
+
+    def corners(self, values: Values, interpolation: str, indices: I32 | None = None) -> F32:
+        """A primvar at the corners of triangles, shape (t, 3, k).
+
+        Face-varying values of a subdivision surface are smooth inside the pieces that they form,
+        at whose borders they follow the topology's rule. Without indices equal values at one
+        vertex are one value.
+
+        Args:
+            values: Shape (n,) or (n, k).
+            interpolation: A UsdGeom token.
+            indices: Row of `values` of each element, or None when they are in order.
+
+        Raises:
+            StageError: There are too few or too many values, or the interpolation is none.
+        """
+        values = np.asarray(values, np.float32)
+        values = values.reshape(len(values), -1)
+        if indices is not None:
+            indices = np.asarray(indices, np.int64)
+            outside = (indices < 0) | (indices >= len(values))
+            if outside.any():
+                raise StageError(
+                    self._where,
+                    f"primvar index {indices[outside][0]}",
+                    f"0 or more and less than {len(values)}",
+                )
+        if interpolation == "faceVarying":
+            return self._face_varying(values, indices)
+        values = values if indices is None else values[indices]
+        if interpolation == "constant":
+            row = self._rows(values, 1, "constant values")[0]
+            return np.tile(row, (len(self.triangles), 3, 1))
+        if interpolation == "uniform":
+            rows = self._rows(values, len(self._topology.counts), "uniform values")
+            return np.repeat(rows[self.faces][:, None], 3, axis=1)
+        if interpolation == "vertex":
+            rows = self._rows(values, self._points, "vertex values")
+            return np.take(refine(self._vertex.steps, rows), self.triangles, axis=0)
+        if interpolation == "varying":
+            rows = self._rows(values, self._points, "varying values")
+            if self._linear is None:
+                self._linear = self._refine(hard(self._cage))
+            return np.take(refine(self._linear.steps, rows), self.triangles, axis=0)
+        raise StageError(
+            self._where,
+            f"interpolation {interpolation!r}",
+            "constant, uniform, varying, vertex or faceVarying",
+        )
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _face_varying(self, values: F32, indices: I64 | None) -> F32:
+        authored = len(self._topology.indices)
+        if indices is None:
+            self._rows(values, authored, "face-varying values")
+            at_corners = values[self._polygons.corners]
+        else:
+            self._rows(indices, authored, "face-varying indices")
+            at_corners = values[indices[self._polygons.corners]]
+        if self._levels == 0:
+            return np.take(at_corners, self._corners, axis=0)
+        if indices is None:
+            numbers = weld(self._polygons.indices, at_corners)
+        else:
+            numbers = indices[self._polygons.corners]
+        level, first = cut(self._cage, numbers, self._topology.face_varying)
+        refined = self._refine(hard(level) if self._topology.scheme == "bilinear" else level)
+        fine = refine(refined.steps, at_corners[first])
+        return np.take(fine, refined.finest.corners[self._corners], axis=0)
+
+    def _rows(self, values: Values, count: int, what: str) -> Values:
+        """Values, if there are as many as there have to be."""
+        if len(values) != count:
+            raise StageError(self._where, f"{len(values)} {what}", str(count))
+        return values
+
+    def _scheme(self) -> tuple[Callable[[Level], Step], Callable[[Level], Level]]:
+        if self._topology.scheme == "loop":
+            return masks.loop, triangles
+        return masks.catmull_clark, quads
+
+    def _refine(self, level: Level) -> _Refined:
+        """The stencils from a level to the finest, and that level."""
+        mask, finer = self._scheme()
+        steps = []
+        for _ in range(self._levels):
+            steps.append(mask(level))
+            level = finer(level)
+        return _Refined(steps=tuple(steps), finest=level)
+
+    def _finest(self, level: Level) -> Level:
+        """The finest level alone."""
+        for _ in range(self._levels):
+            level = self._scheme()[1](level)
+        return level
+
+    def _ancestors(self, count: int) -> I64:
+        """Polygon that each of the finest faces is a part of."""
+        polygons, counts = np.arange(len(self._polygons.counts)), self._polygons.counts
+        if self._levels == 0:
+            return polygons
+        first = polygons if self._topology.scheme == "loop" else np.repeat(polygons, counts)
+        return np.repeat(first, count // max(len(first), 1))
+
+    def _drawn(self) -> Bools:
+        """Which polygons are seen: holes are not, nor faces at open edges that are not kept."""
+        drawn = ~np.isin(self._polygons.faces, self._topology.holes)
+        if self._smooth and self._topology.boundary == "none":
+            authored = _creased(self._topology, coarsest_of(self._polygons, self._points))
+            loose = open_edges(self._cage) & (authored.edge_sharpness < INFINITE)
+            at = np.zeros(self._points, bool)
+            at[self._cage.ends[loose].ravel()] = True
+            drawn[self._cage.face_of[at[self._cage.corners]]] = False
+        return drawn
+
+
+def coarsest_of(polygons: Polygons, points: int) -> Level:
+    """The level of a mesh's faces, with nothing sharp yet."""
+    return coarsest(polygons.counts, polygons.indices, points)
+
+
+def _creased(topology: Topology, level: Level) -> Level:
+    """The level with the sharpness that was authored; of edges that are not there nothing."""
+    first, second, sharpness = creases(topology)
+    edge_sharpness, vertex_sharpness = level.edge_sharpness.copy(), level.vertex_sharpness.copy()
+    edge = edge_numbers(level, first, second)
+    edge_sharpness[edge[edge >= 0]] = np.maximum(sharpness[edge >= 0], 0)
+    vertex_sharpness[topology.corner_indices] = np.maximum(topology.corner_sharpnesses, 0)
+    return replace(level, edge_sharpness=edge_sharpness, vertex_sharpness=vertex_sharpness)
+
+
+def _sharpened(topology: Topology, polygons: Polygons, points: int) -> Level:
+    """The coarsest level, as sharp as authored and as its borders ask for."""
+    level = coarsest_of(polygons, points)
+    if topology.scheme == "none":
+        return level
+    if topology.scheme == "bilinear":
+        return hard(level)
+    level = _creased(topology, level)
+    sharpen(level, corners=topology.boundary == "edgeAndCorner")
+    return level
+
+
+def _corner_normals(level: Level, numbers: I64, points: F32) -> F32:
+    """Unit normals by number of smooth piece: means of the faces' areas, as vectors."""
+    start = level.offsets[:-1]
+    total: F64 = np.zeros((int(numbers.max(initial=-1)) + 1, 3))
+    counts = np.diff(level.offsets)
+    for n in np.unique(counts):
+        faces = np.flatnonzero(counts == n)
+        corners = start[faces] + np.arange(n)[:, None]
+        spokes = points[level.corners[corners]]
+        spokes = spokes - spokes[0]
+        area = np.cross(spokes[1:-1], spokes[2:]).sum(axis=0)
+        at = numbers[corners].ravel()
+        for axis in range(3):
+            weights = np.broadcast_to(area[:, axis], (n, len(faces))).ravel()
+            total[:, axis] += np.bincount(at, weights, minlength=len(total))
+    length = np.linalg.norm(total, axis=1)
+    total[length == 0] = (0.0, 0.0, 1.0)  # a piece without area faces nowhere
+    return np.asarray(total / np.where(length == 0, 1, length)[:, None], np.float32)

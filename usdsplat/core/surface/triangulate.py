@@ -1,0 +1,89 @@
+"""Polygons made into triangles: fans where they are convex, ears clipped where they are not.
+
+Source of ear clipping: Meisters 1975. Polygons that are not flat are seen along the normal of their
+own area (Newell), those that cross themselves are cut as far as there are ears.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F64, I64
+
+
+def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64]:
+    """Corners of triangles, shape (t, 3), and the polygon of each, shape (t,), in order.
+
+    Args:
+        counts: Corners of each polygon, three or more, shape (f,).
+        indices: Point at each corner, shape (sum(counts),).
+        points: Shape (p, 3); None takes all polygons for convex.
+    """
+    first = np.cumsum(counts) - counts
+    pieces, owners = [], []
+    for n in np.unique(counts):
+        polygons = np.flatnonzero(counts == n)
+        fan = np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], axis=1)
+        local = np.broadcast_to(fan, (len(polygons), n - 2, 3))
+        if points is not None and n > 3:
+            local = local.copy()
+            shapes = points[indices[first[polygons, None] + np.arange(n)]]
+            for each in np.flatnonzero(_is_concave(shapes)):
+                local[each] = _clip(_flat(shapes[each]))
+        pieces.append((first[polygons, None, None] + local).reshape(-1, 3))
+        owners.append(np.repeat(polygons, n - 2))
+    if not pieces:
+        return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate(pieces)[order], owner[order]
+
+
+def _is_concave(shapes: F64) -> np.ndarray:
+    """Which polygons, shape (f, n, 3), turn back at some corner."""
+    arms = np.roll(shapes, -1, axis=1) - shapes
+    turns = np.cross(np.roll(arms, 1, axis=1), arms)
+    spokes = shapes - shapes[:, :1]
+    normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
+    return np.asarray((np.einsum("fnk,fk->fn", turns, normals) < 0).any(axis=1))
+
+
+def _flat(shape: F64) -> F64:
+    """A polygon, shape (n, 3), seen along its normal: counter-clockwise, shape (n, 2)."""
+    spokes = shape - shape[0]
+    normal = np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)
+    axis = int(np.abs(normal).argmax())
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    # Dropping the largest axis of the normal keeps the turns of a flat polygon.
+    flat = spokes[:, [u, v]]
+    return flat if normal[axis] >= 0 else flat * np.array([-1.0, 1.0])
+
+
+def _clip(shape: F64) -> I64:
+    """Triangles of a polygon, shape (n, 2), counter-clockwise: n - 2 rows of corners."""
+    left = list(range(len(shape)))
+    cut = []
+    while len(left) > 3:
+        at = next((i for i in range(len(left)) if _is_ear(shape, left, i)), 1)
+        cut.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
+        del left[at]
+    return np.array([*cut, tuple(left)], np.int64)
+
+
+def _is_ear(shape: F64, left: list[int], at: int) -> bool:
+    """Whether the corner sticks out and no other lies in the triangle that it makes."""
+    a, b, c = shape[[left[at - 1], left[at], left[(at + 1) % len(left)]]]
+    if _turn(a, b, c) <= 0:
+        return False
+    others = shape[left]
+    inside = (_turn(a, b, others) >= 0) & (_turn(b, c, others) >= 0) & (_turn(c, a, others) >= 0)
+    # Corners at the same place as one of the three do not lie inside; they bridge to a hole.
+    same = (others[:, None] == np.stack([a, b, c])).all(axis=2).any(axis=1)
+    return not (inside & ~same).any()
+
+
+def _turn(a: F64, b: F64, c: F64) -> F64:
+    """Twice the signed area of a triangle; `c` may be many."""
+    return np.asarray(
+        (b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0])
+    )
