@@ -14,6 +14,7 @@ from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 
 SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "lin_ap1_scene", "no_such_space")
+_Type = Sdf.ValueTypeNames
 PURPOSES = ("default", "render", "proxy", "guide")
 
 
@@ -214,6 +215,18 @@ class Editor:
         if prim := self._prim():
             api = Usd.ColorSpaceAPI.Apply(prim)
             api.CreateColorSpaceNameAttr(self._random.choice(SPACES))
+
+    def set_grade(self) -> None:
+        if prim := self._field():
+            values = {
+                "exposure": self._random.uniform(-1, 1),
+                "temperature": self._random.choice([10.0, 3200.0, 9000.0]),
+                "gain": (1.0, self._random.random(), 1.0),
+            }
+            name = self._random.choice(list(values))
+            kind = "Color3f" if name == "gain" else "Float"
+            attribute = prim.CreateAttribute(f"splat:grade:{name}", getattr(_Type, kind))
+            self._set(attribute, lambda: values[name])
 
     def set_attribute_color_space(self) -> None:
         if prim := self._field():

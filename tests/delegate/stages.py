@@ -58,8 +58,9 @@ def contents(engine: Engine) -> list[tuple[object, ...]]:
     ]
 
 
-def _hints(spec: FieldSpec) -> tuple[str, ...]:
-    return spec.color_space, spec.rasterize_mode, spec.projection_mode, spec.sorting_mode
+def _hints(spec: FieldSpec) -> tuple[object, ...]:
+    modes = spec.rasterize_mode, spec.projection_mode, spec.sorting_mode
+    return spec.color_space, spec.grade, *modes
 
 
 def _bytes(cloud: SplatCloud) -> tuple[bytes | None, ...]:

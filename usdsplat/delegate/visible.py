@@ -164,7 +164,7 @@ class Look:
         self, group: Group, sources: I32, found: I32, paints: F32, column: int, degree: int
     ) -> None:
         spec, upload = group.field.spec, self._device.upload
-        numbers = conversion(spec.color_space, self._blend_space)
+        numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
         self._device.run(
             radiance.radiance, self._sights(group), upload(spec.cloud.positions),
             upload(spec.cloud.sh), min(degree, spec.cloud.sh_degree), numbers,

@@ -43,6 +43,9 @@ BRADFORD = np.array(
 
 SRGB = (2.4, 0.055)
 
+UNGRADED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""The grade that changes nothing: a unit matrix."""
+
 
 @dataclass(frozen=True, slots=True)
 class ColorSpace:
@@ -89,22 +92,31 @@ def color_space(name: str, *, where: str = "color space") -> ColorSpace:
     return COLOR_SPACES[name]
 
 
-def conversion(source: str, target: str) -> F32:
+def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNGRADED) -> F32:
     """Return what a kernel needs to take colours from one space to another.
 
     Args:
         source: Name of the space that colours are in.
         target: Name of the space that they are wanted in.
+        grade: 3x3 that changes source-linear RGB on the way, row-major, for column vectors.
 
     Returns:
         Shape (13,), float32: source gamma, source linear bias, the matrix from source-linear to
         target-linear RGB (row-major, 9 values), target gamma, target linear bias. All neutral
-        (`is_identity`) where nothing changes, which is so whenever either end is data.
+        (`is_identity`) where nothing changes, which without a grade is so whenever either end is
+        data.
 
     Raises:
         UsageError: If either name is unknown.
     """
-    return np.array(_numbers(source, target), np.float32)
+    numbers = _numbers(source, target)
+    if tuple(grade) == UNGRADED:
+        return np.array(numbers, np.float32)
+    if numbers == _NEUTRAL:  # a grade is of linear colour: there and back again
+        curve = COLOR_SPACES[source]
+        numbers = (curve.gamma, curve.linear_bias, *UNGRADED, curve.gamma, curve.linear_bias)
+    matrix = np.reshape(numbers[2:11], (3, 3)) @ np.reshape(grade, (3, 3))
+    return np.array((*numbers[:2], *matrix.ravel(), *numbers[11:]), np.float32)
 
 
 def is_identity(numbers: npt.NDArray[np.floating]) -> bool:
@@ -132,7 +144,25 @@ def convert(rgb: npt.ArrayLike, source: str, target: str) -> F64:
     return _encode(linear @ np.reshape(numbers[2:11], (3, 3)).T, numbers[11], numbers[12])
 
 
-_NEUTRAL = (1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+def to_xyz(chromaticities: Chromaticities) -> F64:
+    """Linear RGB to CIE XYZ as seen under D65, column vectors, shape (3, 3)."""
+    d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]
+    matrix = _own_xyz(chromaticities)
+    return adaptation(matrix.sum(axis=1), d65) @ matrix
+
+
+def luminance(chromaticities: Chromaticities) -> F64:
+    """How much linear red, green and blue give to the luminance, shape (3,), sum 1."""
+    return _own_xyz(chromaticities)[1]
+
+
+def adaptation(source: F64, target: F64) -> F64:
+    """CIE XYZ under the white `source` to the same look under `target`, by Bradford, (3, 3)."""
+    ratio = (BRADFORD @ target) / (BRADFORD @ source)
+    return np.linalg.inv(BRADFORD) @ (ratio[:, None] * BRADFORD)
+
+
+_NEUTRAL = (1.0, 0.0, *UNGRADED, 1.0, 0.0)
 
 
 def _numbers(source: str, target: str) -> tuple[float, ...]:
@@ -148,18 +178,16 @@ def _matrix(source: Chromaticities, target: Chromaticities) -> F64:
     """Linear RGB to linear RGB, shape (3, 3); exactly the unit matrix within one gamut."""
     if source == target:
         return np.eye(3)
-    return np.linalg.inv(_to_xyz(target)) @ _to_xyz(source)
+    return np.linalg.inv(to_xyz(target)) @ to_xyz(source)
 
 
-def _to_xyz(chromaticities: Chromaticities) -> F64:
-    """Linear RGB to CIE XYZ as seen under D65, column vectors, shape (3, 3)."""
+def _own_xyz(chromaticities: Chromaticities) -> F64:
+    """Linear RGB to CIE XYZ under the space's own white, column vectors, shape (3, 3)."""
     xy: F64 = np.array(chromaticities).reshape(4, 2)
     columns = np.stack([xy[:, 0], xy[:, 1], 1 - xy.sum(axis=1)])
     red_green_blue, white = columns[:, :3], columns[:, 3] / xy[3, 1]
-    matrix = red_green_blue * np.linalg.solve(red_green_blue, white)
-    d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]
-    ratio = (BRADFORD @ d65) / (BRADFORD @ white)
-    return np.linalg.inv(BRADFORD) @ (ratio[:, None] * (BRADFORD @ matrix))
+    own: F64 = red_green_blue * np.linalg.solve(red_green_blue, white)
+    return own
 
 
 def _line(gamma: float, bias: float) -> tuple[float, float]:

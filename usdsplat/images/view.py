@@ -224,15 +224,16 @@ def _find(known: Any, space: str) -> str:
 def _straight(image: F32) -> F32:
     """Colours that are not premultiplied; where alpha is 0 as they are."""
     alpha = image[..., 3:]
-    straight: F32 = image[..., :3] / np.where(alpha > 0, alpha, np.float32(1))
-    return straight
+    divisor: F32 = np.where(alpha > 0, alpha, 1).astype(np.float32)
+    return image[..., :3] / divisor
 
 
 def _covered(image: F32, rgb: F32) -> F32:
     """A premultiplied picture with other straight colours where it has any alpha."""
     alpha = image[..., 3:]
-    colors = np.where(alpha > 0, rgb * alpha, image[..., :3])
-    return np.concatenate([colors, alpha], axis=2)
+    result = image.copy()
+    np.copyto(result[..., :3], rgb * alpha, where=alpha > 0)
+    return result
 
 
 def _buffer(rgb: F32) -> Any:

@@ -21,6 +21,7 @@ from usdsplat.schema.field import (  # noqa: E402
     is_time_varying,
     sample_times,
 )
+from usdsplat.schema.grading import author_grade, grade, is_grade_varying  # noqa: E402
 from usdsplat.schema.hints import (  # noqa: E402
     color_space,
     is_known_color_space,
@@ -28,19 +29,23 @@ from usdsplat.schema.hints import (  # noqa: E402
     rasterize_mode,
     sorting_mode,
 )
-from usdsplat.schema.tokens import DATA_ATTRIBUTES, Form  # noqa: E402
+from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
 from usdsplat.schema.validation import Finding, validate  # noqa: E402
 
 __all__ = [
     "DATA_ATTRIBUTES",
+    "GRADE_ATTRIBUTES",
     "Finding",
     "Form",
     "author",
+    "author_grade",
     "color_space",
     "compute_extent",
     "error_bounds",
     "fetch",
     "form_of",
+    "grade",
+    "is_grade_varying",
     "is_known_color_space",
     "is_packed",
     "is_splat_field",

@@ -18,6 +18,7 @@ PACKED_TYPE = "ParticleFieldPackedSplat"
 BASE_TYPE = "ParticleField"
 FIELD_API = "SplatFieldAPI"
 SETTINGS_API = "SplatRenderSettingsAPI"
+GRADE_API = "SplatGradeAPI"
 
 POSITIONS = "positions"
 ORIENTATIONS = "orientations"
@@ -43,6 +44,13 @@ PACKED = "splat:packed"
 PACKED_HARMONICS = "splat:packedHarmonics"
 COLOR_RANGE = "splat:colorRange"
 HARMONICS_RANGE = "splat:harmonicsRange"
+
+GRADE_EXPOSURE = "splat:grade:exposure"
+GRADE_TEMPERATURE = "splat:grade:temperature"
+GRADE_TINT = "splat:grade:tint"
+GRADE_GAIN = "splat:grade:gain"
+GRADE_SATURATION = "splat:grade:saturation"
+GRADE_MATRIX = "splat:grade:matrix"
 
 COLOR_SPACE = "colorSpace:name"
 PURPOSE = "purpose"
@@ -77,3 +85,8 @@ DATA_ATTRIBUTES = frozenset(
     {*HALF_OF, *HALF_OF.values(), *PACKED_ARRAYS, PACKING, SH_DEGREE, IDS, VELOCITIES}
 )
 """A change of one of these changes the cloud that `fetch` returns; of no other attribute."""
+
+GRADE_ATTRIBUTES = frozenset(
+    {GRADE_EXPOSURE, GRADE_TEMPERATURE, GRADE_TINT, GRADE_GAIN, GRADE_SATURATION, GRADE_MATRIX}
+)
+"""A change of one of these changes the grade of a field."""

@@ -12,11 +12,15 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
 
-FIELD_PROPERTIES = schema.DATA_ATTRIBUTES | {
-    schema.tokens.RASTERIZE_MODE,
-    schema.tokens.PROJECTION_MODE,
-    schema.tokens.SORTING_MODE,
-}
+FIELD_PROPERTIES = (
+    schema.DATA_ATTRIBUTES
+    | schema.GRADE_ATTRIBUTES
+    | {
+        schema.tokens.RASTERIZE_MODE,
+        schema.tokens.PROJECTION_MODE,
+        schema.tokens.SORTING_MODE,
+    }
+)
 """What a field is read from; it may have any number of other properties."""
 
 

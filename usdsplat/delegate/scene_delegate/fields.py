@@ -9,6 +9,7 @@ from pxr import Usd
 from usdsplat import schema
 from usdsplat.delegate.specs import FieldSpec, ProjectionMode, RasterizeMode, SortingMode
 from usdsplat.images.color import color_space
+from usdsplat.images.grade import grade_matrix
 
 
 def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
@@ -30,4 +31,5 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
         rasterize_mode=cast(RasterizeMode, schema.rasterize_mode(prim)),
         projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
         sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
+        grade=grade_matrix(schema.grade(prim, time), space),
     )

@@ -21,7 +21,8 @@ def varying_bits(population: Population, path: str) -> DirtyBits:
         lens = DirtyBits.PARAMS if _lens_varies(prim) else DirtyBits.CLEAN
         return lens | _placing_varies((Level(prim=prim, root=None),))
     entry = population.fields[path]
-    data = DirtyBits.PRIMVAR if schema.is_time_varying(entry.source) else DirtyBits.CLEAN
+    varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
+    data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
     levels = (level for appearance in entry.appearances for level in appearance.levels)
     return data | _placing_varies(levels)
 

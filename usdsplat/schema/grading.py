@@ -1,0 +1,97 @@
+"""The grade of a splat field: SplatGradeAPI."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Usd
+
+from usdsplat.core.errors import StageError
+from usdsplat.core.grade import Grade
+from usdsplat.schema import tokens
+from usdsplat.schema.attributes import Time, set_array
+
+_Type = Sdf.ValueTypeNames
+_ATTRIBUTES = {
+    "exposure": (tokens.GRADE_EXPOSURE, _Type.Float),
+    "temperature": (tokens.GRADE_TEMPERATURE, _Type.Float),
+    "tint": (tokens.GRADE_TINT, _Type.Float),
+    "gain": (tokens.GRADE_GAIN, _Type.Color3f),
+    "saturation": (tokens.GRADE_SATURATION, _Type.Float),
+    "matrix": (tokens.GRADE_MATRIX, _Type.Matrix3d),
+}
+"""Field of `Grade` -> name and type of the attribute."""
+
+
+def grade(prim: Usd.Prim, time: Time = None) -> Grade:
+    """Return the grade of a field.
+
+    Args:
+        prim: A splat field.
+        time: Time code; None is the default value or, without one, the first sample.
+
+    Raises:
+        StageError: If a value is out of range, not finite or of another type than the schema's.
+    """
+    values: dict[str, Any] = {}
+    for field, (name, kind) in _ATTRIBUTES.items():
+        attribute = prim.GetAttribute(name)
+        if not attribute or not attribute.HasAuthoredValue():
+            continue
+        value = _value(attribute, time)
+        if value is None:
+            continue
+        try:
+            values[field] = _numbers(field, value)
+        except (TypeError, ValueError) as error:
+            found = f"a value of type {attribute.GetTypeName()}"
+            raise StageError(f"{prim.GetPath()} {name}", found, str(kind)) from error
+    result = Grade(**values)
+    result.check(f"{prim.GetPath()} grade", error=StageError)
+    return result
+
+
+def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
+    """Apply SplatGradeAPI and write values of it, on the stage's edit target.
+
+    Args:
+        prim: A splat field.
+        time: Time code of a sample; None writes default values and removes samples.
+        values: Fields of `Grade`; those that are not given stay as they are.
+
+    Raises:
+        UsageError: If a value is out of range or not finite.
+    """
+    Grade(**values).check(f"{prim.GetPath()} grade")
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    prim.AddAppliedSchema(tokens.GRADE_API)
+    for field, value in values.items():
+        name, kind = _ATTRIBUTES[field]
+        if field == "matrix":
+            value = Gf.Matrix3d(*np.reshape(value, (3, 3)).T.ravel().tolist())
+        elif field == "gain":
+            value = Gf.Vec3f(*(float(each) for each in value))
+        set_array(prim, name, kind, value, code)
+
+
+def is_grade_varying(prim: Usd.Prim) -> bool:
+    """Whether `grade` may return different values at different times."""
+    found = (prim.GetAttribute(name) for name in tokens.GRADE_ATTRIBUTES)
+    return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+
+
+def _value(attribute: Usd.Attribute, time: Time) -> Any:
+    if time is not None:
+        return attribute.Get(Usd.TimeCode(time))
+    value = attribute.Get()
+    return attribute.Get(Usd.TimeCode.EarliestTime()) if value is None else value
+
+
+def _numbers(field: str, value: Any) -> float | tuple[float, ...]:
+    """A value of USD's as `Grade` has it."""
+    if field == "matrix":
+        return tuple(np.array(value, np.float64).reshape(3, 3).T.ravel().tolist())
+    if field == "gain":
+        return tuple(np.array(value, np.float64).reshape(3).tolist())
+    return float(value)
