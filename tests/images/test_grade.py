@@ -157,7 +157,9 @@ def test_a_light_is_found_by_its_colour(kelvin: float, tint: float) -> None:
 @pytest.mark.parametrize("target", ["lin_rec709_scene", "lin_ap1_scene", "srgb_rec709_scene"])
 def test_the_thirteen_numbers_carry_the_grade(target: str) -> None:
     """Oracle: decode, grade, encode, in steps of `convert`."""
-    grade = grade_matrix(Grade(exposure=0.5, temperature=4000.0, saturation=1.2), "lin_rec709_scene")
+    grade = grade_matrix(
+        Grade(exposure=0.5, temperature=4000.0, saturation=1.2), "lin_rec709_scene"
+    )
     numbers = conversion("srgb_rec709_scene", target, grade=grade)
     assert numbers.shape == (13,) and numbers.dtype == np.float32
     linear = convert(SWATCHES, "srgb_rec709_scene", "lin_rec709_scene")

@@ -17,6 +17,7 @@ from typing import Any
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.band import Band
 from usdsplat.delegate.default_camera import Box, frame_subject, union
+from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -24,7 +25,6 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.renderer import Renderer
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View

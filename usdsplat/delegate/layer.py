@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,9 @@ NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np
 class Behind:
     """What is behind, or between, the splats of a band."""
 
-    stops: F32 = NO_STOPS
+    stops: F32 = field(default_factory=lambda: NO_STOPS)
     """Planar depth of surfaces, +inf where there is none, shape (h, w); of no size without any."""
-    covered: npt.NDArray[np.uint8] = NO_COVER
+    covered: npt.NDArray[np.uint8] = field(default_factory=lambda: NO_COVER)
     """What they are, see `kernels.surface`, shape (h, w); of no size without any."""
     holdout: Holdout = NO_HOLDOUT
 
@@ -48,9 +48,7 @@ class DeepSamples:
     color: F32
     """Premultiplied RGBA of each by itself, shape (n, 4)."""
 
-    def with_surfaces(
-        self, stops: F32, drawn: npt.NDArray[np.bool_], colors: F32
-    ) -> DeepSamples:
+    def with_surfaces(self, stops: F32, drawn: npt.NDArray[np.bool_], colors: F32) -> DeepSamples:
         """Return these and, behind those of each pixel where a surface is drawn, one of it.
 
         Args:

@@ -279,9 +279,7 @@ class Renderer:
         screen = replace(Screen.of(view), window=window).through(
             sample.lens, view.camera.focus_distance, sample.offset
         )
-        surfaces = Surfaces.of(
-            self._device, scene, screen, view.matte, cache=self._surface_cache
-        )
+        surfaces = Surfaces.of(self._device, scene, screen, view.matte, cache=self._surface_cache)
         shot.clock.lap("surfaces")
         by_ray = shot.settings.sorting == "rayHitDistance"
         wanted = Wanted(
@@ -346,7 +344,9 @@ class Renderer:
         if "cryptoObject" in wanted:
             arrays["cryptoObject"] = self._mattes(shot, prepared, layer, left, drawn, raw=raw)
         if "color" in wanted:
-            arrays["color"] = self._finish(shot, color, left, drawn and drawn.color)
+            arrays["color"] = self._finish(
+                shot, color, left, None if drawn is None else drawn.color
+            )
         return arrays
 
     def _left(self, shot: _Shot, color: F32, through: F32 | None, behind: Behind) -> F32:
@@ -359,9 +359,7 @@ class Renderer:
         )  # fmt: skip
         return left
 
-    def _finish(
-        self, shot: _Shot, layer: F32, left: F32 | None, behind: F32 | None
-    ) -> F32:
+    def _finish(self, shot: _Shot, layer: F32, left: F32 | None, behind: F32 | None) -> F32:
         """A layer in the picture's space, over what it lets through."""
         image = shot.output.splats(layer)
         if left is not None and behind is not None:
@@ -430,7 +428,7 @@ class Renderer:
         get, run = shot.scratch.get, self._device.run
         if "albedo" in wanted:
             image = layer.paint("albedo", feature.ALBEDO)
-            image = self._finish(shot, image, left, drawn and drawn.albedo)
+            image = self._finish(shot, image, left, None if drawn is None else drawn.albedo)
             arrays["albedo"] = image[..., :3]
         if "Neye" in wanted:
             sums = layer.paint("normals", feature.NORMAL)

@@ -6,7 +6,6 @@ matrix, and a few comparisons decide.
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from .jit import scalar

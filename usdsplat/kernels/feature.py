@@ -73,9 +73,7 @@ def features(
         slot = base + item * block
         for at in range(slot, slot + found[item]):
             i = sources[at]
-            x, y, z = normal_of(
-                m, inverse, positions[i], rotations[i], scales[i], is_parallel
-            )
+            x, y, z = normal_of(m, inverse, positions[i], rotations[i], scales[i], is_parallel)
             out[at, NORMAL], out[at, NORMAL + 1], out[at, NORMAL + 2] = x, y, z
             out[at, EXPECTED] = depths[at]
             out[at, EXPECTED + 1], out[at, EXPECTED + 2] = np.float32(0), np.float32(0)

@@ -27,7 +27,8 @@ from .jit import parallel, scalar
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
 PEAK = 8
-"""Floats of a peak: the five numbers, depth of the centre, how far from it a peak may be, unused."""
+"""Floats of a peak: the five numbers, depth of the centre, how far from it a peak may be, and one
+unused."""
 GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
 
 THIN = 1e-6
@@ -73,10 +74,7 @@ def peak_one(cam, m, inverse, position, q, s, log_opacity, peak):
         wx = (ax * inverse[0, 0] + ay * inverse[1, 0] + az * inverse[2, 0]) * shrink
         wy = (ax * inverse[0, 1] + ay * inverse[1, 1] + az * inverse[2, 1]) * shrink
         wz = (ax * inverse[0, 2] + ay * inverse[1, 2] + az * inverse[2, 2]) * shrink
-        if cam.projection == ORTHOGRAPHIC:
-            e = wz
-        else:
-            e = wx * (x / z) + wy * (y / z) + wz
+        e = wz if cam.projection == ORTHOGRAPHIC else wx * (x / z) + wy * (y / z) + wz
         g, h = wx / cam.fx, wy / cam.fy
         if axis == 0:
             ex, gx, hx = e, g, h

@@ -57,7 +57,11 @@ def positions(view, camera_to_world, depth, x0, y0, out):
                 continue
             px, py, pz = unproject(view[0], np.float64(x0 + x), np.float64(y0 + y), z)
             px, py, pz = apply(camera_to_world, px, py, pz)
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(px), np.float32(py), np.float32(pz)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = (
+                np.float32(px),
+                np.float32(py),
+                np.float32(pz),
+            )
 
 
 @parallel

@@ -103,19 +103,33 @@ def _directions(lens: Lens, centers: F64, linear: F64) -> F64:
     return local / np.linalg.norm(local, axis=1, keepdims=True)
 
 
-def render(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Footprints:
+    """What a lens sees of splats, in order of the key; row i of every array is one splat."""
+
+    pixel: F64
+    """Centres [pixel], shape (n, 2)."""
+    screen: F64
+    """Screen covariances, the low-pass included [pixel²], shape (n, 2, 2)."""
+    opacity: F64
+    color: F64
+    camera: F64
+    """Centres in camera space, shape (n, 3)."""
+    covariance: F64
+    """In camera space, shape (n, 3, 3)."""
+    row: Any
+    """In the concatenation of the clouds, shape (n,)."""
+
+
+def footprints(
     clouds: Sequence[tuple[SplatCloud, F64]],
     lens: Lens,
     *,
     antialiased: bool = False,
     by_distance: bool = False,
     degree: int = 4,
-) -> Picture:
-    """Render clouds, each with its 4x4 local-to-world matrix, in the space of their harmonics.
-
-    `by_distance` sorts by distance from the eye instead of planar depth; `degree` is the highest
-    degree of harmonics that counts.
-    """
+) -> Footprints:
+    """Project clouds, each with its 4x4 local-to-world matrix; arguments as in `render`."""
     parts = []
     for cloud, matrix in clouds:
         linear = matrix[:3, :3]
@@ -133,8 +147,9 @@ def render(
     p = centers @ view[:3, :3].T + view[:3, 3]
     keep = np.flatnonzero((p[:, 2] >= lens.near) & (p[:, 2] <= lens.far))
     p, opacities = p[keep], opacities[keep].astype(np.float64)
-    jw = _jacobians(lens, p) @ view[:3, :3]
-    sharp = jw @ covariances[keep] @ jw.transpose(0, 2, 1)
+    solid = view[:3, :3] @ covariances[keep] @ view[:3, :3].T
+    jacobians = _jacobians(lens, p)
+    sharp = jacobians @ solid @ jacobians.transpose(0, 2, 1)
     screen = sharp + 0.3 * np.eye(2)
     if antialiased:
         opacities = opacities * np.sqrt(
@@ -146,10 +161,36 @@ def render(
     key = np.linalg.norm(p, axis=1) if distance else p[:, 2]
     order = np.argsort(key.astype(np.float32), kind="stable")
     order = order[opacities[order] >= 1.0 / 255.0]
+    return Footprints(
+        pixel=pixel[order],
+        screen=screen[order],
+        opacity=opacities[order],
+        color=colors[keep][order],
+        camera=p[order],
+        covariance=solid[order],
+        row=keep[order],
+    )
+
+
+def render(
+    clouds: Sequence[tuple[SplatCloud, F64]],
+    lens: Lens,
+    *,
+    antialiased: bool = False,
+    by_distance: bool = False,
+    degree: int = 4,
+) -> Picture:
+    """Render clouds, each with its 4x4 local-to-world matrix, in the space of their harmonics.
+
+    `by_distance` sorts by distance from the eye instead of planar depth; `degree` is the highest
+    degree of harmonics that counts.
+    """
+    seen = footprints(
+        clouds, lens, antialiased=antialiased, by_distance=by_distance, degree=degree
+    )
     return _blend(
-        lens, pixel[order], screen[order], opacities[order], colors[keep][order],
-        p[order, 2], keep[order],
-    )  # fmt: skip
+        lens, seen.pixel, seen.screen, seen.opacity, seen.color, seen.camera[:, 2], seen.row
+    )
 
 
 def _blend(

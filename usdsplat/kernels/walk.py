@@ -1,4 +1,4 @@
-"""Walk through what each pixel sees, one contribution after the other: exact, for whatever needs it.
+"""Walk through what each pixel sees, one contribution after the other.
 
 `blend` and `median` treat 16 pixels at a time and know only the order of centres. Here each pixel
 has its own list: in that order, or, for rayHitDistance, by the depths at which the splats peak
@@ -194,20 +194,19 @@ def walk(
                 k = n - 1 - i
                 peak = peaks[lists[begin + k]]
                 bound[k] = min(bound[k + 1], peak[CENTER] - peak[REACH])
-        names = np.empty(0, np.int32)
-        local = np.empty(0, np.int32)
         prims = 0
+        weighed = n if o.mode == WEIGH else 0
+        known = np.full(o.prims if o.mode == WEIGH else 0, NONE, np.int32)
+        local = np.empty(weighed, np.int32)
+        names = np.empty(weighed, np.int32)
         if o.mode == WEIGH:
-            known = np.full(o.prims, NONE, np.int32)
-            local = np.empty(n, np.int32)
-            names = np.empty(n, np.int32)
             for k in range(n):
                 label = labels[lists[begin + k]]
                 if known[label] < 0:
                     known[label], names[prims] = prims, label
                     prims += 1
                 local[k] = known[label]
-        table = np.zeros((prims, TILE), np.float32)
+        table = np.zeros((min(weighed, o.prims), TILE), np.float32)
         state = np.zeros((TILE, STATE), np.float32)
         mark = np.zeros(TILE, np.int32)
         head, tail = np.zeros(TILE, np.int32), np.zeros(TILE, np.int32)

@@ -84,6 +84,4 @@ def _is_ear(shape: F64, left: list[int], at: int) -> bool:
 
 def _turn(a: F64, b: F64, c: F64) -> F64:
     """Twice the signed area of a triangle; `c` may be many."""
-    return np.asarray(
-        (b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0])
-    )
+    return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))

@@ -1,0 +1,123 @@
+"""Every pixel's own ray in plain float64 NumPy: the oracle of `peak`, `walk` and surfaces.
+
+All splats are evaluated at all pixels, so it is for small scenes. A Gaussian's peak along a ray is
+found with the inverse of its covariance, as the formula is printed.
+
+Source: Radl et al. 2024, "StopThePop", equation for the point of maximum contribution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64
+from usdsplat.kernels.reference import Footprints, Lens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rays:
+    """Contributions to every pixel in its own order; the first axis is that order."""
+
+    weight: F64
+    """Opacity times the transmittance in front, 0 from the end of a pixel on, shape (n, h, w)."""
+    alpha: F64
+    """Shape (n, h, w)."""
+    depth: F64
+    """Key of the order, or where splats peak, shape (n, h, w)."""
+    splat: npt.NDArray[Any]
+    """Row in the footprints, shape (n, h, w)."""
+    color: F64
+    """Premultiplied RGBA, shape (h, w, 4)."""
+    through: F64
+    """Transmittance of all, also of what holds out, shape (h, w)."""
+
+
+def peak_depths(seen: Footprints, lens: Lens) -> F64:
+    """Where each splat peaks along each pixel's ray: planar depth, shape (n, h, w).
+
+    Held within the depths of the ellipsoid in which a contribution counts.
+    """
+    width, height = lens.size
+    u = (np.arange(width) + 0.5 - lens.center[0]) / lens.focal[0]
+    v = (np.arange(height) + 0.5 - lens.center[1]) / lens.focal[1]
+    rays = np.stack([*np.meshgrid(u, v), np.ones((height, width))], axis=-1)
+    inverse = np.linalg.inv(seen.covariance)
+    if lens.model == "orthographic":
+        origin, along = rays * (1.0, 1.0, 0.0), np.array([0.0, 0.0, 1.0])
+        toward = seen.camera[:, None, None] - origin
+        m = inverse @ along
+        depth = np.einsum("nhwi,ni->nhw", toward, m) / (m @ along)[:, None, None]
+    else:
+        top = np.einsum("hwi,nij,nj->nhw", rays, inverse, seen.camera)
+        depth = top / np.einsum("hwi,nij,hwj->nhw", rays, inverse, rays)
+    reach = np.sqrt(2.0 * np.log(255.0 * seen.opacity) * seen.covariance[:, 2, 2])
+    z = seen.camera[:, 2]
+    return np.clip(depth, (z - reach)[:, None, None], (z + reach)[:, None, None])
+
+
+def alphas(seen: Footprints, lens: Lens) -> F64:
+    """Contribution of each splat at each pixel by itself, shape (n, h, w)."""
+    width, height = lens.size
+    inverse = np.linalg.inv(seen.screen)
+    dx = np.arange(width) + 0.5 - seen.pixel[:, :1]
+    dy = np.arange(height) + 0.5 - seen.pixel[:, 1:]
+    offset = np.stack(np.broadcast_arrays(dx[:, None, :], dy[:, :, None]), axis=-1)
+    power = np.einsum("nhwi,nij,nhwj->nhw", offset, inverse, offset)
+    alpha = seen.opacity[:, None, None] * np.exp(-0.5 * power)
+    return np.where(alpha < 1.0 / 255.0, 0.0, np.minimum(alpha, 0.999))
+
+
+def trace(
+    seen: Footprints,
+    lens: Lens,
+    *,
+    by_ray: bool,
+    stops: F64 | None = None,
+    keeps: F64 | None = None,
+) -> Rays:
+    """Blend every pixel in its own order.
+
+    Args:
+        seen: What the lens sees.
+        by_ray: Whether that order is by the peaks along the ray, or that of `seen`.
+        stops: Depth of surfaces: what peaks behind is left out, shape (h, w).
+        keeps: 0 for what only holds out, shape (n,).
+    """
+    alpha, peaks = alphas(seen, lens), peak_depths(seen, lens)
+    if stops is not None:
+        alpha = np.where(peaks <= stops, alpha, 0.0)
+    depth = peaks if by_ray else np.broadcast_to(seen.camera[:, 2, None, None], alpha.shape)
+    key = np.where(alpha > 0, depth, np.inf)
+    order = np.argsort(key, axis=0, kind="stable") if by_ray else None
+    splat = np.broadcast_to(np.arange(len(alpha))[:, None, None], alpha.shape)
+    if order is not None:
+        alpha, depth, splat = (
+            np.take_along_axis(array, order, axis=0) for array in (alpha, depth, splat)
+        )
+    through = np.ones(alpha.shape[1:])
+    weight = np.zeros(alpha.shape)
+    ended = np.zeros(alpha.shape[1:], bool)
+    for k in range(len(alpha)):
+        after = through * (1.0 - alpha[k])
+        ended |= (alpha[k] > 0) & (after < 1e-4)
+        weight[k] = np.where(ended, 0.0, through * alpha[k])
+        through = np.where(ended, through, after)
+    if keeps is not None:
+        weight = weight * keeps[splat]
+    rgb = np.einsum("nhw,nhwc->hwc", weight, seen.color[splat])
+    color = np.concatenate([rgb, weight.sum(axis=0)[..., None]], axis=-1)
+    return Rays(
+        weight=weight, alpha=alpha, depth=depth, splat=splat, color=color, through=through
+    )
+
+
+def median(rays: Rays, part: float, whole: F64) -> F64:
+    """Depth at which a part of the coverage `whole` is passed, +inf where it never is, (h, w)."""
+    passed = (np.cumsum(rays.weight, axis=0) >= part * whole - 1e-9) & (rays.weight > 0)
+    first = passed.argmax(axis=0)
+    depth = np.take_along_axis(rays.depth, first[None], axis=0)[0]
+    return np.where(passed.any(axis=0), depth, np.inf)
