@@ -185,9 +185,7 @@ def render(
     `by_distance` sorts by distance from the eye instead of planar depth; `degree` is the highest
     degree of harmonics that counts.
     """
-    seen = footprints(
-        clouds, lens, antialiased=antialiased, by_distance=by_distance, degree=degree
-    )
+    seen = footprints(clouds, lens, antialiased=antialiased, by_distance=by_distance, degree=degree)
     return _blend(
         lens, seen.pixel, seen.screen, seen.opacity, seen.color, seen.camera[:, 2], seen.row
     )

@@ -110,9 +110,7 @@ def trace(
         weight = weight * keeps[splat]
     rgb = np.einsum("nhw,nhwc->hwc", weight, seen.color[splat])
     color = np.concatenate([rgb, weight.sum(axis=0)[..., None]], axis=-1)
-    return Rays(
-        weight=weight, alpha=alpha, depth=depth, splat=splat, color=color, through=through
-    )
+    return Rays(weight=weight, alpha=alpha, depth=depth, splat=splat, color=color, through=through)
 
 
 def median(rays: Rays, part: float, whole: F64) -> F64:
