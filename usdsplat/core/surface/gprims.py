@@ -122,9 +122,7 @@ def _sheets(points: F64, normals: F64) -> Shape:
     """Flat quads, shape (n, 4, 3), that face along their normals, shape (n, 3)."""
     facing = np.cross(points[:, 1] - points[:, 0], points[:, 3] - points[:, 0])
     turned = (facing * normals).sum(axis=1) < 0
-    corners = np.where(
-        turned[:, None, None], [[0, 2, 1], [0, 3, 2]], [[0, 1, 2], [0, 2, 3]]
-    )
+    corners = np.where(turned[:, None, None], [[0, 2, 1], [0, 3, 2]], [[0, 1, 2], [0, 2, 3]])
     first = 4 * np.arange(len(points))[:, None, None]
     uvs = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     return Shape(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -130,19 +131,19 @@ class Surface:
             StageError: There are too few or too many values, or the interpolation is none.
         """
         values = np.asarray(values, np.float32)
-        values = values.reshape(len(values), -1)
-        if indices is not None:
-            indices = np.asarray(indices, np.int64)
-            outside = (indices < 0) | (indices >= len(values))
+        values = values.reshape(len(values), math.prod(values.shape[1:]))
+        order = None if indices is None else np.asarray(indices, np.int64)
+        if order is not None:
+            outside = (order < 0) | (order >= len(values))
             if outside.any():
                 raise StageError(
                     self._where,
-                    f"primvar index {indices[outside][0]}",
+                    f"primvar index {order[outside][0]}",
                     f"0 or more and less than {len(values)}",
                 )
         if interpolation == "faceVarying":
-            return self._face_varying(values, indices)
-        values = values if indices is None else values[indices]
+            return self._face_varying(values, order)
+        values = values if order is None else values[order]
         if interpolation == "constant":
             row = self._rows(values, 1, "constant values")[0]
             return np.tile(row, (len(self.triangles), 3, 1))

@@ -108,10 +108,9 @@ def creases(topology: Topology) -> tuple[I64, I64, F32]:
 
 
 def _in_range(where: str, what: str, values: I32 | I64, end: int) -> None:
-    wrong = (np.asarray(values) < 0) | (np.asarray(values) >= end)
-    if wrong.any():
-        worst = np.asarray(values)[wrong][0]
-        raise StageError(where, f"{what} {worst}", f"0 or more and less than {end}")
+    wrong = values[(values < 0) | (values >= end)]
+    if len(wrong):
+        raise StageError(where, f"{what} {wrong[0]}", f"0 or more and less than {end}")
 
 
 def _check_sharpness(topology: Topology, where: str) -> None:
