@@ -68,7 +68,10 @@ def ring(counts: I64) -> tuple[I64, I64]:
 def groups(keys: I64, size: int) -> tuple[I64, I64]:
     """Where each key's members start in the order of keys, shape (size + 1,), and that order."""
     offsets = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
-    return offsets, np.argsort(keys.astype(np.int32), kind="stable")
+    # Sorting keys with their numbers in the lower bits is several times faster than an argsort.
+    bits = max(len(keys) - 1, 1).bit_length()
+    packed = np.sort((keys << bits) | np.arange(len(keys)))
+    return offsets, packed & ((1 << bits) - 1)
 
 
 def edges(corners: I64, following: I64, vertices: int) -> tuple[I64, I64]:
@@ -103,6 +106,11 @@ def coarsest(counts: I64, corners: I64, vertices: int) -> Level:
         edge_sharpness=np.zeros(len(ends), np.float32),
         vertex_sharpness=np.zeros(vertices, np.float32),
     )
+
+
+def sizes(counts: I64) -> I64:
+    """The different counts, in order."""
+    return np.flatnonzero(np.bincount(counts))
 
 
 def twins(level: Level) -> I64:
@@ -177,46 +185,54 @@ def softened(sharpness: F32) -> F32:
     return np.where(sharpness >= INFINITE, sharpness, np.maximum(sharpness - 1, np.float32(0)))
 
 
-def quads(level: Level) -> Level:
-    """The next level of Catmull-Clark: each corner becomes a quad.
+def quad_corners(level: Level) -> I64:
+    """Vertices of the quads that Catmull-Clark makes of each corner, shape (c, 4).
 
     Vertices keep their numbers; those on edges follow, then those on faces. Quad c belongs to
     corner c: its vertex, the middle of its edge, the face's middle, the middle of the edge before.
     """
-    count, edge_count = level.vertices, len(level.ends)
-    face_of, before = level.face_of, level.preceding
-    on_edge, on_face = count + level.edge_of, count + edge_count + face_of
-    side = (level.corners != level.ends[level.edge_of, 0]).astype(np.int64)
-    far_side = (level.corners != level.ends[level.edge_of[before], 0]).astype(np.int64)
-    inner = 2 * edge_count + np.arange(len(face_of))
-    corners = np.stack([level.corners, on_edge, on_face, on_edge[before]], axis=1)
-    edge_of = np.stack(
-        [2 * level.edge_of + side, inner, inner[before], 2 * level.edge_of[before] + far_side],
-        axis=1,
-    )
-    return _finer(level, corners, edge_of, np.stack([on_edge, on_face], axis=1), level.faces)
+    on_edge = level.vertices + level.edge_of
+    on_face = level.vertices + len(level.ends) + level.face_of
+    return np.stack([level.corners, on_edge, on_face, on_edge[level.preceding]], axis=1)
 
 
-def triangles(level: Level) -> Level:
-    """The next level of Loop: each triangle becomes four, the last being the middle one.
+def quads(level: Level) -> Level:
+    """The next level of Catmull-Clark, whose faces are `quad_corners`."""
+    corners, before, edge_count = quad_corners(level), level.preceding, len(level.ends)
+    near, far = _halves(level)
+    inner = 2 * edge_count + np.arange(len(before))
+    edge_of = np.stack([near, inner, inner[before], far], axis=1)
+    return _finer(level, corners, edge_of, corners[:, 1:3], level.faces)
+
+
+def triangle_corners(level: Level) -> I64:
+    """Vertices of the triangles that Loop makes, shape (4 f, 3): three at corners, then the middle.
 
     Vertices keep their numbers; those on edges follow.
     """
-    count, edge_count = level.vertices, len(level.ends)
-    before = level.preceding
-    on_edge = count + level.edge_of
-    side = (level.corners != level.ends[level.edge_of, 0]).astype(np.int64)
-    far_side = (level.corners != level.ends[level.edge_of[before], 0]).astype(np.int64)
-    inner = 2 * edge_count + np.arange(len(before))  # cuts off the corner of that number
-    outer = np.stack([level.corners, on_edge, on_edge[before]], axis=1).reshape(-1, 3, 3)
-    outer_edges = np.stack(
-        [2 * level.edge_of + side, inner, 2 * level.edge_of[before] + far_side], axis=1
-    ).reshape(-1, 3, 3)
-    middle = on_edge.reshape(-1, 1, 3)
-    middle_edges = np.roll(inner.reshape(-1, 3), -1, axis=1)[:, None]
-    corners = np.concatenate([outer, middle], axis=1).reshape(-1, 3)
-    edge_of = np.concatenate([outer_edges, middle_edges], axis=1).reshape(-1, 3)
-    return _finer(level, corners, edge_of, np.stack([on_edge, on_edge[before]], axis=1), 0)
+    on_edge = level.vertices + level.edge_of
+    outer = np.stack([level.corners, on_edge, on_edge[level.preceding]], axis=1)
+    pieces = [outer.reshape(-1, 3, 3), on_edge.reshape(-1, 1, 3)]
+    return np.concatenate(pieces, axis=1).reshape(-1, 3)
+
+
+def triangles(level: Level) -> Level:
+    """The next level of Loop, whose faces are `triangle_corners`."""
+    near, far = _halves(level)
+    inner = 2 * len(level.ends) + np.arange(len(near))  # cuts off the corner of that number
+    outer = np.stack([near, inner, far], axis=1).reshape(-1, 3, 3)
+    middle = np.roll(inner.reshape(-1, 3), -1, axis=1)[:, None]
+    edge_of = np.concatenate([outer, middle], axis=1).reshape(-1, 3)
+    on_edge = level.vertices + level.edge_of
+    ends = np.stack([on_edge, on_edge[level.preceding]], axis=1)
+    return _finer(level, triangle_corners(level), edge_of, ends, 0)
+
+
+def _halves(level: Level) -> tuple[I64, I64]:
+    """The halves, of each corner's edge and of the edge before it, that end at the corner."""
+    edge, before = level.edge_of, level.edge_of[level.preceding]
+    near = 2 * edge + (level.corners != level.ends[edge, 0])
+    return near, 2 * before + (level.corners != level.ends[before, 0])
 
 
 def _finer(level: Level, corners: I64, edge_of: I64, inner: I64, middles: int) -> Level:

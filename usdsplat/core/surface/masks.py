@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I64
-from usdsplat.core.surface.level import Bools, Level, groups, softened
+from usdsplat.core.surface.level import Bools, Level, groups, sizes, softened
 from usdsplat.core.surface.stencil import Block, Stencil, Step
 
 Valence = Callable[[int], tuple[float, float, float]]
@@ -24,7 +24,7 @@ def catmull_clark(level: Level) -> Step:
     count = level.vertices
     counts = np.diff(level.offsets)
     blocks = []
-    for n in np.unique(counts):
+    for n in sizes(counts):
         faces = np.flatnonzero(counts == n)
         columns = level.corners[level.offsets[faces] + np.arange(n)[:, None]]
         blocks.append(_block(faces, columns, np.full((n, 1), 1 / n)))
@@ -154,7 +154,7 @@ def _vertex_blocks(level: Level, means: I64 | None, smooth: Valence) -> list[Blo
         faces = np.diff(firsts)
     rest = np.flatnonzero((blend.corner < 1) & (blend.crease < 1) & ~alone)
     kinds = valence[rest] * (faces.max(initial=0) + 1) + faces[rest]
-    for kind in np.unique(kinds):
+    for kind in sizes(kinds):
         rows = rest[kinds == kind]
         n = int(valence[rows[0]])
         own, near, far = smooth(n)

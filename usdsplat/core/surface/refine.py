@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,8 +20,11 @@ from usdsplat.core.surface.level import (
     coarsest,
     edge_numbers,
     open_edges,
+    quad_corners,
     quads,
     sharpen,
+    sizes,
+    triangle_corners,
     triangles,
 )
 from usdsplat.core.surface.stencil import Step, refine
@@ -34,10 +36,10 @@ Values = npt.NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Refined:
-    """A level made finer: what happens to values, and which of them each corner has."""
+    """A level made finer: what happens to values, and which of them each corner then has."""
 
     steps: tuple[Step, ...]
-    finest: Level
+    corners: I64
 
 
 class Surface:
@@ -82,13 +84,13 @@ class Surface:
         self._vertex = self._refine(self._cage)
         self._linear: _Refined | None = None
 
-        finest = self._vertex.finest
         shape = None if rest is None or self._levels else np.asarray(rest, np.float64)
-        cuts, owner = triangulate(np.diff(finest.offsets), finest.corners, shape)
-        polygon = self._ancestors(finest.faces)[owner]
+        self._counts, ancestors = self._pieces()
+        cuts, owner = triangulate(self._counts, self._vertex.corners, shape)
+        polygon = ancestors[owner]
         drawn = self._drawn()[polygon]
         self._corners = cuts[drawn][:, [0, 2, 1] if topology.left_handed else [0, 1, 2]]
-        self.triangles = finest.corners[self._corners].astype(np.int32)
+        self.triangles = self._vertex.corners[self._corners].astype(np.int32)
         self.faces = self._polygons.faces[polygon[drawn]].astype(np.int32)
 
     def points(self, points: F32) -> F32:
@@ -106,11 +108,11 @@ class Surface:
         if not self._smooth:
             return None
         pieces = hard(self._cage) if self._topology.scheme == "bilinear" else self._cage
-        numbers = self._vertex.finest.corners
-        if (pieces.edge_sharpness >= INFINITE).any():
-            level, _ = cut(pieces, split(pieces), "none")
-            numbers = self._finest(level).corners
-        normals = _corner_normals(self._vertex.finest, numbers, np.asarray(points, np.float32))
+        numbers = self._vertex.corners
+        if ((pieces.edge_sharpness >= INFINITE) & ~open_edges(pieces)).any():
+            numbers = self._finest(cut(pieces, split(pieces), "none")[0])
+        shapes = np.asarray(points, np.float32)
+        normals = _corner_normals(self._counts, self._vertex.corners, numbers, shapes)
         if self._topology.left_handed:
             normals = -normals
         return np.take(normals, numbers[self._corners], axis=0)
@@ -183,7 +185,7 @@ class Surface:
         level, first = cut(self._cage, numbers, self._topology.face_varying)
         refined = self._refine(hard(level) if self._topology.scheme == "bilinear" else level)
         fine = refine(refined.steps, at_corners[first])
-        return np.take(fine, refined.finest.corners[self._corners], axis=0)
+        return np.take(fine, refined.corners[self._corners], axis=0)
 
     def _rows(self, values: Values, count: int, what: str) -> Values:
         """Values, if there are as many as there have to be."""
@@ -191,33 +193,41 @@ class Surface:
             raise StageError(self._where, f"{len(values)} {what}", str(count))
         return values
 
-    def _scheme(self) -> tuple[Callable[[Level], Step], Callable[[Level], Level]]:
-        if self._topology.scheme == "loop":
-            return masks.loop, triangles
-        return masks.catmull_clark, quads
-
     def _refine(self, level: Level) -> _Refined:
-        """The stencils from a level to the finest, and that level."""
-        mask, finer = self._scheme()
-        steps = []
-        for _ in range(self._levels):
-            steps.append(mask(level))
-            level = finer(level)
-        return _Refined(steps=tuple(steps), finest=level)
+        """The stencils from a level to the finest, and the corners of that."""
+        mask = masks.loop if self._topology.scheme == "loop" else masks.catmull_clark
+        levels = self._down_from(level)
+        steps = tuple(mask(each) for each in levels)
+        return _Refined(steps=steps, corners=self._cut(levels[-1] if levels else level))
 
-    def _finest(self, level: Level) -> Level:
-        """The finest level alone."""
-        for _ in range(self._levels):
-            level = self._scheme()[1](level)
-        return level
+    def _finest(self, level: Level) -> I64:
+        """The corners of the finest level alone."""
+        return self._cut(([level, *self._down_from(level)])[-1])
 
-    def _ancestors(self, count: int) -> I64:
-        """Polygon that each of the finest faces is a part of."""
+    def _down_from(self, level: Level) -> list[Level]:
+        """All levels but the finest, of which nothing but the corners is asked for."""
+        finer = triangles if self._topology.scheme == "loop" else quads
+        levels = [level] if self._levels else []
+        while len(levels) < self._levels:
+            levels.append(finer(levels[-1]))
+        return levels
+
+    def _cut(self, level: Level) -> I64:
+        """Corners of the level after the last but one."""
+        if self._levels == 0:
+            return level.corners
+        finer = triangle_corners if self._topology.scheme == "loop" else quad_corners
+        return finer(level).ravel()
+
+    def _pieces(self) -> tuple[I64, I64]:
+        """Corners of each of the finest faces, and the polygon that it is a part of."""
         polygons, counts = np.arange(len(self._polygons.counts)), self._polygons.counts
         if self._levels == 0:
-            return polygons
-        first = polygons if self._topology.scheme == "loop" else np.repeat(polygons, counts)
-        return np.repeat(first, count // max(len(first), 1))
+            return counts, polygons
+        loop = self._topology.scheme == "loop"
+        first = 4 if loop else counts
+        pieces = np.repeat(polygons, first * 4 ** (self._levels - 1))
+        return np.full(len(pieces), 3 if loop else 4), pieces
 
     def _drawn(self) -> Bools:
         """Which polygons are seen: holes are not, nor faces at open edges that are not kept."""
@@ -258,21 +268,25 @@ def _sharpened(topology: Topology, polygons: Polygons, points: int) -> Level:
     return level
 
 
-def _corner_normals(level: Level, numbers: I64, points: F32) -> F32:
-    """Unit normals by number of smooth piece: means of the faces' areas, as vectors."""
-    start = level.offsets[:-1]
+def _corner_normals(counts: I64, corners: I64, numbers: I64, points: F32) -> F32:
+    """Unit normals by number of smooth piece: means of the faces' areas, as vectors.
+
+    Args:
+        counts: Corners of each face, shape (f,).
+        corners: Point at each corner, shape (c,).
+        numbers: Number of the piece at each corner, shape (c,).
+        points: Shape (p, 3).
+    """
+    start = np.cumsum(counts) - counts
     total: F64 = np.zeros((int(numbers.max(initial=-1)) + 1, 3))
-    counts = np.diff(level.offsets)
-    for n in np.unique(counts):
-        faces = np.flatnonzero(counts == n)
-        corners = start[faces] + np.arange(n)[:, None]
-        spokes = points[level.corners[corners]]
-        spokes = spokes - spokes[0]
-        area = np.cross(spokes[1:-1], spokes[2:]).sum(axis=0)
-        at = numbers[corners].ravel()
+    for n in sizes(counts):
+        rows = start[counts == n] + np.arange(n)[:, None]
+        spokes = np.take(points, corners[rows], axis=0)
+        spokes = spokes[1:] - spokes[0]
+        area = np.cross(spokes[:-1], spokes[1:]).sum(axis=0)
+        at = numbers[rows].ravel()
         for axis in range(3):
-            weights = np.broadcast_to(area[:, axis], (n, len(faces))).ravel()
-            total[:, axis] += np.bincount(at, weights, minlength=len(total))
-    length = np.linalg.norm(total, axis=1)
+            total[:, axis] += np.bincount(at, np.tile(area[:, axis], n), minlength=len(total))
+    length = np.sqrt(np.einsum("nk,nk->n", total, total))
     total[length == 0] = (0.0, 0.0, 1.0)  # a piece without area faces nowhere
     return np.asarray(total / np.where(length == 0, 1, length)[:, None], np.float32)

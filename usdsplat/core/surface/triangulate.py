@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64
+from usdsplat.core.surface.level import sizes
 
 
 def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64]:
@@ -21,7 +22,7 @@ def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64
     """
     first = np.cumsum(counts) - counts
     pieces, owners = [], []
-    for n in np.unique(counts):
+    for n in sizes(counts):
         polygons = np.flatnonzero(counts == n)
         fan = np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], axis=1)
         local = np.broadcast_to(fan, (len(polygons), n - 2, 3))
@@ -34,6 +35,8 @@ def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64
         owners.append(np.repeat(polygons, n - 2))
     if not pieces:
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    if len(pieces) == 1:
+        return pieces[0], owners[0]
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     return np.concatenate(pieces)[order], owner[order]
