@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.core.surface.meshes import CUBE_EDGES, CUBE_FACES, CUBE_POINTS, grid, surface, topology
+from tests.core.surface.meshes import (
+    CUBE_EDGES,
+    CUBE_FACES,
+    CUBE_POINTS,
+    OCTAHEDRON_FACES,
+    OCTAHEDRON_POINTS,
+    grid,
+    surface,
+    topology,
+)
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import StageError
 from usdsplat.core.surface.refine import Surface
@@ -63,6 +72,14 @@ def test_values_without_a_seam_move_as_points_do() -> None:
         it.corners(CUBE_POINTS[indices], "faceVarying"),
     ):
         np.testing.assert_allclose(rule, expected, atol=1e-6)
+
+
+def test_loop_values_without_a_seam_move_as_points_do() -> None:
+    """Oracle: vertex interpolation of an octahedron with a crease."""
+    it = surface(OCTAHEDRON_FACES, 6, {(0, 2): 2.5, (2, 1): 2.5}, levels=2, scheme="loop")
+    indices = np.array(OCTAHEDRON_FACES, np.int32).ravel()
+    found = it.corners(OCTAHEDRON_POINTS, "faceVarying", indices)
+    np.testing.assert_allclose(found, it.corners(OCTAHEDRON_POINTS, "vertex"), atol=1e-6)
 
 
 def test_indices_are_of_values_not_of_places() -> None:

@@ -264,3 +264,26 @@ def test_no_faces_make_no_triangles() -> None:
         assert it.triangles.shape == (0, 3)
         assert it.points(np.ones((2, 3), np.float32)).shape[1] == 3
         assert it.corners(np.zeros((0, 2)), "faceVarying").shape == (0, 3, 2)
+
+
+def test_a_pole_of_many_triangles_is_refined() -> None:
+    """Oracle: the pole of a flat wheel stays in its middle, as all weights around it are equal."""
+    n = 2000
+    angle = 2 * np.pi * np.arange(n) / n
+    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    points = np.concatenate([[[0, 0, 0]], rim]).astype(np.float32)
+    faces = [[0, 1 + i, 1 + (i + 1) % n] for i in range(n)]
+    for scheme in ("catmullClark", "loop"):
+        fine = surface(faces, n + 1, {(0, 1): 0.5}, scheme=scheme).points(points)
+        np.testing.assert_allclose(fine[0], 0, atol=1e-5)
+        assert np.isfinite(fine).all()
+
+
+def test_points_that_are_not_finite_spoil_what_is_near_them() -> None:
+    """Oracle: the points around another corner of a grid, as they are without."""
+    points, faces = grid(6, 6)
+    it = surface(faces, 49)
+    whole = it.points(points)
+    points[0] = np.nan, np.inf, -np.inf
+    assert np.array_equal(it.points(points)[48], whole[48])
+    assert it.normals(it.points(points)) is not None

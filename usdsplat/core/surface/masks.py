@@ -76,14 +76,20 @@ def _edge_blocks(level: Level, across: I64, near: float) -> list[Block]:
     ends, first = level.ends.T, level.vertices
     hard = np.flatnonzero(sharp >= 1)
     blocks = [_block(first + hard, ends[:, hard], np.full((2, 1), 0.5))]
-    soft = np.flatnonzero(sharp < 1)
     offsets, order = groups(level.edge_of, len(level.ends))
-    sides = across[order[offsets[soft] + np.arange(2)[:, None]]]  # a smooth edge has two faces
-    t = sharp[soft]
-    ends_weight, side_weight = near + (0.5 - near) * t, (0.5 - near) * (1 - t)
-    weights = np.stack([ends_weight, ends_weight, side_weight, side_weight])
-    blocks.append(_block(first + soft, np.concatenate([ends[:, soft], sides]), weights))
+    sides = across.astype(np.int32)[order]  # of the two faces that an edge has unless it is sharp
+    for soft, t in _alike(sharp, sharp < 1):
+        ends_weight, side_weight = near + (0.5 - near) * t, (0.5 - near) * (1 - t)
+        weights = np.stack([ends_weight, ends_weight, side_weight, side_weight])
+        columns = [ends[:, soft], sides[offsets[soft] + np.arange(2)[:, None]]]
+        blocks.append(_block(first + soft, np.concatenate(columns), weights))
     return [block for block in blocks if len(block.rows)]
+
+
+def _alike(share: F64, which: Bools) -> list[tuple[I64, F64]]:
+    """Rows `which`, those with no share and those with some, and the share: one number or all."""
+    plain, mixed = np.flatnonzero(which & (share == 0)), np.flatnonzero(which & (share != 0))
+    return [(plain, np.zeros(1)), (mixed, share[mixed])]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -152,20 +158,30 @@ def _vertex_blocks(level: Level, means: I64 | None, smooth: Valence) -> list[Blo
     else:
         firsts, by_vertex = groups(level.corners, level.vertices)
         faces = np.diff(firsts)
-    rest = np.flatnonzero((blend.corner < 1) & (blend.crease < 1) & ~alone)
-    kinds = valence[rest] * (faces.max(initial=0) + 1) + faces[rest]
-    for kind in sizes(kinds):
-        rows = rest[kinds == kind]
-        n = int(valence[rows[0]])
-        own, near, far = smooth(n)
-        neighbours = starts[rows] + np.arange(n)[:, None]
-        s, c = blend.smooth[rows], blend.crease[rows]
-        columns = [rows[None], across[neighbours]]
-        weights = [(blend.corner[rows] + 0.75 * c + own * s)[None]]
-        weights.append(0.125 * c * creased[neighbours] + near * s)
-        if means is not None:
-            around = firsts[rows] + np.arange(faces[rows[0]])[:, None]
-            columns.append(means[by_vertex[around]])
-            weights.append(np.broadcast_to(far * s, around.shape))
-        blocks.append(_block(rows, np.concatenate(columns), np.concatenate(weights)))
+    moves = (blend.corner < 1) & (blend.crease < 1) & ~alone
+    kinds = valence * (faces.max(initial=0) + 1) + faces
+    across = across.astype(np.int32)
+    around = None if means is None else means.astype(np.int32)[by_vertex]
+    for kind in np.unique(kinds[moves]):
+        for rows, sharp in _alike(1 - blend.smooth, moves & (kinds == kind)):
+            if len(rows) == 0:
+                continue
+            n, count = int(valence[rows[0]]), int(faces[rows[0]])
+            own, near, far = smooth(n)
+            neighbours = starts[rows] + np.arange(n)[:, None]
+            columns = [rows[None], across[neighbours]]
+            if around is not None:
+                columns.append(around[firsts[rows] + np.arange(count)[:, None]])
+            if len(sharp) == 1 and sharp[0] == 0:
+                terms = np.repeat([own, near, far], [1, n, count])[:, None]
+            else:
+                c, s = blend.crease[rows], blend.smooth[rows]
+                terms = np.concatenate(
+                    [
+                        (blend.corner[rows] + 0.75 * c + own * s)[None],
+                        0.125 * c * creased[neighbours] + near * s,
+                        np.tile(far * s, (count, 1)),
+                    ]
+                )
+            blocks.append(_block(rows, np.concatenate(columns), terms))
     return [block for block in blocks if len(block.rows)]

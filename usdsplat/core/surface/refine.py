@@ -84,14 +84,18 @@ class Surface:
         self._vertex = self._refine(self._cage)
         self._linear: _Refined | None = None
 
-        shape = None if rest is None or self._levels else np.asarray(rest, np.float64)
+        shape = None
+        if rest is not None and self._levels == 0:
+            shape = np.asarray(self._rows(rest, points, "rest points"), np.float64)
         self._counts, ancestors = self._pieces()
         cuts, owner = triangulate(self._counts, self._vertex.corners, shape)
         polygon = ancestors[owner]
-        drawn = self._drawn()[polygon]
-        self._corners = cuts[drawn][:, [0, 2, 1] if topology.left_handed else [0, 1, 2]]
-        self.triangles = self._vertex.corners[self._corners].astype(np.int32)
-        self.faces = self._polygons.faces[polygon[drawn]].astype(np.int32)
+        drawn = self._drawn()
+        if not drawn.all():
+            cuts, polygon = cuts[drawn[polygon]], polygon[drawn[polygon]]
+        self._corners = cuts[:, [0, 2, 1]] if topology.left_handed else cuts
+        self.triangles = np.take(self._vertex.corners, self._corners).astype(np.int32)
+        self.faces = self._polygons.faces[polygon].astype(np.int32)
 
     def points(self, points: F32) -> F32:
         """Refined points, shape (p, 3), of points of shape (n, 3); the first n of them are where
@@ -112,7 +116,8 @@ class Surface:
         if ((pieces.edge_sharpness >= INFINITE) & ~open_edges(pieces)).any():
             numbers = self._finest(cut(pieces, split(pieces), "none")[0])
         shapes = np.asarray(points, np.float32)
-        normals = _corner_normals(self._counts, self._vertex.corners, numbers, shapes)
+        with np.errstate(over="ignore", invalid="ignore"):
+            normals = _corner_normals(self._counts, self._vertex.corners, numbers, shapes)
         if self._topology.left_handed:
             normals = -normals
         return np.take(normals, numbers[self._corners], axis=0)

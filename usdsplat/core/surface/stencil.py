@@ -78,6 +78,9 @@ def refine(steps: tuple[Step, ...], values: F32) -> F32:
         padded = np.zeros((len(values), 4), np.float32)
         padded[:, :3] = values
         values = padded
-    for step in steps:
-        values = step.apply(values)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what is not finite spoils its own surrounds
+        for step in steps:
+            values = step.apply(values)
     return np.ascontiguousarray(values[:, :width])

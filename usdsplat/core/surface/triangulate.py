@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64
-from usdsplat.core.surface.level import sizes
+from usdsplat.core.surface.level import Bools, sizes
 
 
 def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64]:
@@ -29,8 +29,9 @@ def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64
         if points is not None and n > 3:
             local = local.copy()
             shapes = points[indices[first[polygons, None] + np.arange(n)]]
-            for each in np.flatnonzero(_is_concave(shapes)):
-                local[each] = _clip(_flat(shapes[each]))
+            with np.errstate(over="ignore", invalid="ignore"):
+                for each in np.flatnonzero(_is_concave(shapes)):
+                    local[each] = _clip(_flat(shapes[each]))
         pieces.append((first[polygons, None, None] + local).reshape(-1, 3))
         owners.append(np.repeat(polygons, n - 2))
     if not pieces:
@@ -42,7 +43,7 @@ def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64
     return np.concatenate(pieces)[order], owner[order]
 
 
-def _is_concave(shapes: F64) -> np.ndarray:
+def _is_concave(shapes: F64) -> Bools:
     """Which polygons, shape (f, n, 3), turn back at some corner."""
     arms = np.roll(shapes, -1, axis=1) - shapes
     turns = np.cross(np.roll(arms, 1, axis=1), arms)
