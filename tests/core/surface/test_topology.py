@@ -82,3 +82,17 @@ def test_creases_between_points_without_an_edge_say_nothing() -> None:
     """Oracle: the cube without creases."""
     plain, creased = surface(CUBE_FACES, 8), surface(CUBE_FACES, 8, {(0, 7): 10.0})
     np.testing.assert_array_equal(plain.points(CUBE_POINTS), creased.points(CUBE_POINTS))
+
+
+def test_a_sharpness_that_is_no_number_or_below_zero_is_none() -> None:
+    """Oracle: the cube without creases and corners."""
+    plain = surface(CUBE_FACES, 8).points(CUBE_POINTS)
+    for sharpness in (np.nan, -3.0):
+        odd = surface(
+            CUBE_FACES,
+            8,
+            {(0, 1): sharpness},
+            corner_indices=np.int32([3]),
+            corner_sharpnesses=np.float32([sharpness]),
+        )
+        np.testing.assert_array_equal(odd.points(CUBE_POINTS), plain)

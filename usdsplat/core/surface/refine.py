@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -80,9 +81,6 @@ class Surface:
         self._polygons = check(topology, points, where)
         self._smooth = topology.scheme != "none"
         self._levels = levels if self._smooth else 0
-        self._cage = _sharpened(topology, self._polygons, points)
-        self._vertex = self._refine(self._cage)
-        self._linear: _Refined | None = None
 
         shape = None
         if rest is not None and self._levels == 0:
@@ -111,10 +109,7 @@ class Surface:
         """
         if not self._smooth:
             return None
-        pieces = hard(self._cage) if self._topology.scheme == "bilinear" else self._cage
-        numbers = self._vertex.corners
-        if ((pieces.edge_sharpness >= INFINITE) & ~open_edges(pieces)).any():
-            numbers = self._finest(cut(pieces, split(pieces), "none")[0])
+        numbers = self._sides
         shapes = np.asarray(points, np.float32)
         with np.errstate(over="ignore", invalid="ignore"):
             normals = _corner_normals(self._counts, self._vertex.corners, numbers, shapes)
@@ -162,8 +157,6 @@ class Surface:
             return np.take(refine(self._vertex.steps, rows), self.triangles, axis=0)
         if interpolation == "varying":
             rows = self._rows(values, self._points, "varying values")
-            if self._linear is None:
-                self._linear = self._refine(hard(self._cage))
             return np.take(refine(self._linear.steps, rows), self.triangles, axis=0)
         raise StageError(
             self._where,
@@ -172,6 +165,31 @@ class Surface:
         )
 
     # --- private ---------------------------------------------------------------------------
+
+    @cached_property
+    def _cage(self) -> Level:
+        """The coarsest level, of a subdivision surface."""
+        return _sharpened(self._topology, self._polygons, self._points)
+
+    @cached_property
+    def _vertex(self) -> _Refined:
+        """What happens to points."""
+        if self._levels == 0:
+            return _Refined(steps=(), corners=self._polygons.indices)
+        return self._refine(self._cage)
+
+    @cached_property
+    def _linear(self) -> _Refined:
+        """What happens to values that are never smooth."""
+        return self._vertex if self._levels == 0 else self._refine(hard(self._cage))
+
+    @cached_property
+    def _sides(self) -> I64:
+        """Number of each of the finest corners that differs across edges that stay sharp."""
+        stays = (self._cage.edge_sharpness >= INFINITE) & ~open_edges(self._cage)
+        if not stays.any():
+            return self._vertex.corners
+        return self._finest(cut(self._cage, split(self._cage), "none")[0])
 
     def _face_varying(self, values: F32, indices: I64 | None) -> F32:
         authored = len(self._topology.indices)
@@ -188,7 +206,7 @@ class Surface:
         else:
             numbers = indices[self._polygons.corners]
         level, first = cut(self._cage, numbers, self._topology.face_varying)
-        refined = self._refine(hard(level) if self._topology.scheme == "bilinear" else level)
+        refined = self._refine(level)
         fine = refine(refined.steps, at_corners[first])
         return np.take(fine, refined.corners[self._corners], axis=0)
 
@@ -203,24 +221,22 @@ class Surface:
         mask = masks.loop if self._topology.scheme == "loop" else masks.catmull_clark
         levels = self._down_from(level)
         steps = tuple(mask(each) for each in levels)
-        return _Refined(steps=steps, corners=self._cut(levels[-1] if levels else level))
+        return _Refined(steps=steps, corners=self._cut(levels[-1]))
 
     def _finest(self, level: Level) -> I64:
         """The corners of the finest level alone."""
-        return self._cut(([level, *self._down_from(level)])[-1])
+        return self._cut(self._down_from(level)[-1]) if self._levels else level.corners
 
     def _down_from(self, level: Level) -> list[Level]:
         """All levels but the finest, of which nothing but the corners is asked for."""
         finer = triangles if self._topology.scheme == "loop" else quads
-        levels = [level] if self._levels else []
+        levels = [level]
         while len(levels) < self._levels:
             levels.append(finer(levels[-1]))
         return levels
 
     def _cut(self, level: Level) -> I64:
-        """Corners of the level after the last but one."""
-        if self._levels == 0:
-            return level.corners
+        """Corners of the level after this."""
         finer = triangle_corners if self._topology.scheme == "loop" else quad_corners
         return finer(level).ravel()
 
@@ -238,7 +254,7 @@ class Surface:
         """Which polygons are seen: holes are not, nor faces at open edges that are not kept."""
         drawn = ~np.isin(self._polygons.faces, self._topology.holes)
         if self._smooth and self._topology.boundary == "none":
-            authored = _creased(self._topology, coarsest_of(self._polygons, self._points))
+            authored = _creased(self._topology, _bare(self._polygons, self._points))
             loose = open_edges(self._cage) & (authored.edge_sharpness < INFINITE)
             at = np.zeros(self._points, bool)
             at[self._cage.ends[loose].ravel()] = True
@@ -246,7 +262,7 @@ class Surface:
         return drawn
 
 
-def coarsest_of(polygons: Polygons, points: int) -> Level:
+def _bare(polygons: Polygons, points: int) -> Level:
     """The level of a mesh's faces, with nothing sharp yet."""
     return coarsest(polygons.counts, polygons.indices, points)
 
@@ -256,16 +272,16 @@ def _creased(topology: Topology, level: Level) -> Level:
     first, second, sharpness = creases(topology)
     edge_sharpness, vertex_sharpness = level.edge_sharpness.copy(), level.vertex_sharpness.copy()
     edge = edge_numbers(level, first, second)
-    edge_sharpness[edge[edge >= 0]] = np.maximum(sharpness[edge >= 0], 0)
-    vertex_sharpness[topology.corner_indices] = np.maximum(topology.corner_sharpnesses, 0)
+    edge_sharpness[edge[edge >= 0]] = sharpness[edge >= 0]
+    vertex_sharpness[topology.corner_indices] = topology.corner_sharpnesses
+    for each in (edge_sharpness, vertex_sharpness):
+        each[~(each > 0)] = 0  # neither what is below nor what is no number is sharp
     return replace(level, edge_sharpness=edge_sharpness, vertex_sharpness=vertex_sharpness)
 
 
 def _sharpened(topology: Topology, polygons: Polygons, points: int) -> Level:
     """The coarsest level, as sharp as authored and as its borders ask for."""
-    level = coarsest_of(polygons, points)
-    if topology.scheme == "none":
-        return level
+    level = _bare(polygons, points)
     if topology.scheme == "bilinear":
         return hard(level)
     level = _creased(topology, level)
