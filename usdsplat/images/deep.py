@@ -1,0 +1,267 @@
+"""Deep EXR files, written band by band: every pixel holds as many samples as it needs.
+
+One scanline part with channels R G B A Z, and ZBack where samples may be merged ones. Each row is
+packed on its own and goes to the file at once, so memory holds one band.
+
+We write the bytes ourselves, because that was measured to be fastest by far: for 1920x1080 with 15
+samples a pixel on two busy cores 1 s uncompressed and 4 s with zips, where the OpenEXR wheel takes
+19 s and 23 s, wants the whole picture as an object for each pixel, and OpenImageIO's DeepData,
+which is filled value by value, takes 130 s. Zips makes the samples of splats smaller by a quarter
+only.
+
+Source: OpenEXR's "File Layout" and "Interpreting OpenEXR Deep Pixels".
+"""
+
+from __future__ import annotations
+
+import struct
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio
+
+import usdsplat
+from usdsplat.core.cloud import F32
+from usdsplat.core.encoding import HALF_MAX
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import atomic_path
+from usdsplat.images.color import color_space
+from usdsplat.images.exr_bytes import (
+    DEEP,
+    NONE,
+    ZIPS,
+    Attributes,
+    box,
+    channel_list,
+    encoded,
+    header,
+    zipped,
+)
+from usdsplat.images.layout import ImageLayout
+from usdsplat.images.writer import ROWS
+
+COMPRESSIONS = {"none": NONE, "zips": ZIPS}
+SORTED = 1
+"""What OpenEXR calls samples that go from near to far and may share a depth."""
+MEANINGS = {
+    "usdsplat:aov:color": "premultiplied linear radiance of one sample in the space of "
+    "colorInteropID; A = its opacity",
+    "usdsplat:aov:Z": "planar camera depth of the sample",
+    "usdsplat:aov:ZBack": "planar camera depth at which a merged sample ends",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DeepBand:
+    """Whole rows of a deep picture. Samples go by row, then by pixel, then from near to far."""
+
+    counts: npt.NDArray[np.uint32]
+    """Samples of each pixel, shape (rows, width)."""
+    depth: F32
+    """Planar camera depth [scene unit], shape (n,)."""
+    depth_back: F32
+    """Where a sample ends [scene unit], shape (n,); `depth` itself for one that is not merged."""
+    color: F32
+    """Premultiplied linear RGBA, shape (n, 4)."""
+
+
+class DeepWriter:
+    """A deep EXR that is being written: a context manager fed with bands, top to bottom.
+
+    Args:
+        path: The file; it appears when the context ends without an error.
+        layout: Size and labels; `pixel_type` half (default) or float is that of R, G, B and A, and
+            `aovs` does not count. Its colour space must be linear.
+        merged: Whether samples may end behind where they start, which adds ZBack.
+        compression: One of `COMPRESSIONS`.
+
+    Raises:
+        UsageError: If the layout or the compression is not one that a deep EXR can hold.
+        OutputError: If the file cannot be made, on entering the context.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        layout: ImageLayout,
+        *,
+        merged: bool = False,
+        compression: str = "none",
+    ) -> None:
+        if compression not in COMPRESSIONS:
+            expected = f"one of {', '.join(COMPRESSIONS)}"
+            raise UsageError(str(path), f"compression {compression!r}", expected)
+        if layout.pixel_type not in (None, "half", "float"):
+            raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
+        if color_space(layout.color_space, where="output color space").gamma != 1.0:
+            raise UsageError(str(path), f"deep samples in {layout.color_space}", "a linear space")
+        self._path = Path(path)
+        self._layout = layout
+        self._merged = merged
+        self._compression = compression
+        self._color = np.dtype("<f4" if layout.pixel_type == "float" else "<f2")
+        self._next_row = layout.window[1]
+        self._most = 0
+        self._chunks: list[int] = []
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            temporary = stack.enter_context(atomic_path(self._path))
+            self._file = stack.enter_context(temporary.open("wb"))
+            threads = max(1, oiio.get_int_attribute("exr_threads"))
+            self._pool = stack.enter_context(ThreadPoolExecutor(threads))
+            self._put(self._header())
+            self._put(bytes(8 * self._layout.shape[0]))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._stack.__exit__(kind, error, trace)
+            return
+        with self._stack:
+            bottom = self._layout.window[3]
+            if self._next_row != bottom:
+                raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
+            # The table of chunks follows the header, in which the highest count had to wait.
+            start = self._header()
+            self._seek(0)
+            self._put(start)
+            self._put(struct.pack(f"<{len(self._chunks)}Q", *self._chunks))
+            self._flush()
+
+    def write_band(self, y0: int, band: DeepBand) -> None:
+        """Append whole rows.
+
+        Args:
+            y0: First row [pixel], in display window coordinates; the row after the last band's.
+            band: The rows.
+
+        Raises:
+            OutputError: If the file cannot be written.
+            ValueError: If rows are out of order, arrays do not fit each other or the layout, or the
+                samples of a pixel do not go from near to far.
+        """
+        rows = self._rows_of(y0, band)
+        ends = np.cumsum(band.counts.sum(axis=1, dtype=np.int64)).tolist()
+        starts = [0, *ends]
+
+        def packed(row: int) -> tuple[bytes, ...]:
+            part = slice(starts[row], ends[row])
+            return self._packed(y0 + row, band, row, part)
+
+        for first in range(0, rows, ROWS):
+            some = range(first, min(first + ROWS, rows))
+            for pieces in self._pool.map(packed, some):
+                self._chunks.append(self._file.tell())
+                for piece in pieces:
+                    self._put(piece)
+        self._most = max(self._most, int(band.counts.max(initial=0)))
+        self._next_row += rows
+
+    def _rows_of(self, y0: int, band: DeepBand) -> int:
+        """Check a band; return how many rows it has."""
+        rows, n = len(band.counts), len(band.depth)
+        expected = {
+            "counts": f"uint32{(rows, self._layout.shape[1])}",
+            "depth": f"float32{(n,)}",
+            "depth_back": f"float32{(n,)}",
+            "color": f"float32{(n, 4)}",
+        }
+        for name, shape in expected.items():
+            array = getattr(band, name)
+            found = f"{array.dtype}{array.shape}"
+            if found != shape:
+                raise ValueError(f"band {y0} {name}: found {found}, expected {shape}")
+        total = int(band.counts.sum(dtype=np.int64))
+        if total != n:
+            raise ValueError(f"band {y0}: found {n} samples, expected {total}")
+        if y0 != self._next_row or not 0 < rows <= self._layout.window[3] - y0:
+            raise ValueError(f"band: found rows {y0} to {y0 + rows}, expected {self._next_row} on")
+        return rows
+
+    def _packed(self, y: int, band: DeepBand, row: int, part: slice) -> tuple[bytes, ...]:
+        """One row as the file holds it: where it belongs, counts, samples."""
+        ends = np.cumsum(band.counts[row], dtype="<i4")
+        depth = band.depth[part]
+        falls = depth[1:] < depth[:-1]
+        starts = ends[(ends > 0) & (ends < len(depth))]
+        falls[starts - 1] = False
+        if falls.any():
+            raise ValueError(f"row {y}: found samples out of order, expected near to far")
+        color = band.color[part]
+        if self._color.itemsize == 2:
+            color = np.clip(color, -HALF_MAX, HALF_MAX)
+        # Channels go by name, which is alphabet order: A B G R Z ZBack.
+        pieces = [color.T[::-1].astype(self._color, order="C"), depth.astype("<f4", copy=False)]
+        if self._merged:
+            pieces.append(band.depth_back[part].astype("<f4", copy=False))
+        table, samples = ends.tobytes(), b"".join(piece.data for piece in pieces)
+        packed_table, packed_samples = table, samples
+        if self._compression == "zips":
+            packed_table, packed_samples = zipped(table), zipped(samples)
+        sizes = len(packed_table), len(packed_samples), len(samples)
+        return struct.pack("<iQQQ", y, *sizes), packed_table, packed_samples
+
+    def _header(self) -> bytes:
+        layout = self._layout
+        channels = dict.fromkeys("ABGR", self._color)
+        channels |= dict.fromkeys(("Z", "ZBack")[: 1 + self._merged], np.dtype("<f4"))
+        space = color_space(layout.color_space)
+        labels: dict[str, str | int | float | tuple[float, ...]] = {
+            "screenWindowCenter": (0.0, 0.0),
+            "screenWindowWidth": 1.0,
+            "pixelAspectRatio": float(layout.pixel_aspect_ratio),
+            "colorInteropID": "data" if space.chromaticities is None else layout.color_space,
+            "Software": f"usdsplat {usdsplat.__version__}",
+            **{key: text for key, text in MEANINGS.items() if self._merged or "ZB" not in key},
+            **layout.metadata,
+        }
+        if space.chromaticities is not None:
+            labels["chromaticities"] = space.chromaticities
+        attributes: Attributes = {
+            "channels": ("chlist", channel_list(channels)),
+            "compression": ("compression", bytes([COMPRESSIONS[self._compression]])),
+            "dataWindow": ("box2i", box(layout.window)),
+            "displayWindow": ("box2i", box((0, 0, *layout.resolution))),
+            "lineOrder": ("lineOrder", b"\0"),
+            "name": ("string", b"deep"),
+            "type": ("string", b"deepscanline"),
+            "version": ("int", struct.pack("<i", 1)),
+            "chunkCount": ("int", struct.pack("<i", layout.shape[0])),
+            "maxSamplesPerPixel": ("int", struct.pack("<i", self._most)),
+            "deepImageState": ("deepImageState", bytes([SORTED])),
+        }
+        return header(attributes | encoded(labels), DEEP)
+
+    def _put(self, data: bytes) -> None:
+        try:
+            self._file.write(data)
+        except OSError as error:
+            raise self._no_room(error) from error
+
+    def _seek(self, position: int) -> None:
+        try:
+            self._file.seek(position)
+        except OSError as error:
+            raise self._no_room(error) from error
+
+    def _flush(self) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._no_room(error) from error
+
+    def _no_room(self, error: OSError) -> OutputError:
+        return OutputError(str(self._path), error.strerror or str(error), "a place with room")

@@ -1,0 +1,213 @@
+"""What other renderers have drawn, as something that hides splats behind it.
+
+A flat picture holds out at one depth per pixel. A deep one lets through what it does not cover:
+light from behind a sample is multiplied by one minus its opacity.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio
+
+from usdsplat.core.cloud import F32
+from usdsplat.core.errors import FormatError, UsageError
+from usdsplat.images.deep_reader import I64, DeepFile
+
+DEPTHS = ("Z", "depth.Z", "depth")
+"""Channels that hold planar camera depth, the likeliest first."""
+
+DeepRows = tuple[I64, F32, F32]
+"""Where the samples of each pixel start and the last ends, (h*w + 1,); their planar camera depth,
+(n,), near to far within a pixel; and the part of the light from right behind each that passes it
+and all before it, (n,) [0..1]."""
+
+
+class Holdout(ABC):
+    """A picture with depth; `open_holdout` makes one."""
+
+    @abstractmethod
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | DeepRows:
+        """Return what holds out in a window of the display window's pixels, ends exclusive.
+
+        Returns:
+            For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf where nothing is;
+            for a deep one its samples, pixels row-major. Pixels that the file does not have hold
+            nothing out.
+
+        Raises:
+            FormatError: If the file is damaged.
+        """
+
+
+def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
+    """Return the picture at `path` as a holdout: the first part that is deep or has depth.
+
+    In a flat picture the channel is Z, depth.Z or depth, of this layer or another's ("x.Z"). Where
+    the same part has A, depth counts only where A is above 0; depth that is not above 0 never does.
+    A deep sample with a ZBack counts half way through.
+
+    Args:
+        path: An EXR file.
+        resolution: Display window of the picture it holds out of [pixel]; it must have the same.
+
+    Raises:
+        UsageError: If there is no such file, or its display window is another.
+        FormatError: If it has no depth, or is no picture.
+    """
+    where = str(path)
+    if not Path(path).is_file():
+        raise UsageError(where, "no such file", "an EXR with depth")
+    file = oiio.ImageInput.open(where)
+    if file is None:
+        found = oiio.geterror().replace(where, Path(path).name).strip().rstrip(".")
+        raise FormatError(where, found or "no picture", "an EXR with depth")
+    try:
+        channels: list[str] = []
+        part = 0
+        while file.seek_subimage(part, 0):
+            spec = file.spec()
+            depth = _depth_channel(spec.channelnames)
+            if spec.deep or depth is not None:
+                _check_display(where, spec, resolution)
+                return _Deep(where) if spec.deep else _Flat(where, part, spec, str(depth))
+            channels += spec.channelnames
+            part += 1
+        # OpenImageIO prints at exit what nobody asked about: here that there are no more parts.
+        file.geterror()
+    finally:
+        file.close()
+    raise FormatError(where, f"channels {', '.join(channels)}", f"one of {', '.join(DEPTHS)}")
+
+
+def _depth_channel(names: tuple[str, ...]) -> str | None:
+    """The channel that holds depth."""
+    layers = [name for name in names if name.endswith(".Z")]
+    return next((name for name in (*DEPTHS, *layers) if name in names), None)
+
+
+def _check_display(where: str, spec: oiio.ImageSpec, resolution: tuple[int, int]) -> None:
+    found = spec.full_x, spec.full_y, spec.full_width, spec.full_height
+    if found != (0, 0, *resolution):
+        x, y, width, height = found
+        raise UsageError(
+            where,
+            f"a display window of {width}x{height} at {x}, {y}",
+            f"{resolution[0]}x{resolution[1]} at 0, 0, as the picture has",
+        )
+
+
+class _Flat(Holdout):
+    """One depth for each pixel."""
+
+    def __init__(self, where: str, part: int, spec: oiio.ImageSpec, depth: str) -> None:
+        self._where = where
+        self._part = part
+        self._spec = spec
+        names = spec.channelnames
+        self._depth = names.index(depth)
+        self._alpha = names.index("A") if "A" in names else None
+
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32:
+        plane = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
+        spec = self._spec
+        left, top = max(x0, spec.x), max(y0, spec.y)
+        right, bottom = min(x1, spec.x + spec.width), min(y1, spec.y + spec.height)
+        if left >= right or top >= bottom:
+            return plane
+        file = oiio.ImageInput.open(self._where)
+        if file is None:
+            raise FormatError(self._where, oiio.geterror(), "the file that was there before")
+        try:
+            depth = self._channel(file, self._depth, top, bottom)
+            is_there = depth > 0
+            if self._alpha is not None:
+                is_there &= self._channel(file, self._alpha, top, bottom) > 0
+        finally:
+            file.close()
+        columns = slice(left - spec.x, right - spec.x)
+        seen = np.where(is_there, depth, np.float32(np.inf))[:, columns]
+        plane[top - y0 : bottom - y0, left - x0 : right - x0] = seen
+        return plane
+
+    def _channel(self, file: oiio.ImageInput, index: int, y0: int, y1: int) -> F32:
+        """Whole rows of one channel."""
+        spec, part, channels = self._spec, self._part, (index, index + 1)
+        if spec.tile_height == 0:
+            pixels = file.read_scanlines(part, 0, y0, y1, 0, *channels, "float")
+            return self._checked(file, pixels)
+        # Tiles are read whole, as many rows of them as hold the rows asked for.
+        first = y0 - (y0 - spec.y) % spec.tile_height
+        last = min(y1 + (spec.y - y1) % spec.tile_height, spec.y + spec.height)
+        right = spec.x + spec.width
+        window = spec.x, right, first, last, 0, 1
+        pixels = file.read_tiles(part, 0, *window, *channels, "float")
+        return self._checked(file, pixels)[y0 - first : y1 - first]
+
+    def _checked(self, file: oiio.ImageInput, pixels: npt.NDArray[np.float32] | None) -> F32:
+        if pixels is None:
+            found = file.geterror().replace(self._where, Path(self._where).name).strip()
+            raise FormatError(self._where, found.rstrip("."), "a whole EXR file")
+        return pixels.reshape(-1, self._spec.width)
+
+
+class _Deep(Holdout):
+    """Any number of samples for each pixel."""
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        with DeepFile(where) as file:
+            self._window = file.window
+
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> DeepRows:
+        left, top, right, bottom = self._window
+        counts = np.zeros((y1 - y0, x1 - x0), np.int64)
+        first, last = max(y0, top), min(y1, bottom)
+        columns = slice(max(x0, left), max(min(x1, right), max(x0, left)))
+        depth = alpha = np.zeros(0, np.float32)
+        if first < last and columns.start < columns.stop:
+            with DeepFile(self._where) as file:
+                offsets, values = file.rows(first, last, ("Z", "ZBack", "A"))
+            there = np.diff(offsets).reshape(last - first, right - left)
+            is_wanted = np.zeros(there.shape, np.bool_)
+            is_wanted[:, columns.start - left : columns.stop - left] = True
+            target = counts[first - y0 : last - y0, columns.start - x0 : columns.stop - x0]
+            target[:] = there[is_wanted].reshape(target.shape)
+            is_wanted_sample = np.repeat(is_wanted.ravel(), there.ravel())
+            depth = _middle(values)[is_wanted_sample]
+            alpha = values["A"][is_wanted_sample]
+        starts = np.zeros(counts.size + 1, np.int64)
+        np.cumsum(counts, out=starts[1:])
+        return _in_order(starts, depth, alpha)
+
+
+def _middle(values: dict[str, F32]) -> F32:
+    """Where samples count: half way from front to back."""
+    front = values["Z"]
+    if "ZBack" not in values:
+        return front
+    back = np.maximum(values["ZBack"], front)
+    return np.where(np.isfinite(back), front + (back - front) * np.float32(0.5), front)
+
+
+def _in_order(offsets: I64, depth: F32, alpha: F32) -> DeepRows:
+    """Sort each pixel's samples from near to far and multiply up what they let through."""
+    pixel = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+    falls = (depth[1:] < depth[:-1]) & (pixel[1:] == pixel[:-1])
+    # What is nowhere, or covers no part of a pixel, hides nothing.
+    alpha = np.where(np.isnan(depth) | np.isnan(alpha), 0, np.clip(alpha, 0, 1))
+    if falls.any() or np.isnan(depth).any():
+        order = np.lexsort((depth, pixel))
+        depth, alpha = np.nan_to_num(depth[order], nan=np.inf, posinf=np.inf), alpha[order]
+    passed = (1 - alpha).astype(np.float32)
+    rest = np.flatnonzero(np.diff(offsets) > 1)
+    k = 1
+    while len(rest):
+        at = offsets[rest] + k
+        passed[at] *= passed[at - 1]
+        k += 1
+        rest = rest[offsets[rest] + k < offsets[rest + 1]]
+    return offsets, depth, passed
