@@ -141,6 +141,8 @@ class DeepFile:
 
     def _read_header(self) -> None:
         where = self._where
+        self._size = self._file.seek(0, 2)
+        self._file.seek(0)
         parts, self._has_numbers = read_headers(self._file, where)
         kinds = [part.get("type", ("", b""))[1] for part in parts]
         deep = [i for i, kind in enumerate(kinds) if kind in (b"deepscanline", b"deeptile")]
@@ -179,7 +181,7 @@ class DeepFile:
         width = min(self._tile[0], x1 - x0 - column * self._tile[0])
         height = min(self._tile[1], y1 - y0 - band * self._tile[1])
         start = self._chunks[band * self._across + column]
-        file.seek(min(start, 2**62))
+        file.seek(min(start, self._size))
         expected: tuple[int, ...] = (column, band, 0, 0) if self._is_tiled else (y0 + band,)
         if self._has_numbers:
             expected = (self._part, *expected)
@@ -187,9 +189,10 @@ class DeepFile:
         if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
             raise FormatError(where, "a chunk of another place", "a whole EXR file")
         table_size, packed_size, size = struct.unpack("<QQQ", read_exactly(file, 24, where))
-        table = unpacked(
-            read_exactly(file, table_size, where), 4 * width * height, self._compression, where
-        )
+        wanted = 4 * width * height
+        # Where it is not packed, OpenEXR writes the table of a cut tile as long as a whole one's.
+        table = read_exactly(file, table_size, where)[:wanted]
+        table = unpacked(table, wanted, self._compression, where)
         ends = np.frombuffer(table, "<i4").reshape(height, width)
         counts = np.diff(ends, axis=1, prepend=0).astype(np.int64)
         # Differences of int32 can wrap to something positive; the last of a row is their sum.
