@@ -51,6 +51,13 @@ def limit_threads(count: int) -> None:
     OpenImageIO.attribute("exr_threads", count)
 
 
+def thread_count() -> int:
+    """How many threads one reader or writer uses, as `limit_threads` or OpenImageIO left it."""
+    import OpenImageIO
+
+    return max(1, OpenImageIO.get_int_attribute("exr_threads"))
+
+
 def _suffix(path: Path | str) -> str:
     """The suffix in lower case, if it is one we write."""
     suffix = Path(path).suffix.lower()

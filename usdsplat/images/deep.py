@@ -24,13 +24,13 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-import OpenImageIO as oiio
 
 import usdsplat
 from usdsplat.core.cloud import F32
 from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import atomic_path
+from usdsplat.images import thread_count
 from usdsplat.images.color import color_space
 from usdsplat.images.exr_bytes import (
     DEEP,
@@ -114,8 +114,7 @@ class DeepWriter:
         with ExitStack() as stack:
             temporary = stack.enter_context(atomic_path(self._path))
             self._file = stack.enter_context(temporary.open("wb"))
-            threads = max(1, oiio.get_int_attribute("exr_threads"))
-            self._pool = stack.enter_context(ThreadPoolExecutor(threads))
+            self._pool = stack.enter_context(ThreadPoolExecutor(thread_count()))
             self._put(self._header())
             self._put(bytes(8 * self._layout.shape[0]))
             self._stack = stack.pop_all()

@@ -12,7 +12,9 @@ Source: OpenEXR's "File Layout".
 from __future__ import annotations
 
 import struct
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -22,6 +24,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError
+from usdsplat.images import thread_count
 from usdsplat.images.exr_bytes import (
     NONE,
     RLE,
@@ -127,9 +130,13 @@ class DeepFile:
         """
         names = tuple(name for name in names if name in self._channels)
         height, top = self._tile[1], self.window[1]
+        bands = range((y0 - top) // height, -(-(y1 - top) // height))
+        chunks = [self._chunk(column, band) for band in bands for column in range(self._across)]
+        with ThreadPoolExecutor(thread_count()) as pool:
+            unpacked_tiles = pool.map(lambda chunk: self._lines(chunk, names), chunks)
         lines: list[_Line] = []
-        for band in range((y0 - top) // height, -(-(y1 - top) // height)):
-            tiles = [self._tile_lines(column, band, names) for column in range(self._across)]
+        for band in bands:
+            tiles = list(islice(unpacked_tiles, self._across))
             first = top + band * height
             for i in range(max(0, y0 - first), min(len(tiles[0]), y1 - first)):
                 lines.extend(lines_of[i] for lines_of in tiles)
@@ -174,14 +181,13 @@ class DeepFile:
                 raise FormatError(where, f"{chunks} chunks", f"{count} for its data window")
         self._chunks = struct.unpack_from(f"<{count}Q", table)
 
-    def _tile_lines(self, column: int, band: int, names: tuple[str, ...]) -> list[_Line]:
-        """Unpack one tile, or one row of a scanline file, which is a tile as wide as the window."""
+    def _chunk(self, column: int, band: int) -> _Chunk:
+        """Read one tile, or one row of a scanline file, which is a tile as wide as the window."""
         where, file = self._where, self._file
         x0, y0, x1, y1 = self.window
         width = min(self._tile[0], x1 - x0 - column * self._tile[0])
         height = min(self._tile[1], y1 - y0 - band * self._tile[1])
-        start = self._chunks[band * self._across + column]
-        file.seek(min(start, self._size))
+        file.seek(min(self._chunks[band * self._across + column], self._size))
         expected: tuple[int, ...] = (column, band, 0, 0) if self._is_tiled else (y0 + band,)
         if self._has_numbers:
             expected = (self._part, *expected)
@@ -189,23 +195,22 @@ class DeepFile:
         if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
             raise FormatError(where, "a chunk of another place", "a whole EXR file")
         table_size, packed_size, size = struct.unpack("<QQQ", read_exactly(file, 24, where))
+        table = read_exactly(file, table_size, where)
+        return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)
+
+    def _lines(self, chunk: _Chunk, names: tuple[str, ...]) -> list[_Line]:
+        """Unpack a chunk: row after row, and in each the channels one after the other."""
+        where = self._where
+        height, width = chunk.shape
         wanted = 4 * width * height
         # Where it is not packed, OpenEXR writes the table of a cut tile as long as a whole one's.
-        table = read_exactly(file, table_size, where)[:wanted]
-        table = unpacked(table, wanted, self._compression, where)
-        ends = np.frombuffer(table, "<i4").reshape(height, width)
-        counts = np.diff(ends, axis=1, prepend=0).astype(np.int64)
-        # Differences of int32 can wrap to something positive; the last of a row is their sum.
-        totals = ends[:, -1].astype(np.int64)
+        table = unpacked(chunk.table[:wanted], wanted, self._compression, where)
+        ends = np.frombuffer(table, "<i4").reshape(height, width).astype(np.int64)
+        counts = np.diff(ends, axis=1, prepend=0)
         sample = sum(dtype.itemsize for dtype in self._channels.values())
-        is_odd = (counts < 0).any() or (counts.sum(axis=1) != totals).any()
-        if is_odd or size != sample * totals.sum():
+        if (counts < 0).any() or chunk.size != sample * ends[:, -1].sum():
             raise FormatError(where, "counts of samples that cannot be", "a whole EXR file")
-        raw = unpacked(read_exactly(file, packed_size, where), size, self._compression, where)
-        return self._lines(raw, counts, names)
-
-    def _lines(self, raw: bytes, counts: I64, names: tuple[str, ...]) -> list[_Line]:
-        """Take a tile apart: row after row, and in each the channels one after the other."""
+        raw = unpacked(chunk.samples, chunk.size, self._compression, where)
         found = []
         at = 0
         for row in counts:
@@ -217,6 +222,18 @@ class DeepFile:
                 at += n * dtype.itemsize
             found.append(_Line(row, channels))
         return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Chunk:
+    """A tile as the file holds it."""
+
+    shape: tuple[int, int]
+    """Rows and columns."""
+    table: bytes
+    samples: bytes
+    size: int
+    """Of the samples when they are unpacked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -199,7 +199,7 @@ def _in_order(offsets: I64, depth: F32, alpha: F32) -> DeepRows:
     falls = (depth[1:] < depth[:-1]) & (pixel[1:] == pixel[:-1])
     # What is nowhere, or covers no part of a pixel, hides nothing.
     alpha = np.where(np.isnan(depth) | np.isnan(alpha), 0, np.clip(alpha, 0, 1))
-    if falls.any() or np.isnan(depth).any():
+    if falls.any() or np.isnan(depth).any():  # A comparison with NaN finds no fall.
         order = np.lexsort((depth, pixel))
         depth, alpha = np.nan_to_num(depth[order], nan=np.inf, posinf=np.inf), alpha[order]
     passed = (1 - alpha).astype(np.float32)
