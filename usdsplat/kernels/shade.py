@@ -161,6 +161,80 @@ def texture_at(view, a, b, c, corner_uvs, one, two, x, y, z, material, levels, t
     )  # fmt: skip
 
 
+@scalar
+def clear(row, column, end, out):
+    """Say that pixels column..end-1 of a row see nothing."""
+    color, normal, albedo, covered, ids, hit, bary = out
+    for i in range(column, end):
+        for c in range(3):
+            color[row, i, c] = np.float32(0)
+            normal[row, i, c] = np.float32(0)
+            albedo[row, i, c] = np.float32(0)
+            ids[c, row, i] = -1
+        hit[0, row, i], hit[1, row, i] = -1, -1
+        bary[row, i, 0], bary[row, i, 1] = np.float32(0), np.float32(0)
+        covered[row, i] = NOTHING
+
+
+@scalar
+def shade_stretch(
+    view, shapes, normal_matrices, looks, lights, t, x0, y, row, column, end, out
+):  # fmt: skip
+    """Shade pixels column..end-1 of a row, all of which see triangle t; `x0` is column 0's x."""
+    appearances, firsts, vertex_firsts, triangles, vertices = shapes
+    faces, normals, colors, uvs, material_of, materials, levels, texels = looks
+    color, normal, albedo, covered, ids, hit, bary = out
+    k = find(firsts, t)
+    look, local = appearances[k], t - firsts[k]
+    a, b, c = corners(appearances, firsts, vertex_firsts, triangles, vertices, t)
+    # as numbers, which stay in registers: for all the compiler knows, writing a pixel might change
+    # the arrays
+    a, b, c = (a[X], a[Y], a[Z]), (b[X], b[Y], b[Z]), (c[X], c[Y], c[Z])
+    number = look.material
+    if look.material_of >= 0:
+        number += material_of[look.material_of + local]
+    material = materials[number]
+    has_normals = look.normals >= 0
+    has_colors = look.colors >= 0 and material.uses_colors != 0
+    has_texture = look.uvs >= 0 and material.levels > 0
+    face = faces[look.rows + local]
+    shown = np.float32(0) if look.matte else np.float32(1)
+    for i in range(column, end):
+        x = x0 + np.float64(i)
+        px, py, pz = hit_at(view, a, b, c, x, y)
+        one, two = weights(a, b, c, px - a[X], py - a[Y], pz - a[Z])
+        one, two = within(one, two)
+        nx, ny, nz = visible_side(a, b, c, px, py, pz, view.orthographic)
+        if has_normals:
+            three = normals[look.normals + local]
+            nx, ny, nz = turned(
+                normal_matrices[k], blended(three, one, two, 0), blended(three, one, two, 1),
+                blended(three, one, two, 2), nx, ny, nz,
+            )  # fmt: skip
+        red, green, blue = material.red, material.green, material.blue
+        if has_colors:
+            three = colors[look.colors + local]
+            red *= np.float32(blended(three, one, two, 0))
+            green *= np.float32(blended(three, one, two, 1))
+            blue *= np.float32(blended(three, one, two, 2))
+        if has_texture:
+            r, g, b_ = texture_at(
+                view, a, b, c, uvs[look.uvs + local], one, two, x, y, pz, material, levels, texels
+            )
+            red, green, blue = red * r, green * g, blue * b_
+        r, g, b_ = light_on(lights, nx, ny, nz, px, py, pz, view.orthographic)
+        color[row, i, 0] = shown * (red * r)
+        color[row, i, 1] = shown * (green * g)
+        color[row, i, 2] = shown * (blue * b_)
+        # USD's camera space has y up and looks along −z
+        normal[row, i, 0], normal[row, i, 1], normal[row, i, 2] = nx, -ny, -nz
+        albedo[row, i, 0], albedo[row, i, 1], albedo[row, i, 2] = red, green, blue
+        ids[0, row, i], ids[1, row, i], ids[2, row, i] = look.prim, look.instance, face
+        hit[0, row, i], hit[1, row, i] = k, local
+        bary[row, i, 0], bary[row, i, 1] = one, two
+        covered[row, i] = MATTE if look.matte else DRAWN
+
+
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
@@ -179,69 +253,20 @@ def shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
         origin: x0, y0 of the band, i64.
         out: Receives (color, normal, albedo, covered, ids, hit, bary), as `SurfaceBand` has them.
     """
-    appearances, firsts, vertex_firsts, triangles, vertices = shapes
-    faces, normals, colors, uvs, material_of, materials, levels, texels = looks
-    color, normal, albedo, covered, ids, hit, bary = out
     for row in prange(winner.shape[0]):
         eye = view[0]
         y = np.float64(origin[1] + row)
-        for column in range(winner.shape[1]):
+        column = 0
+        while column < winner.shape[1]:
             t = winner[row, column]
-            at = row, column
+            end = column + 1
+            while end < winner.shape[1] and winner[row, end] == t:
+                end += 1
             if t < 0:
-                color[at][:] = 0
-                normal[at][:] = 0
-                albedo[at][:] = 0
-                bary[at][:] = 0
-                covered[at] = NOTHING
-                ids[0, row, column], ids[1, row, column], ids[2, row, column] = -1, -1, -1
-                hit[0, row, column], hit[1, row, column] = -1, -1
-                continue
-            x = np.float64(origin[0] + column)
-            k = find(firsts, t)
-            look = appearances[k]
-            local = t - firsts[k]
-            a, b, c = corners(appearances, firsts, vertex_firsts, triangles, vertices, t)
-            px, py, pz = hit_at(eye, a, b, c, x, y)
-            one, two = weights(a, b, c, px - a[X], py - a[Y], pz - a[Z])
-            one, two = within(one, two)
-
-            gx, gy, gz = visible_side(a, b, c, px, py, pz, eye.orthographic)
-            nx, ny, nz = gx, gy, gz
-            if look.normals >= 0:
-                three = normals[look.normals + local]
-                nx, ny, nz = turned(
-                    normal_matrices[k], blended(three, one, two, 0), blended(three, one, two, 1),
-                    blended(three, one, two, 2), gx, gy, gz,
+                clear(row, column, end, out)
+            else:
+                shade_stretch(
+                    eye, shapes, normal_matrices, looks, lights, t, np.float64(origin[0]), y, row,
+                    column, end, out,
                 )  # fmt: skip
-
-            number = look.material
-            if look.material_of >= 0:
-                number += material_of[look.material_of + local]
-            material = materials[number]
-            r, g, b_ = material.red, material.green, material.blue
-            if material.uses_colors and look.colors >= 0:
-                three = colors[look.colors + local]
-                r *= np.float32(blended(three, one, two, 0))
-                g *= np.float32(blended(three, one, two, 1))
-                b_ *= np.float32(blended(three, one, two, 2))
-            if material.levels > 0 and look.uvs >= 0:
-                tr, tg, tb = texture_at(
-                    eye, a, b, c, uvs[look.uvs + local], one, two, x, y, pz, material, levels,
-                    texels,
-                )  # fmt: skip
-                r, g, b_ = r * tr, g * tg, b_ * tb
-
-            lr, lg, lb = light_on(lights, nx, ny, nz, px, py, pz, eye.orthographic)
-            shown = np.float32(0) if look.matte else np.float32(1)
-            color[row, column, 0] = shown * (r * lr)
-            color[row, column, 1] = shown * (g * lg)
-            color[row, column, 2] = shown * (b_ * lb)
-            # USD's camera space has y up and looks along −z
-            normal[row, column, 0], normal[row, column, 1], normal[row, column, 2] = nx, -ny, -nz
-            albedo[row, column, 0], albedo[row, column, 1], albedo[row, column, 2] = r, g, b_
-            covered[at] = MATTE if look.matte else DRAWN
-            ids[0, row, column], ids[1, row, column] = look.prim, look.instance
-            ids[2, row, column] = faces[look.rows + local]
-            hit[0, row, column], hit[1, row, column] = k, local
-            bary[row, column, 0], bary[row, column, 1] = one, two
+            column = end

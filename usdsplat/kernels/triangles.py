@@ -157,10 +157,8 @@ def edge(view, a, b, side):
     and a pixel on it belongs to the triangle to the right of it or, where it is level, below.
     """
     if comes_after(a, b):
-        x, y, u, v, c = edge_from(view, b, a)
-        side = -side
-    else:
-        x, y, u, v, c = edge_from(view, a, b)
+        a, b, side = b, a, -side
+    x, y, u, v, c = edge_from(view, a, b)
     x, y, c = side * x, side * y, side * c
     return x, y, u, v, c, 0.0 if x > 0.0 or (x == 0.0 and y > 0.0) else TINY
 
