@@ -335,8 +335,18 @@ class Editor:
 
     def set_camera(self) -> None:
         if prim := self._prim(lambda each: each.IsA(UsdGeom.Camera)):
-            focal = UsdGeom.Camera(prim).CreateFocalLengthAttr()
-            self._set(focal, lambda: self._random.choice([0.0, 20.0, 35.0]))
+            choices = {
+                "focalLength": (0.0, 20.0, 35.0),
+                "fStop": (0.0, 2.8),
+                "focusDistance": (0.0, 5.0),
+                "shutter:open": (-0.25, 0.0, 0.5),
+                "shutter:close": (0.0, 0.25),
+                "exposure": (0.0, 1.0),
+                "exposure:fStop": (0.0, 2.0),
+            }
+            name = self._random.choice(list(choices))
+            attribute = prim.GetAttribute(name)
+            self._set(attribute, lambda: self._random.choice(choices[name]))
 
     def restructure_mute(self) -> None:
         layer = self._random.choice(self._layers()[1:] or [self.stage.GetSessionLayer()])

@@ -146,15 +146,6 @@ assert "pxr" not in sys.modules
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_an_order_that_is_not_drawn_yet_is_said():
-    """Oracle: usdVol's tokens; the picture is sorted by depth instead."""
-    stage = two_fields()
-    schema.author(stage, "/World/B", random_cloud(2), sorting_mode="rayHitDistance")
-    with Engine(stage) as engine:
-        (sentence,) = engine.warnings
-    assert sentence.startswith("/World/B sortingModeHint: found rayHitDistance, expected zDepth")
-
-
 def test_a_prim_that_is_left_out_is_logged_once(caplog):
     """Oracle: the log records of Python's own logging."""
     stage = two_fields()

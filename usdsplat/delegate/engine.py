@@ -98,13 +98,7 @@ class Engine:
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim that cannot be used as it is; brings the scene up to date."""
         self.sync()
-        unsorted = (
-            f"{path} sortingModeHint: found rayHitDistance, expected zDepth or cameraDistance; "
-            "zDepth is used"
-            for path, hint in self._index.sorting_hints()
-            if hint == "rayHitDistance"
-        )
-        return (*self._open().warnings, *unsorted)
+        return self._open().warnings
 
     @property
     def render_scene(self) -> RenderScene:

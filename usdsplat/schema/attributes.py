@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -17,6 +18,10 @@ from usdsplat.schema.vt import as_float32, from_vt
 Array = npt.NDArray[Any]
 Time: TypeAlias = float | Usd.TimeCode | None
 """A time code; None is the default value or, where a prim has only samples, the first of them."""
+
+
+_TOGETHER = 1e-6
+"""Two samples are at one time if they are as near as this [time code]: layer offsets round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,40 @@ def velocities(prim: Usd.Prim, code: Usd.TimeCode, count: int) -> F32 | None:
     return as_float32(values) if values is not None and count else None
 
 
+def centres(prim: Usd.Prim, name: str, code: Usd.TimeCode, time: Time) -> tuple[F32, F32 | None]:
+    """Where the splats are [scene unit] and how fast they move [scene unit / s], or None.
+
+    Splats with velocities move on from their last sample, whatever the next one holds: between
+    samples that differ in number that is the only motion there is.
+
+    Args:
+        prim: The field.
+        name: Of its centres.
+        code: As `time_code` gives it for `time`; what velocities do not move is taken from there.
+        time: As the caller asked.
+
+    Source: the rule of UsdGeomPointBased's ComputePointsAtTime: velocities count where they are as
+    many as the centres and sampled together with them.
+    """
+    sample = _moving_since(prim, name, time)
+    values = array(prim, name, code if sample is None else sample)
+    positions = np.empty((0, 3), np.float32) if values is None else as_float32(values)
+    if sample is None:
+        return positions, velocities(prim, code, len(positions))
+    speeds = as_float32(np.asarray(prim.GetAttribute(tokens.VELOCITIES).Get(sample)))
+    ticks = Usd.TimeCode(time).GetValue() - sample.GetValue()
+    if ticks:
+        seconds = np.float32(ticks / prim.GetStage().GetTimeCodesPerSecond())
+        positions = positions + speeds * seconds
+    return positions, speeds
+
+
+def have_velocities(prim: Usd.Prim) -> bool:
+    """Whether samples of velocities may move the splats."""
+    attribute = prim.GetAttribute(tokens.VELOCITIES)
+    return bool(attribute) and attribute.GetNumTimeSamples() > 0
+
+
 def degree(prim: Usd.Prim, code: Usd.TimeCode) -> int:
     """Degree of the harmonics as the prim says it, legal or not."""
     attribute = prim.GetAttribute(tokens.SH_DEGREE)
@@ -135,6 +174,22 @@ def silence(prim: Usd.Prim, names: Iterable[str]) -> None:
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue():
             attribute.Block()
+
+
+def _moving_since(prim: Usd.Prim, name: str, time: Time) -> Usd.TimeCode | None:
+    """The sample of the centres that velocities lead on from; None where they do not."""
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    if not code.IsNumeric():
+        return None
+    around: list[tuple[float, ...]] = [
+        attribute.GetBracketingTimeSamples(code.GetValue()) if attribute else ()
+        for attribute in (prim.GetAttribute(name), prim.GetAttribute(tokens.VELOCITIES))
+    ]
+    if not all(around) or not math.isclose(around[0][0], around[1][0], abs_tol=_TOGETHER):
+        return None
+    sample = Usd.TimeCode(around[0][0])
+    count = length(prim, tokens.VELOCITIES, sample)
+    return sample if count and count == length(prim, name, sample) else None
 
 
 def _default_or_earliest(prim: Usd.Prim) -> Usd.TimeCode:

@@ -78,6 +78,10 @@ def author(
 def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
     """Read a splat field of any form, instance proxies included.
 
+    Between samples values are interpolated, whatever the form, where the samples hold as many
+    splats and the same ids, and held where they do not. Velocities lead centres on from the sample
+    before, as `attributes.centres` says, also past the last.
+
     Args:
         prim: A prim for which `is_splat_field` is true.
         time: Time code; None is the default value or, without one, the first sample.
@@ -97,7 +101,7 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
         registration.require(str(prim.GetPath()))
     read = packed.fetch if is_packed(prim) else stock.fetch
     try:
-        return read(prim, attributes.time_code(prim, time))
+        return read(prim, attributes.time_code(prim, time), time)
     except UsdSplatError:
         raise
     except (TypeError, ValueError, OverflowError) as error:
@@ -129,7 +133,8 @@ def form_of(prim: Usd.Prim) -> Form:
 def is_time_varying(prim: Usd.Prim) -> bool:
     """Whether `fetch` may return different clouds at different times."""
     found = (prim.GetAttribute(name) for name in tokens.DATA_ATTRIBUTES)
-    return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+    varies = any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+    return varies or attributes.have_velocities(prim)  # one sample of them moves splats for ever
 
 
 def sample_times(prim: Usd.Prim) -> list[float]:

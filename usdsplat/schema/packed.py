@@ -17,7 +17,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.schema import attributes, packing, tokens
 from usdsplat.schema.attributes import set_array, set_uniform
-from usdsplat.schema.vt import as_float32, to_vt
+from usdsplat.schema.vt import to_vt
 
 SLACK = packing.SCALE_ERROR + packing.ROTATION_ERROR
 """By how much packing can widen a splat, relative to its largest scale."""
@@ -60,11 +60,16 @@ def author(
     set_uniform(prim, tokens.SH_DEGREE, _Type.Int, arrays.degree)
 
 
-def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
+def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatCloud:
     """Read a packed prim, interpolated between samples as the stage's interpolation says.
 
     Where two samples differ in their number of splats or in degree, the earlier one is held: USD
     does so with arrays whose lengths differ.
+
+    Args:
+        prim: Of the packed type.
+        code: As `attributes.time_code` gives it for `time`.
+        time: As the caller asked: velocities lead on to it.
 
     Raises:
         StageError: If the layout is not one we know, or an array is missing or too short.
@@ -72,24 +77,19 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
     token = prim.GetAttribute(tokens.PACKING).Get()
     if token != packing.TOKEN:
         raise _unfit(prim, tokens.PACKING, repr(token), repr(packing.TOKEN))
-    centres = attributes.array(prim, tokens.POSITIONS, code)
-    positions = np.empty((0, 3), np.float32) if centres is None else as_float32(centres)
+    positions, velocities = attributes.centres(prim, tokens.POSITIONS, code, time)
+    n = len(positions)
+    ids = attributes.ids(prim, code, n)
+
+    def decoded(sample: Usd.TimeCode) -> SplatCloud:
+        arrays = _arrays(prim, sample, n)
+        return packing.unpack(positions, arrays, ids=ids, velocities=velocities)
+
     around = attributes.bracket(prim.GetAttribute(tokens.PACKED), code)
-    cloud = _decode(prim, around.lower, positions, code)
+    cloud = decoded(around.lower)
     if not around.fraction or _shape(prim, around.lower) != _shape(prim, around.upper):
         return cloud
-    return _mix(cloud, _decode(prim, around.upper, positions, code), around.fraction)
-
-
-def _decode(prim: Usd.Prim, sample: Usd.TimeCode, positions: F32, code: Usd.TimeCode) -> SplatCloud:
-    """The splats packed at `sample`, at the given centres, with ids and velocities of `code`."""
-    n = len(positions)
-    return packing.unpack(
-        positions,
-        _arrays(prim, sample, n),
-        ids=attributes.ids(prim, code, n),
-        velocities=attributes.velocities(prim, code, n),
-    )
+    return _mix(cloud, decoded(around.upper), around.fraction)
 
 
 def _arrays(prim: Usd.Prim, sample: Usd.TimeCode, n: int) -> packing.PackedArrays:

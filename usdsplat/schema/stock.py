@@ -95,15 +95,20 @@ def check_half(cloud: SplatCloud) -> None:
             )
 
 
-def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
+def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatCloud:
     """Read a stock prim; float arrays are views of USD's own memory.
+
+    Args:
+        prim: Of the stock type.
+        code: As `attributes.time_code` gives it for `time`.
+        time: As the caller asked: velocities lead on to it.
 
     Returns:
         Unit quaternions, whatever the prim holds; degrees above 4 are cut to 4. Other values come
         as they are: `validate` says what is wrong with them.
     """
-    centres = _array(prim, tokens.POSITIONS, code)
-    positions = np.empty((0, 3), np.float32) if centres is None else as_float32(centres)
+    name = source_name(prim, tokens.POSITIONS)
+    positions, velocities = attributes.centres(prim, name, code, time)
     n = len(positions)
     rotations = attributes.rows(_array(prim, tokens.ORIENTATIONS, code), n)
     scales = attributes.rows(_array(prim, tokens.SCALES, code), n)
@@ -115,7 +120,7 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode) -> SplatCloud:
         opacities=np.ones(n, np.float32) if opacities is None else as_float32(opacities),
         sh=_harmonics(prim, code, n),
         ids=attributes.ids(prim, code, n),
-        velocities=attributes.velocities(prim, code, n),
+        velocities=velocities,
     )
 
 

@@ -55,6 +55,8 @@ def test_a_blocked_lens_is_the_fallback_lens(stage):
         ("clippingRange", Gf.Vec2f(10, 10), "clippingRange"),
         ("clippingRange", Gf.Vec2f(math.nan, 10), "clippingRange"),
         ("xformOp:translate", Gf.Vec3d(math.nan, 0, 0), "without an inverse"),
+        ("exposure:fStop", 0.0, "exposure with a scale of inf"),
+        ("exposure:time", -1.0, "exposure with a scale of -1"),
     ],
 )
 def test_a_camera_without_an_image_is_a_warning_until_it_is_asked_for(stage, name, value, words):
@@ -115,3 +117,78 @@ def test_a_scaled_camera_measures_in_scene_units(stage, scale):
     np.testing.assert_allclose(view, np.array(frustum.ComputeViewMatrix()).T, atol=1e-12)
     point = np.array(frustum.position + 7.0 * frustum.ComputeViewDirection())
     np.testing.assert_allclose((view @ [*point, 1.0])[:3], [0, 0, -7], atol=1e-9)
+
+
+def test_exposure_is_what_usd_makes_of_its_attributes(stage):
+    """Oracle: the formula of UsdGeomCamera's documentation; UsdGeom computes its 1 by default."""
+    prim = stage.GetPrimAtPath("/Rig/Camera")
+    with Engine(stage) as engine:
+        assert engine.view("/Rig/Camera").camera.exposure == 1.0
+        values = {"": 1.5, ":iso": 400.0, ":time": 0.5, ":fStop": 2.8, ":responsivity": 0.9}
+        for name, value in values.items():
+            prim.GetAttribute(f"exposure{name}").Set(value)
+        expected = 0.9 * 0.5 * 4.0 * 2**1.5 / 2.8**2
+        assert engine.view("/Rig/Camera").camera.exposure == pytest.approx(expected)
+
+
+def test_a_lens_has_half_its_focal_length_over_its_f_number(stage):
+    """Oracle: a focal length of 20 tenths at f/4 has a pupil of 0.5 across; the rules for none."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/Rig")).AddScaleOp().Set(Gf.Vec3f(3))
+    with Engine(stage) as engine:
+        assert engine.view("/Rig/Camera").camera.lens_radius == 0.0
+        camera.CreateFStopAttr(4.0)
+        assert engine.view("/Rig/Camera").camera.lens_radius == 0.0
+        camera.CreateFocusDistanceAttr(7.0)
+        spec = engine.view("/Rig/Camera").camera
+        assert (spec.lens_radius, spec.focus_distance) == (pytest.approx(0.25), 7.0)
+        camera.CreateProjectionAttr("orthographic")
+        assert engine.view("/Rig/Camera").camera.lens_radius == 0.0
+        camera.CreateProjectionAttr("perspective")
+        for value in (0.0, -2.0, math.nan, math.inf):
+            camera.CreateFStopAttr(value)
+            assert engine.view("/Rig/Camera").camera.lens_radius == 0.0
+
+
+def test_the_shutter_is_relative_to_the_frame(stage):
+    """Oracle: the authored numbers, in time codes."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    with Engine(stage) as engine:
+        assert engine.view("/Rig/Camera").camera.shutter == (0.0, 0.0)
+        camera.CreateShutterOpenAttr(-0.25)
+        camera.CreateShutterCloseAttr(0.25)
+        assert engine.view("/Rig/Camera").camera.shutter == (-0.25, 0.25)
+
+
+def test_a_shutter_that_closes_first_is_said_and_the_camera_is_still(stage):
+    """Oracle: the sentence; the camera is of use all the same, and mended it says nothing."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    camera.CreateShutterOpenAttr(0.5)
+    with Engine(stage) as engine:
+        assert engine.view("/Rig/Camera").camera.shutter == (0.0, 0.0)
+        (sentence,) = engine.warnings
+        assert sentence.startswith("/Rig/Camera shutter:open and shutter:close: found (0.5, 0)")
+        camera.CreateShutterCloseAttr(0.75)
+        assert engine.warnings == ()
+        camera.CreateShutterCloseAttr(math.nan)
+        assert len(engine.warnings) == 1
+        stage.RemovePrim("/Rig/Camera")
+        assert engine.warnings == ()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["fStop", "focusDistance", "shutter:open", "shutter:close"]
+    + [f"exposure{part}" for part in ("", ":iso", ":time", ":fStop", ":responsivity")],
+)
+def test_all_of_a_lens_may_be_animated(stage, name):
+    """Oracle: an engine that is at the second time from the start."""
+    prim = stage.GetPrimAtPath("/Rig/Camera")
+    for each, value in (("fStop", 2.0), ("focusDistance", 3.0), ("shutter:close", 1.5)):
+        prim.GetAttribute(each).Set(value)
+    prim.GetAttribute(name).Set(0.5, 1)
+    prim.GetAttribute(name).Set(1.0, 2)
+    with Engine(stage, time=1) as engine, Engine(stage, time=2) as there:
+        first = engine.view("/Rig/Camera").camera
+        engine.set_time(2)
+        assert first != engine.view("/Rig/Camera").camera == there.view("/Rig/Camera").camera

@@ -17,7 +17,7 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.scene_delegate import placing
-from usdsplat.delegate.scene_delegate.cameras import read_camera
+from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_problem
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
 from usdsplat.delegate.scene_delegate.fields import read_field
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
@@ -156,11 +156,9 @@ class UsdSceneDelegate:
         """Implements `SceneDelegate.transforms`."""
         self.pulls["transforms"] += 1
         found = tuple(placing.transforms(each, self._xforms) for each in self._appearances(path))
-        if all(np.isfinite(matrix).all() for levels in found for matrix in levels):
-            self.problems.pop((path, "transforms"), None)
-        else:
-            error = StageError(path, "a transform that is not finite", "numbers")
-            self.problems[path, "transforms"] = error
+        finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
+        error = StageError(path, "a transform that is not finite", "numbers")
+        self._remark("transforms", path, None if finite else error)
         return found
 
     def visible(self, path: str) -> tuple[bool, ...]:
@@ -183,6 +181,7 @@ class UsdSceneDelegate:
         """Implements `SceneDelegate.camera`."""
         prim = self._population.cameras[path]
         read = partial(read_camera, prim, self._code, self._xforms)
+        self._remark("shutter", path, shutter_problem(prim, self._code))
         return self._pull("camera", path, read, None)
 
     # --- private ---------------------------------------------------------------------------
@@ -197,6 +196,12 @@ class UsdSceneDelegate:
 
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
         return self._population.fields[path].appearances
+
+    def _remark(self, kind: str, path: str, problem: UsdSplatError | None) -> None:
+        """Note what is wrong with a prim that is used all the same, or that nothing is any more."""
+        self.problems.pop((path, kind), None)
+        if problem is not None:
+            self.problems[path, kind] = problem
 
     def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
         """Count and read; a prim that cannot be read becomes a warning, and others go on."""
@@ -218,5 +223,9 @@ def _told(why: UsdSplatError, kind: str) -> str:
 
 def _is_in(population: Population, path: str, kind: str) -> bool:
     """Whether there is still a prim of the kind that a problem was found with."""
-    prims = {"instancer": population.instancers, "camera": population.cameras}
+    prims = {
+        "instancer": population.instancers,
+        "camera": population.cameras,
+        "shutter": population.cameras,
+    }
     return path in prims.get(kind, population.fields)

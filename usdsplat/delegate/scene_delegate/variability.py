@@ -71,5 +71,14 @@ def _lens_varies(prim: Usd.Prim) -> bool:
         camera.GetVerticalApertureOffsetAttr(),
         camera.GetFocalLengthAttr(),
         camera.GetClippingRangeAttr(),
+        camera.GetFStopAttr(),
+        camera.GetFocusDistanceAttr(),
+        camera.GetShutterOpenAttr(),
+        camera.GetShutterCloseAttr(),
+        camera.GetExposureAttr(),
+        camera.GetExposureIsoAttr(),
+        camera.GetExposureTimeAttr(),
+        camera.GetExposureFStopAttr(),
+        camera.GetExposureResponsivityAttr(),
     )
     return any(attribute.ValueMightBeTimeVarying() for attribute in lens)
