@@ -177,14 +177,15 @@ class Engine:
         """Return what the stage's render settings ask for; nothing when it has none.
 
         Args:
-            settings_path: Path of the RenderSettings prim; None for the one that the stage names,
-                or else its first.
+            settings_path: Path of the RenderSettings prim, or of a RenderPass that renders one;
+                None for the settings that the stage names, or else its first. The only RenderPass
+                of some settings counts without being named.
             camera: Path that replaces the authored cameras.
             resolution: [pixel]; replaces the authored ones.
             overrides: Values of `RenderSettings` that replace the authored ones.
 
         Raises:
-            StageError: If `settings_path` is no RenderSettings, or an authored value is unusable.
+            StageError: If `settings_path` is neither, or an authored value is unusable.
             UsageError: If an override is.
         """
         scene = self._open()

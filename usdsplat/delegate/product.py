@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
@@ -17,12 +18,24 @@ class ProductSpec:
     name: str = ""
     """`productName`: the file to write; empty when the prim does not say."""
     kind: str = "raster"
-    """`productType`."""
+    """`productType`: raster, deepRaster, or a renderer's own."""
     camera: str = ""
     """Path of the camera; empty when neither prim names one."""
     framing: Framing
     settings: RenderSettings
     aovs: tuple[str, ...] = ("color",)
     """Ours, in the order of `orderedVars`."""
+    pixel_type: Literal["", "half", "float"] = ""
+    """What the `dataType` of its colour vars asks for, the more precise where they differ; empty
+    where none says."""
     purposes: tuple[str, ...] = ("default", "render")
     """`includedPurposes`."""
+    matte: tuple[tuple[str, bool], ...] = ()
+    """Prims that hold out, as `View.matte` has them; "/" is above all prims."""
+    warnings: tuple[str, ...] = ()
+    """One sentence for each thing that it asks for and does not get."""
+
+    @property
+    def multipart(self) -> bool:
+        """Whether each AOV is an EXR part of its own."""
+        return self.settings.multipart

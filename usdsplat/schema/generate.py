@@ -50,6 +50,9 @@ def generate() -> dict[str, str]:
         ]
         # Our own registration would make the generator meet these classes twice.
         environment = {k: v for k, v in os.environ.items() if k != "PXR_PLUGINPATH_NAME"}
+        # The generator sets this itself, but under -m USD is loaded before it can; without, it
+        # trips over API schemas with built-in API schemas.
+        environment["USD_DISABLE_PRIM_DEFINITIONS_FOR_USDGENSCHEMA"] = "true"
         subprocess.run(command, check=True, capture_output=True, env=environment)
         schema = (target / "generatedSchema.usda").read_text(encoding="utf-8")
         plugin = (target / "plugInfo.json").read_text(encoding="utf-8")

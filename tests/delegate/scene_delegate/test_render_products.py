@@ -151,3 +151,137 @@ def test_pixars_render_settings_are_understood(data):
     assert (product.name, product.camera, product.aovs) == ("primary.exr", "/main_cam", ("color",))
     assert view.framing == Framing(resolution=(512, 512))
     assert view.camera.window[2] == pytest.approx(0.5 * 20.955 / 25.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "knob"),
+    [
+        ("disableMotionBlur", "motion_blur"),
+        ("instantaneousShutter", "motion_blur"),
+        ("disableDepthOfField", "depth_of_field"),
+    ],
+)
+def test_what_is_disabled_is_off_unless_the_product_says_otherwise(stage, name, knob):
+    """Oracle: UsdRender's documentation; the product's opinion wins, the caller's above all."""
+    settings, own = (stage.GetPrimAtPath(f"/Render/{each}") for each in ("Settings", "Own"))
+    settings.GetAttribute(name).Set(True)
+    own.GetAttribute(name).Set(False)
+    with Engine(stage) as engine:
+        assert [getattr(each.settings, knob) for each in engine.products()] == [False, True]
+        own.CreateAttribute(f"splat:{_camel(knob)}", Sdf.ValueTypeNames.Bool).Set(False)
+        assert [getattr(each.settings, knob) for each in engine.products()] == [False, False]
+        forced = engine.products(overrides={knob: True})
+        assert [getattr(each.settings, knob) for each in forced] == [True, True]
+
+
+def _camel(name):
+    first, *rest = name.split("_")
+    return first + "".join(word.capitalize() for word in rest)
+
+
+def test_deep_products_and_parts_are_asked_for_by_product(stage):
+    """Oracle: the authored values."""
+    own = stage.GetPrimAtPath("/Render/Own")
+    UsdRender.Product(own).CreateProductTypeAttr("deepRaster")
+    own.CreateAttribute("splat:multipart", Sdf.ValueTypeNames.Bool).Set(True)
+    with Engine(stage) as engine:
+        plain, deep = engine.products()
+    assert (plain.kind, plain.multipart) == ("raster", False)
+    assert (deep.kind, deep.multipart) == ("deepRaster", True)
+
+
+@pytest.mark.parametrize(
+    ("beauty", "alpha", "depth", "expected"),
+    [
+        (None, None, None, ""),
+        (None, None, "half", ""),
+        ("color3h", None, None, "half"),
+        ("half3", "half", "float", "half"),
+        ("color4h", "float", None, "float"),
+        ("color3f", None, None, "float"),
+        ("color3d", None, None, "float"),
+    ],
+)
+def test_colour_has_the_precision_its_vars_ask_for(stage, beauty, alpha, depth, expected):
+    """Oracle: the list above; a type that nobody authors is no wish."""
+    for name, value in (("beauty", beauty), ("alpha", alpha), ("depth", depth)):
+        if value:
+            var = UsdRender.Var(stage.GetPrimAtPath(f"/Render/{name}"))
+            var.CreateDataTypeAttr(value)
+    with Engine(stage) as engine:
+        _, own = engine.products()
+    assert own.pixel_type == expected
+
+
+def held_out(product, path):
+    """What `View.matte` says rules mean."""
+    above = [rule for rule in product.matte if Sdf.Path(path).HasPrefix(Sdf.Path(rule[0]))]
+    return max(above, key=lambda rule: len(rule[0]))[1] if above else False
+
+
+@pytest.mark.parametrize("rule", ["expandPrims", "explicitOnly"])
+@pytest.mark.parametrize("root", [False, True])
+def test_mattes_are_what_usd_says_a_collection_holds(stage, rule, root):
+    """Oracle: USD's own query, prim by prim: excludes, a nested collection, and the root."""
+    for path in ("/World/A/Leaf", "/World/A/Leaf/Vein", "/Set/Wall", "/Set/Floor", "/Far"):
+        stage.DefinePrim(path, "Sphere")
+    nested = Usd.CollectionAPI.Apply(stage.GetPrimAtPath("/Set"), "hard")
+    nested.CreateIncludesRel().SetTargets(["/Set"])
+    nested.CreateExcludesRel().SetTargets(["/Set/Floor"])
+    settings = stage.GetPrimAtPath("/Render/Settings")
+    matte = Usd.CollectionAPI.Apply(settings, "matte")
+    matte.CreateExpansionRuleAttr(rule)
+    matte.CreateIncludeRootAttr(root)
+    matte.CreateIncludesRel().SetTargets(["/World/A", "/World/A/Leaf/Vein", "/Set.collection:hard"])
+    matte.CreateExcludesRel().SetTargets(["/World/A/Leaf"])
+    query = matte.ComputeMembershipQuery()
+    with Engine(stage) as engine:
+        plain, own = engine.products()
+    for prim in stage.Traverse():
+        path = prim.GetPath()
+        assert held_out(plain, path) == held_out(own, path) == query.IsPathIncluded(path), path
+    assert len(plain.matte) == len(set(dict(plain.matte)))
+
+
+def test_mattes_may_be_expressions_and_reach_into_instances(stage):
+    """Oracle: the names of the prims."""
+    stage.DefinePrim("/Source/WallOne", "Sphere")
+    instance = stage.DefinePrim("/Instance")
+    instance.GetReferences().AddInternalReference("/Source")
+    instance.SetInstanceable(True)
+    own = stage.GetPrimAtPath("/Render/Own")
+    matte = Usd.CollectionAPI.Apply(own, "matte")
+    matte.CreateMembershipExpressionAttr(Sdf.PathExpression("//Wall*"))
+    with Engine(stage) as engine:
+        plain, cut = engine.products()
+    assert plain.matte == ()
+    assert cut.matte == (("/Instance/WallOne", True), ("/Source/WallOne", True))
+
+
+def test_a_pass_brings_its_mattes_when_it_is_the_only_one_or_is_named(stage):
+    """Oracle: the collections authored here; passes of the same settings are alternatives."""
+    for name, target in (("One", "/World/A"), ("Two", "/World/B")):
+        each = UsdRender.Pass.Define(stage, f"/Render/{name}")
+        each.CreateRenderSourceRel().SetTargets(["/Render/Settings"])
+        each.GetPrim().GetRelationship("collection:matte:includes").SetTargets([target])
+        with Engine(stage) as engine:
+            assert engine.products(f"/Render/{name}")[0].matte == ((target, True),)
+            expected = ((target, True),) if name == "One" else ()
+            assert engine.products()[0].matte == expected
+            assert engine.products()[0].warnings == ()
+    with Engine(stage) as engine:
+        each.CreateRenderSourceRel().ClearTargets(True)
+        with pytest.raises(StageError, match="renderSource: found none"):
+            engine.products("/Render/Two")
+
+
+@pytest.mark.parametrize("name", ["prune", "renderVisibility", "cameraVisibility"])
+def test_collections_of_a_pass_that_change_nothing_here_are_said(stage, name):
+    """Oracle: the sentence."""
+    each = UsdRender.Pass.Define(stage, "/Render/Pass")
+    each.CreateRenderSourceRel().SetTargets(["/Render/Settings"])
+    part = "includes" if name == "prune" else "excludes"
+    each.GetPrim().GetRelationship(f"collection:{name}:{part}").SetTargets(["/World/A"])
+    with Engine(stage) as engine:
+        (sentence,) = engine.products()[0].warnings
+    assert sentence.startswith(f"/Render/Pass collection:{name}: found some prims, expected")

@@ -1,4 +1,4 @@
-"""UsdRender settings, products and vars.
+"""UsdRender passes, settings, products and vars.
 
 Products inherit everything from their settings but what they author themselves. Lists of what a
 stage may ask for are USD's; what it may ask of us under `splat:` is in `RenderSettings`.
@@ -6,16 +6,18 @@ stage may ask for are USD's; what it may ask of us under `splat:` is in `RenderS
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Literal
 
-from pxr import Usd, UsdRender
+from pxr import Sdf, Usd, UsdRender
 
 from usdsplat.core.errors import StageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.framing import data_window
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_settings import RenderSettings, usd_names
+from usdsplat.delegate.scene_delegate import collections
 from usdsplat.delegate.specs import Framing
 
 AOVS = {
@@ -54,6 +56,15 @@ AOVS = {
 that others give another meaning (Hydra's `normal`, Arnold's `motionvector`) are not among them."""
 
 
+HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
+
+DISABLERS = {
+    "motion_blur": ("disableMotionBlur", "instantaneousShutter"),
+    "depth_of_field": ("disableDepthOfField",),
+}
+"""Knob -> the attributes of UsdRender that turn it off."""
+
+
 def find_products(
     stage: Usd.Stage,
     *,
@@ -64,26 +75,51 @@ def find_products(
     overrides: Mapping[str, Any],
 ) -> tuple[ProductSpec, ...]:
     """Implements `Engine.products`, where the arguments are described."""
-    prim = _settings_prim(stage, settings_path)
+    prim, render_pass = _sources(stage, settings_path)
     if prim is None:
         return ()
+    warnings = () if render_pass is None else _not_honoured(render_pass)
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     found = []
     for target in UsdRender.Settings(prim).GetProductsRel().GetForwardedTargets():
         product = stage.GetPrimAtPath(target)
         if not product or not product.IsA(UsdRender.Product):
             raise StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
-        reader = _Reader(product, prim, code)
-        found.append(reader.product(camera=camera, resolution=resolution, overrides=overrides))
+        reader = _Reader(product, prim, render_pass, code)
+        spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
+        found.append(replace(spec, warnings=warnings))
     return tuple(found)
 
 
-def _settings_prim(stage: Usd.Stage, path: str | None) -> Usd.Prim | None:
-    """The RenderSettings asked for, or the stage's own, or its first."""
+def _sources(stage: Usd.Stage, path: str | None) -> tuple[Usd.Prim | None, Usd.Prim | None]:
+    """The RenderSettings asked for, or the stage's own, or its first; and the pass it is of.
+
+    The pass is the one asked for, or else the only one that renders these settings: passes are
+    alternatives, so of several none is meant until it is named.
+    """
+    prim = _named(stage, path)
+    if prim is not None and prim.IsA(UsdRender.Pass):
+        settings = next(filter(None, map(stage.GetPrimAtPath, _rendered_by(prim))), None)
+        if not settings or not settings.IsA(UsdRender.Settings):
+            raise StageError(f"{prim.GetPath()}.renderSource", "none", "a RenderSettings prim")
+        return settings, prim
+    if prim is None:
+        return None, None
+    passes = [
+        each
+        for each in stage.Traverse()
+        if each.IsA(UsdRender.Pass) and prim.GetPath() in _rendered_by(each)
+    ]
+    return prim, passes[0] if len(passes) == 1 else None
+
+
+def _named(stage: Usd.Stage, path: str | None) -> Usd.Prim | None:
+    """The prim at `path`, or the settings that the stage has when there is no path."""
     if path is not None:
         prim = stage.GetPrimAtPath(path) if path.startswith("/") else None
-        if not prim or not prim.IsA(UsdRender.Settings):
-            raise StageError("render settings", path, "the path of a RenderSettings prim")
+        if not prim or not (prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Pass)):
+            expected = "the path of a RenderSettings prim or a RenderPass"
+            raise StageError("render settings", path, expected)
         return prim
     named = UsdRender.Settings.GetStageRenderSettings(stage)
     if named:
@@ -91,12 +127,40 @@ def _settings_prim(stage: Usd.Stage, path: str | None) -> Usd.Prim | None:
     return next((prim for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)), None)
 
 
+def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
+    """What a pass renders from on its own stage."""
+    source = UsdRender.Pass(render_pass)
+    if source.GetFileNameAttr().Get():
+        return []
+    return list(source.GetRenderSourceRel().GetForwardedTargets())
+
+
+def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
+    """Sentences about collections of a pass that ask for anything but what they do by default."""
+    found = []
+    for name in ("renderVisibility", "cameraVisibility", "prune"):
+        collection = Usd.CollectionAPI(render_pass, name)
+        held = collections.rules(render_pass.GetStage(), [collection])
+        expected = ((), "none") if name == "prune" else ((("/", True),), "all")
+        if held != expected[0]:
+            where = f"{render_pass.GetPath()} collection:{name}"
+            found.append(f"{where}: found some prims, expected {expected[1]}; all are drawn")
+    return tuple(found)
+
+
 class _Reader:
     """Reads one product through its settings."""
 
-    def __init__(self, product: Usd.Prim, settings: Usd.Prim, time: Usd.TimeCode) -> None:
+    def __init__(
+        self,
+        product: Usd.Prim,
+        settings: Usd.Prim,
+        render_pass: Usd.Prim | None,
+        time: Usd.TimeCode,
+    ) -> None:
         self._product = product
         self._settings = settings
+        self._pass = render_pass
         self._time = time
 
     def product(
@@ -115,6 +179,8 @@ class _Reader:
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
             aovs=self._aovs(),
+            pixel_type=self._pixel_type(),
+            matte=self._matte(),
             purposes=tuple(map(str, self._value("includedPurposes"))),
         )
 
@@ -149,12 +215,14 @@ class _Reader:
                 attribute = prim.GetAttribute(name)
                 if attribute and attribute.HasAuthoredValue():
                     values[knob] = attribute.Get()
+        for knob, disablers in DISABLERS.items():
+            if any(self._value(name) for name in disablers):
+                values[knob] = False
         checked(str(self._product.GetPath()), RenderSettings, values)
         return checked("render settings", RenderSettings, {**values, **overrides})
 
-    def _aovs(self) -> tuple[str, ...]:
-        """Ours for each of the product's vars, once each; the colour when it lists none."""
-        found = []
+    def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
+        """Our name for each of the product's vars, and the var."""
         targets = UsdRender.Product(self._product).GetOrderedVarsRel().GetForwardedTargets()
         for target in targets:
             var = UsdRender.Var(self._product.GetStage().GetPrimAtPath(target))
@@ -165,5 +233,26 @@ class _Reader:
             if name not in AOVS:
                 expected = f"one of {', '.join(AOVS)}"
                 raise StageError(f"{target}.sourceName", repr(name), expected)
-            found.append(AOVS[name])
-        return tuple(dict.fromkeys(found)) or ("color",)
+            yield AOVS[name], var
+
+    def _aovs(self) -> tuple[str, ...]:
+        """Ours for each of the product's vars, once each; the colour when it lists none."""
+        return tuple(dict.fromkeys(name for name, _ in self._vars())) or ("color",)
+
+    def _pixel_type(self) -> Literal["", "half", "float"]:
+        """What the colour vars say; a `dataType` that nobody authored says nothing."""
+        asked = [
+            str(var.GetDataTypeAttr().Get())
+            for name, var in self._vars()
+            if name == "color" and var.GetDataTypeAttr().HasAuthoredValue()
+        ]
+        if not asked:
+            return ""
+        return "half" if all(each in HALF_TYPES for each in asked) else "float"
+
+    def _matte(self) -> collections.Rules:
+        """What holds out by the product's collection, or else the settings', and by the pass's."""
+        asked = [collections.applied(self._product, "matte")]
+        asked = asked if asked[0] else [collections.applied(self._settings, "matte")]
+        asked.append(self._pass and collections.applied(self._pass, "matte"))
+        return collections.rules(self._product.GetStage(), filter(None, asked))
