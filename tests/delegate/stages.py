@@ -53,7 +53,7 @@ def contents(engine: Engine) -> list[tuple[object, ...]]:
     """All that an engine would draw, in the order of drawing, down to the last bit."""
     engine.sync()
     return [
-        (path, *_hints(field.spec), instance, *_bytes(field.spec.cloud))
+        (path, *_hints(field.spec), instance, field.crops, *_bytes(field.spec.cloud))
         for path, field, instance in engine.render_scene.drawn()
     ]
 

@@ -13,7 +13,7 @@ from usdsplat.delegate.instancer import Instancer
 from usdsplat.delegate.instancing import NO_INSTANCES, Placement
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import CameraSpec, FieldSpec
+from usdsplat.delegate.specs import IDENTITY, CameraSpec, CropSpec, FieldSpec
 from usdsplat.delegate.splat_field import SplatField
 
 
@@ -26,10 +26,15 @@ class Recorder:
         self.spec = FieldSpec(cloud=random_cloud(n=3))
         self.seen = (True,)
         self.world = np.eye(4)
+        self.volumes = ()
 
     def field(self, path):
         self.asked["field"] += 1
         return self.spec
+
+    def crops(self, path):
+        self.asked["crops"] += 1
+        return self.volumes
 
     def placements(self, path):
         self.asked["placements"] += 1
@@ -71,7 +76,7 @@ def test_a_new_field_pulls_everything_once_and_enters_the_scene_before_it_is_pla
     field = SplatField("/a", {})
     left = field.sync(recorder, RenderParam(recorder), field.INITIAL_DIRTY_BITS)
     assert left == DirtyBits.CLEAN
-    assert recorder.asked == Counter(field=1, placements=1, transforms=1, visible=1)
+    assert recorder.asked == Counter(field=1, placements=1, transforms=1, visible=1, crops=1)
     assert recorder.edits == ["set_field", "set_instances", "set_visible"]
 
 
@@ -83,6 +88,7 @@ def test_each_bit_pulls_its_own_and_nothing_else():
         DirtyBits.VISIBILITY: (Counter(visible=1), ["set_visible"]),
         DirtyBits.RENDER_TAG: (Counter(visible=1), ["set_visible"]),
         DirtyBits.INSTANCE_INDEX: (Counter(placements=1), []),
+        DirtyBits.CATEGORIES: (Counter(crops=1), ["set_crops"]),
         DirtyBits.INSTANCER: (Counter(), []),
         DirtyBits.CLEAN: (Counter(), []),
     }
@@ -90,6 +96,7 @@ def test_each_bit_pulls_its_own_and_nothing_else():
         recorder, param, field = synced()
         recorder.world = 2 * np.eye(4)
         recorder.seen = (False,)
+        recorder.volumes = (CropSpec(shape="sphere", world_to_shape=IDENTITY, keeps=True),)
         assert field.sync(recorder, param, bits) == DirtyBits.CLEAN
         assert (recorder.asked, recorder.edits) == (asked, edits), bits
 
@@ -98,7 +105,8 @@ def test_an_answer_that_did_not_change_edits_nothing_and_keeps_the_version():
     """Oracle: the recorder's notes; a version that stands still means no picture is redrawn."""
     recorder, param, field = synced()
     version = param.version
-    field.sync(recorder, param, DirtyBits.TRANSFORM | DirtyBits.VISIBILITY)
+    bits = DirtyBits.TRANSFORM | DirtyBits.VISIBILITY | DirtyBits.CATEGORIES
+    field.sync(recorder, param, bits)
     assert (recorder.edits, param.version) == ([], version)
 
 
@@ -132,6 +140,19 @@ def test_a_field_that_cannot_be_drawn_leaves_the_scene_and_comes_back_when_mende
     assert recorder.edits == ["remove", "set_field", "set_instances", "set_visible"]
 
 
+def test_a_field_that_comes_back_is_cropped_as_before():
+    """Oracle: the recorder's notes; a new field of the render scene has no crops."""
+    recorder, param, field = synced()
+    recorder.volumes = (CropSpec(shape="sphere", world_to_shape=IDENTITY, keeps=True),)
+    field.sync(recorder, param, DirtyBits.CATEGORIES)
+    spec, recorder.spec = recorder.spec, None
+    field.sync(recorder, param, DirtyBits.PRIMVAR)
+    recorder.spec = spec
+    recorder.edits.clear()
+    field.sync(recorder, param, DirtyBits.PRIMVAR)
+    assert recorder.edits == ["set_field", "set_instances", "set_crops", "set_visible"]
+
+
 def test_finalize_takes_back_what_sync_put_there_and_no_more():
     """Oracle: the recorder's notes."""
     recorder, param, field = synced()
@@ -161,7 +182,7 @@ def test_a_clean_index_asks_for_nothing():
     index.insert_camera("/c")
     index.sync_all(recorder)
     assert recorder.asked == Counter(
-        field=1, placements=1, transforms=1, visible=1, instancer=1, camera=1
+        field=1, placements=1, transforms=1, visible=1, crops=1, instancer=1, camera=1
     )
     recorder.asked.clear()
     index.sync_all(recorder)

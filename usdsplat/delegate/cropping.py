@@ -1,34 +1,59 @@
-"""Garbage mattes as the kernels take them."""
+"""Which points a garbage matte keeps, in float64: what the kernels are compared with."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.specs import CropSpec
-from usdsplat.kernels import crop
+from usdsplat.delegate.specs import CropShape, CropSpec
 
-SHAPES = {
-    "sphere": crop.SPHERE,
-    "cube": crop.CUBE,
-    "cylinder": crop.CYLINDER,
-    "cone": crop.CONE,
-    "capsule": crop.CAPSULE,
-    "plane": crop.PLANE,
-}
+Mask = npt.NDArray[np.bool_]
 
 
-def volumes(crops: tuple[CropSpec, ...], transforms: F64) -> tuple[npt.NDArray[Any], F64]:
-    """Return the CROP records of volumes, shape (k,), and the matrices that take the own space of
-    each of m appearances to theirs, shape (m, k, 3, 4).
+def inside(crops: Iterable[CropSpec], points: npt.NDArray[np.floating]) -> Mask:
+    """Say which points volumes leave in the picture.
 
     Args:
-        crops: Of one field.
-        transforms: Local to world of its appearances, shape (m, 4, 4).
+        crops: Of one field. Surfaces of volumes belong to them.
+        points: In the world [scene unit], shape (n, 3).
+
+    Returns:
+        Shape (n,): inside at least one volume that keeps, where there is any, and inside none that
+        does not. A point that is not finite is inside of nothing.
     """
-    records = np.array([(SHAPES[c.shape], c.keeps, c.length) for c in crops], crop.CROP)
-    to_shapes = np.array([c.world_to_shape for c in crops], np.float64).reshape(-1, 4, 4)
-    return records, np.ascontiguousarray((to_shapes[None] @ transforms[:, None])[:, :, :3])
+    crops = tuple(crops)
+    kept = np.full(len(points), not any(crop.keeps for crop in crops))
+    for crop in crops:
+        if crop.keeps:
+            kept |= _holds(crop, points)
+    for crop in crops:
+        if not crop.keeps:
+            kept &= ~_holds(crop, points)
+    return kept
+
+
+def _holds(crop: CropSpec, points: npt.NDArray[np.floating]) -> Mask:
+    matrix = np.reshape(crop.world_to_shape, (4, 4))
+    with np.errstate(invalid="ignore", over="ignore"):
+        local = points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        return _is_within(crop.shape, local, crop.length)
+
+
+def _is_within(shape: CropShape, local: F64, length: float) -> Mask:
+    """The canonical shapes, as `CropSpec` describes them."""
+    x, y, z = local.T
+    from_axis = x * x + y * y
+    if shape == "sphere":
+        return from_axis + z * z <= 1
+    if shape == "cube":
+        return np.abs(local).max(axis=1) <= 1
+    if shape == "cylinder":
+        return (from_axis <= 1) & (np.abs(z) <= 1)
+    if shape == "cone":
+        return (4 * from_axis <= (1 - z) ** 2) & (np.abs(z) <= 1)
+    if shape == "capsule":
+        return from_axis + np.maximum(np.abs(z) - length, 0) ** 2 <= 1
+    return z <= 0

@@ -26,4 +26,15 @@ class DirtyBits(IntFlag):
     """By which instances and prototypes a field is seen."""
     RENDER_TAG = 1 << 19
     """The purpose, or which purposes are wanted."""
-    ALL = PARAMS | PRIMVAR | TRANSFORM | VISIBILITY | INSTANCER | INSTANCE_INDEX | RENDER_TAG
+    CATEGORIES = 1 << 21
+    """The volumes that a field is cropped by: which collections hold them, and where they are."""
+    ALL = (
+        PARAMS
+        | PRIMVAR
+        | TRANSFORM
+        | VISIBILITY
+        | INSTANCER
+        | INSTANCE_INDEX
+        | RENDER_TAG
+        | CATEGORIES
+    )

@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import InstancerSpec, Placement
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import CameraSpec, FieldSpec
+from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec
 
 
 class SceneDelegate(Protocol):
@@ -21,6 +21,9 @@ class SceneDelegate(Protocol):
 
     def field(self, path: str) -> FieldSpec | None:
         """The splats of a field; None when it cannot be drawn."""
+
+    def crops(self, path: str) -> tuple[CropSpec, ...]:
+        """The volumes that a field is cropped by, in the world."""
 
     def placements(self, path: str) -> tuple[Placement, ...]:
         """Every way by which a field is seen."""

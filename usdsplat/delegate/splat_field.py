@@ -9,7 +9,7 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import Placement, Scatter, expand
 from usdsplat.delegate.prim import Rprim, SceneDelegate
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import InstanceSpec, SortingMode
+from usdsplat.delegate.specs import CropSpec, InstanceSpec, SortingMode
 
 
 class SplatField(Rprim):
@@ -27,6 +27,8 @@ class SplatField(Rprim):
         self._transforms: tuple[tuple[F64, ...], ...] = ()
         self._visible: tuple[bool, ...] = ()
         self._instances: tuple[InstanceSpec, ...] = ()
+        self._crops: tuple[CropSpec, ...] = ()
+        self._cropped_by: tuple[CropSpec, ...] = ()
         self.is_seen = False
         """Whether anything would show it, if it can be drawn."""
         self._resident = False
@@ -46,6 +48,8 @@ class SplatField(Rprim):
             self._transforms = scene.transforms(self.path)
         if bits & (DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG):
             self._visible = scene.visible(self.path)
+        if bits & DirtyBits.CATEGORIES:
+            self._crops = scene.crops(self.path)
         seen = expand(self._placements, self._transforms, self._visible, self._instancers)
         self.is_seen = bool(seen)
         if not seen:
@@ -55,6 +59,7 @@ class SplatField(Rprim):
             self._pull_arrays(scene, param)
         if self._resident:
             self._place(param, seen)
+            self._crop(param)
             self._show(param, True)
         return DirtyBits.CLEAN
 
@@ -64,6 +69,7 @@ class SplatField(Rprim):
             param.edit().remove(self.path)
         self._resident = self._shown = False
         self._instances = ()
+        self._cropped_by = ()
 
     def _pull_arrays(self, scene: SceneDelegate, param: RenderParam) -> None:
         """Make the render scene hold the prim's splats, or nothing when it has none to draw."""
@@ -79,6 +85,11 @@ class SplatField(Rprim):
         if seen != self._instances:
             param.edit().set_instances(self.path, seen)
             self._instances = seen
+
+    def _crop(self, param: RenderParam) -> None:
+        if self._crops != self._cropped_by:
+            param.edit().set_crops(self.path, self._crops)
+            self._cropped_by = self._crops
 
     def _show(self, param: RenderParam, shown: bool) -> None:
         if shown != self._shown:

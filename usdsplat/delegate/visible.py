@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.cropping import volumes
+from usdsplat.delegate.crop_volumes import volumes
 from usdsplat.delegate.draw_list import DrawList, Group
 from usdsplat.delegate.frame_stats import Clock, FrameStats
 from usdsplat.delegate.matte import is_matte

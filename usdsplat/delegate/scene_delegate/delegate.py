@@ -18,6 +18,7 @@ from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.scene_delegate import placing
 from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_problem
+from usdsplat.delegate.scene_delegate.crops import read_crop
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
 from usdsplat.delegate.scene_delegate.fields import read_field
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
@@ -25,7 +26,7 @@ from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
 from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.variability import varying_bits
-from usdsplat.delegate.specs import CameraSpec, FieldSpec
+from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec
 
 T = TypeVar("T")
 
@@ -146,6 +147,18 @@ class UsdSceneDelegate:
         """Implements `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
         return self._pull("field", path, partial(read_field, prim, self.time), None)
+
+    def crops(self, path: str) -> tuple[CropSpec, ...]:
+        """Implements `SceneDelegate.crops`."""
+        entry = self._population.fields[path]
+        specs, problem = read_crop(entry.crop, self._code, self._xforms)
+        if specs:
+            self.pulls["crops"] += 1
+            if problem is None and any(each.placement.links for each in entry.appearances):
+                found = "crop volumes of a field that a point instancer carries"
+                problem = StageError(path, found, "none; they stay where they are authored")
+        self._remark("crops", path, problem)
+        return specs
 
     def placements(self, path: str) -> tuple[Placement, ...]:
         """Implements `SceneDelegate.placements`."""

@@ -11,6 +11,7 @@ from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
+from usdsplat.delegate.scene_delegate.volumes import SIZES
 
 FIELD_PROPERTIES = (
     schema.DATA_ATTRIBUTES
@@ -26,7 +27,7 @@ FIELD_PROPERTIES = (
 
 class Dependencies:
     """Stage path -> paths in the render index: those beneath it, those that the prim there moves or
-    hides, and those whose own attributes are there.
+    hides, those whose own attributes are there, and those that volumes there or beneath it crop.
 
     Native instances are found by their own paths and by those in their prototypes.
     """
@@ -35,9 +36,14 @@ class Dependencies:
         self._beneath: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._placed: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
+        self._cropped: dict[Sdf.Path, set[str]] = defaultdict(set)
         for path, entry in population.fields.items():
             for appearance in entry.appearances:
                 self._add(path, appearance.levels, appearance.levels[-1].prim)
+            for volume in entry.crop.volumes:
+                for twin in _twins(volume.prim):
+                    for prefix in twin.GetPath().GetPrefixes():
+                        self._cropped[prefix].add(path)
         for kind in (population.instancers, population.cameras):
             for path, prim in kind.items():
                 self._add(path, (Level(prim=prim, root=None),), prim)
@@ -46,11 +52,14 @@ class Dependencies:
         """Paths in the render index and what `changes` dirty about them."""
         for path in changes.resynced:
             yield from _each(self._beneath.get(path), DirtyBits.ALL)
+            yield from _each(self._cropped.get(path), DirtyBits.CATEGORIES)
         for path in changes.prims:
             # the only metadata of a prim that counts and does not resync it is inactiveIds
             yield from _each(self._read.get(path), DirtyBits.INSTANCER)
         for path in changes.properties:
             prim, name = path.GetPrimPath(), path.name
+            if name in SIZES or name.startswith("xformOp"):
+                yield from _each(self._cropped.get(prim), DirtyBits.CATEGORIES)
             if bits := _inherited_bits(name):
                 yield from _each(self._placed.get(prim), bits)
             else:

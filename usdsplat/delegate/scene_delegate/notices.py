@@ -74,9 +74,8 @@ class NoticeListener:
         """`new` when there may be an attribute, or metadata of it, that was not there before."""
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
-        self._changes.structural |= (
-            path.name == "prototypes" or is_color_space(path.name) or colored
-        )
+        regrouped = path.name == "prototypes" or path.name.startswith("collection:")
+        self._changes.structural |= regrouped or is_color_space(path.name) or colored
 
 
 def is_color_space(name: str) -> bool:

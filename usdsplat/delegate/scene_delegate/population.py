@@ -12,11 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.instancing import Link, Placement
+from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
 
 Kind = Literal["field", "instancer", "camera", ""]
 
@@ -73,6 +74,7 @@ class FieldEntry:
     appearances: tuple[Appearance, ...]
     signature: tuple[object, ...]
     """Where the arrays are, then how it is seen; taken while the prims are valid."""
+    crop: Crop = NO_CROP
 
     @property
     def prim(self) -> Usd.Prim:
@@ -89,6 +91,15 @@ class Population:
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
     problems: dict[str, UsdSplatError] = field(default_factory=dict)
     """Path -> why something there was left out."""
+
+    @property
+    def crop_volumes(self) -> frozenset[str]:
+        """Paths of all prims that a field is cropped by: they are not drawn as surfaces."""
+        return frozenset(
+            str(volume.prim.GetPath())
+            for entry in self.fields.values()
+            for volume in entry.crop.volumes
+        )
 
 
 def source_of(prim: Usd.Prim) -> Usd.Prim:
@@ -109,7 +120,7 @@ class _Walk:
     def __init__(self, stage: Usd.Stage) -> None:
         self._stage = stage
         self._kinds: dict[str, Kind] = {}
-        self._seen: dict[tuple[Sdf.Path, str], list[Appearance]] = {}
+        self._seen: dict[tuple[object, ...], list[Appearance]] = {}
         self._found = Population()
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
@@ -136,8 +147,9 @@ class _Walk:
             path = seen[0].placement.path
             source = source_of(seen[0].levels[-1].prim)
             signature = (source.GetPath(), *(appearance.signature for appearance in seen))
+            crop = find_crop(seen[0].levels[-1].prim)
             self._found.fields[path] = FieldEntry(
-                source=source, appearances=tuple(seen), signature=signature
+                source=source, appearances=tuple(seen), signature=signature, crop=crop
             )
         return self._found
 
@@ -153,7 +165,7 @@ class _Walk:
     ) -> None:
         placement = Placement(path=str(prim.GetPath()), links=links)
         appearance = Appearance(placement=placement, levels=levels)
-        key = (source_of(prim).GetPath(), _inherited_space(prim))
+        key = (source_of(prim).GetPath(), _inherited_space(prim), _cropped_alone(prim))
         self._seen.setdefault(key, []).append(appearance)
 
     def _enter(
@@ -182,6 +194,11 @@ def _classify(prim: Usd.Prim) -> Kind:
     if prim.IsA(UsdGeom.PointInstancer):
         return "instancer"
     return "camera" if prim.IsA(UsdGeom.Camera) else ""
+
+
+def _cropped_alone(prim: Usd.Prim) -> str:
+    """What keeps instances apart that are cropped: each one has its own volumes in the world."""
+    return str(prim.GetPath()) if prim.IsInstanceProxy() and has_crop(prim) else ""
 
 
 def _inherited_space(prim: Usd.Prim) -> str:

@@ -33,7 +33,9 @@ def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
     """What became dirty because a field was found elsewhere or otherwise than before."""
     if old.signature[0] != new.signature[0]:
         return DirtyBits.ALL
-    return DirtyBits.CLEAN if old.signature == new.signature else SEEN
+    bits = DirtyBits.CLEAN if old.signature == new.signature else SEEN
+    same_crop = old.crop.signature == new.crop.signature
+    return bits if same_crop else bits | DirtyBits.CATEGORIES
 
 
 def _carry(index: RenderIndex, population: Population) -> None:

@@ -9,6 +9,7 @@ from pxr import Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.population import Level, Population
+from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
 
 
 def varying_bits(population: Population, path: str) -> DirtyBits:
@@ -24,7 +25,19 @@ def varying_bits(population: Population, path: str) -> DirtyBits:
     varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
     levels = (level for appearance in entry.appearances for level in appearance.levels)
-    return data | _placing_varies(levels)
+    crop = DirtyBits.CATEGORIES if _crop_varies(entry.crop) else DirtyBits.CLEAN
+    return data | crop | _placing_varies(levels)
+
+
+def _crop_varies(crop: Crop) -> bool:
+    """Whether a volume may move or be resized."""
+    prims = [volume.prim for volume in crop.volumes]
+    sizes = (prim.GetAttribute(name) for prim in prims for name in SIZES)
+    if any(attribute and attribute.ValueMightBeTimeVarying() for attribute in sizes):
+        return True
+    return bool(
+        _placing_varies(Level(prim=prim, root=None) for prim in prims) & DirtyBits.TRANSFORM
+    )
 
 
 def _placing_varies(levels: Iterable[Level]) -> DirtyBits:

@@ -1,0 +1,95 @@
+"""Crop volumes as they are at one time, in the form that centres of splats are compared with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError
+from usdsplat.delegate.scene_delegate.placing import column_matrix
+from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
+from usdsplat.delegate.specs import CropShape, CropSpec, Matrix
+
+NOWHERE: Matrix = (0.0, 0.0, 0.0, 2.0) * 3 + (0.0, 0.0, 0.0, 1.0)
+"""Takes the whole world to a point outside of every canonical shape."""
+
+AXES = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]]}
+"""Axis of a gprim -> the rotation that takes z there; Z needs none."""
+
+
+def read_crop(
+    crop: Crop, time: Usd.TimeCode, cache: UsdGeom.XformCache
+) -> tuple[tuple[CropSpec, ...], StageError | None]:
+    """Return the volumes of a crop as they are at `time`, and what is wrong with them.
+
+    Whether a volume is visible does not matter: mattes are usually hidden.
+    """
+    specs, problem = [], crop.problem
+    for volume in crop.volumes:
+        spec = _read_volume(volume, time, cache)
+        specs.append(spec)
+        if spec.world_to_shape == NOWHERE and problem is None:
+            where = str(volume.prim.GetPath())
+            problem = StageError(where, "a crop volume without an inside", "one that has a size")
+    return tuple(specs), problem
+
+
+def _read_volume(volume: Volume, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> CropSpec:
+    prim = volume.prim
+    shape = SHAPES[prim.GetTypeName()]
+    size, length = _size(prim, shape, time)
+    world_to_shape = NOWHERE
+    if all(0 < each < np.inf for each in size) and 0 <= length < np.inf:
+        placed = column_matrix(cache.GetLocalToWorldTransform(prim)) @ _turn(prim, time)
+        world_to_shape = _inverse(placed @ np.diag([*size, 1.0]))
+    return CropSpec(
+        shape=shape,
+        world_to_shape=world_to_shape,
+        keeps=volume.keeps,
+        length=0.0 if world_to_shape == NOWHERE else length,
+    )
+
+
+def _size(
+    prim: Usd.Prim, shape: CropShape, time: Usd.TimeCode
+) -> tuple[tuple[float, float, float], float]:
+    """What the canonical shape is scaled by along x, y and z, and a capsule's `length`."""
+    if shape == "plane":
+        return (1.0, 1.0, 1.0), 0.0
+    if shape == "cube":
+        half = 0.5 * _value(prim, "size", time)
+        return (half, half, half), 0.0
+    radius = _value(prim, "radius", time)
+    if shape == "sphere":
+        return (radius, radius, radius), 0.0
+    half = 0.5 * _value(prim, "height", time)
+    if shape == "capsule":
+        return (radius, radius, radius), half / radius if radius else 0.0
+    return (radius, radius, half), 0.0
+
+
+def _turn(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
+    """From a shape about z to one about the prim's axis."""
+    turn = np.eye(4)
+    if prim.HasAttribute("axis"):
+        turn[:3, :3] = AXES.get(_value(prim, "axis", time), np.eye(3))
+    return turn
+
+
+def _value(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> Any:
+    """An attribute of the schema's; one that is blocked, or of another type, has its fallback."""
+    value = prim.GetAttribute(name).Get(time)
+    fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(name)
+    return value if isinstance(value, type(fallback)) else fallback
+
+
+def _inverse(matrix: F64) -> Matrix:
+    """The inverse, or NOWHERE when there is none."""
+    with np.errstate(all="ignore"):
+        if not np.isfinite(matrix).all() or not np.linalg.det(matrix):
+            return NOWHERE
+        inverse = np.linalg.inv(matrix)
+    return tuple(inverse.ravel().tolist()) if np.isfinite(inverse).all() else NOWHERE
