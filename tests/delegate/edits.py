@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
+from tests.delegate.crop_edits import VOLUMES, CropEdits, crop
 from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
@@ -16,10 +17,9 @@ from usdsplat.core.cloud import SplatCloud
 SPACES = ("srgb_rec709_scene", "lin_rec709_scene", "lin_ap1_scene", "no_such_space")
 _Type = Sdf.ValueTypeNames
 PURPOSES = ("default", "render", "proxy", "guide")
-VOLUMES = ("Sphere", "Cube", "Cylinder", "Cone", "Capsule", "Plane")
 
 
-class Editor:
+class Editor(CropEdits):
     """A stage and a source of edits; equal seeds make equal edits."""
 
     def __init__(self, seed: int, asset_folder: str) -> None:
@@ -54,7 +54,7 @@ class Editor:
         source = Usd.Stage.Open(layer)
         UsdGeom.Xform.Define(source, "/Asset").AddTranslateOp().Set((0.5, 0, 0))
         source.SetDefaultPrim(source.GetPrimAtPath("/Asset"))
-        schema.author(source, "/Asset/Splats", random_cloud(50))
+        crop(schema.author(source, "/Asset/Splats", random_cloud(50)), "/Asset/Matte")
         schema.author(source, "/Asset/Inner/More", random_cloud(51), form="packed")
         variants = source.GetPrimAtPath("/Asset").GetVariantSets().AddVariantSet("look")
         for number, name in enumerate("ab"):
@@ -70,7 +70,7 @@ class Editor:
             stage.GetRootLayer().subLayerPaths.append(sub.identifier)
         stage.GetRootLayer().subLayerOffsets[1] = Sdf.LayerOffset(1.0, 2.0)
         UsdGeom.Xform.Define(stage, "/World")
-        schema.author(stage, "/World/Field", random_cloud(1))
+        crop(schema.author(stage, "/World/Field", random_cloud(1)), "/World/Matte")
         for name in ("One", "Two"):
             prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
             prim.GetReferences().AddReference(asset)
@@ -348,46 +348,6 @@ class Editor:
             name = self._random.choice(list(choices))
             attribute = prim.GetAttribute(name)
             self._set(attribute, lambda: self._random.choice(choices[name]))
-
-    def _volume(self) -> Usd.Prim | None:
-        return self._prim(lambda each: each.GetTypeName() in VOLUMES)
-
-    def restructure_add_volume(self) -> None:
-        prim = self.stage.DefinePrim(self._new_path(), self._random.choice(VOLUMES))
-        UsdGeom.Xformable(prim).MakeMatrixXform().Set(self._matrix())
-
-    def restructure_crop(self) -> None:
-        if prim := self._field():
-            prim.ApplyAPI("SplatCropAPI")
-            self._gather(
-                Usd.CollectionAPI(prim, self._random.choice(["cropInclude", "cropExclude"]))
-            )
-
-    def restructure_nested_collection(self) -> None:
-        if prim := self._prim():
-            self._gather(Usd.CollectionAPI.Apply(prim, "nested"))
-
-    def _gather(self, collection: Usd.CollectionAPI) -> None:
-        """Let a collection hold a volume, anything at all, and perhaps another collection."""
-        prims = [prim for prim in (self._volume(), self._prim()) if prim]
-        targets = [prim.GetPath() for prim in prims]
-        owner = self._prim(lambda each: each.HasAPI("CollectionAPI", "nested"))
-        if owner and self._random.random() < 0.5:
-            targets.append(owner.GetPath().AppendProperty("collection:nested"))
-        collection.CreateIncludesRel().SetTargets(targets)
-        if self._random.random() < 0.3:
-            collection.CreateExcludesRel().SetTargets(targets[:1])
-        rules = ("expandPrims", "explicitOnly")
-        collection.CreateExpansionRuleAttr(self._random.choice(rules))
-
-    def set_volume(self) -> None:
-        if prim := self._volume():
-            names = [name for name in ("radius", "height", "size") if prim.HasAttribute(name)]
-            if names:
-                attribute = prim.GetAttribute(self._random.choice(names))
-                self._set(attribute, lambda: self._random.choice([0.0, 0.5, 2.0]))
-            else:
-                prim.GetAttribute("axis").Set(self._random.choice("XYZ"))
 
     def restructure_mute(self) -> None:
         layer = self._random.choice(self._layers()[1:] or [self.stage.GetSessionLayer()])

@@ -154,9 +154,6 @@ class UsdSceneDelegate:
         specs, problem = read_crop(entry.crop, self._code, self._xforms)
         if specs:
             self.pulls["crops"] += 1
-            if problem is None and any(each.placement.links for each in entry.appearances):
-                found = "crop volumes of a field that a point instancer carries"
-                problem = StageError(path, found, "none; they stay where they are authored")
         self._remark("crops", path, problem)
         return specs
 

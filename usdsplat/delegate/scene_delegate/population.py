@@ -147,7 +147,8 @@ class _Walk:
             path = seen[0].placement.path
             source = source_of(seen[0].levels[-1].prim)
             signature = (source.GetPath(), *(appearance.signature for appearance in seen))
-            crop = find_crop(seen[0].levels[-1].prim)
+            carried = any(appearance.placement.links for appearance in seen)
+            crop = find_crop(seen[0].levels[-1].prim, carried=carried)
             self._found.fields[path] = FieldEntry(
                 source=source, appearances=tuple(seen), signature=signature, crop=crop
             )

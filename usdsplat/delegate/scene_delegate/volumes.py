@@ -42,7 +42,7 @@ class Crop:
 
     volumes: tuple[Volume, ...] = ()
     problem: StageError | None = None
-    """What else is in them."""
+    """What else is in them, or why they do not do what somebody may expect."""
     signature: tuple[object, ...] = ()
     """Equal when nothing but values can have changed; taken while the prims are valid."""
 
@@ -58,8 +58,8 @@ def has_crop(prim: Usd.Prim) -> bool:
     return any(prim.GetAuthoredPropertiesInNamespace(f"collection:{name}") for name in _COLLECTIONS)
 
 
-def find_crop(prim: Usd.Prim) -> Crop:
-    """Look up which volumes the field `prim` is cropped by."""
+def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
+    """Look up which volumes the field `prim` is cropped by; `carried` if by a point instancer."""
     if not has_crop(prim):
         return NO_CROP
     volumes: list[Volume] = []
@@ -72,6 +72,10 @@ def find_crop(prim: Usd.Prim) -> Crop:
                 found = f"{member.GetTypeName()} {member.GetPath()}, which crops nothing"
                 expected = f"one of {', '.join(SHAPES)}"
                 problem = StageError(f"{prim.GetPath()} collection:{name}", found, expected)
+    if volumes and carried and problem is None:
+        found = "crop volumes of a field that a point instancer carries"
+        expected = "none; they stay where they are authored"
+        problem = StageError(str(prim.GetPath()), found, expected)
     signature = [(each.prim.GetPath(), each.prim.GetTypeName(), each.keeps) for each in volumes]
     return Crop(volumes=tuple(volumes), problem=problem, signature=(str(problem), *signature))
 
