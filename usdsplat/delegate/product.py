@@ -31,7 +31,7 @@ class ProductSpec:
     purposes: tuple[str, ...] = ("default", "render")
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()
-    """Prims that hold out, as `View.matte` has them; "/" is above all prims."""
+    """Prims that hold out, as `View.matte` has them."""
     warnings: tuple[str, ...] = ()
     """One sentence for each thing that it asks for and does not get."""
 

@@ -9,7 +9,7 @@ from pxr import Sdf, Usd
 from usdsplat.delegate.scene_delegate.population import IN_PROTOTYPE
 
 Rules = tuple[tuple[str, bool], ...]
-"""A prim goes by the longest of these paths that it is at or beneath; "/" is above all."""
+"""A prim goes by the longest of these paths that it is at or beneath; without one it is out."""
 
 
 def rules(stage: Usd.Stage, collections: Iterable[Usd.CollectionAPI]) -> Rules:
@@ -20,28 +20,27 @@ def rules(stage: Usd.Stage, collections: Iterable[Usd.CollectionAPI]) -> Rules:
     its answer differs from the one about its parent there is a rule.
 
     Returns:
-        By path; without a rule above it a prim is in none.
+        By path, sorted. The paths are of prims: a collection with the root has all root prims.
     """
     queries = [each.ComputeMembershipQuery() for each in collections]
-    root = Sdf.Path.absoluteRootPath
-    answers = {root: any(_holds_root(query) for query in queries)}
-    found = [(str(root), True)] if answers[root] else []
-    traversal = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(IN_PROTOTYPE))
+    answers = {Sdf.Path.absoluteRootPath: False}
+    found = []
+    traversal = iter(Usd.PrimRange(stage.GetPseudoRoot(), IN_PROTOTYPE))
+    next(traversal)
     for prim in traversal if queries else ():
         path = prim.GetPath()
-        if path == root:
-            continue
         answers[path] = any(query.IsPathIncluded(path) for query in queries)
         if answers[path] != answers[path.GetParentPath()]:
             found.append((str(path), answers[path]))
     return tuple(sorted(found))
 
 
+def everything(stage: Usd.Stage) -> Rules:
+    """The rules of a collection that holds the whole stage."""
+    roots = stage.GetPseudoRoot().GetFilteredChildren(IN_PROTOTYPE)
+    return tuple(sorted((str(prim.GetPath()), True) for prim in roots))
+
+
 def applied(prim: Usd.Prim, name: str) -> Usd.CollectionAPI | None:
     """The prim's collection of that name, if it has one."""
     return Usd.CollectionAPI(prim, name) if prim.HasAPI("CollectionAPI", name) else None
-
-
-def _holds_root(query: Usd.CollectionMembershipQuery) -> bool:
-    known = query.GetAsPathExpansionRuleMap()
-    return known.get(Sdf.Path.absoluteRootPath) == Usd.Tokens.expandPrims

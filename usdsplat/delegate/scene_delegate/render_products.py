@@ -137,14 +137,13 @@ def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
 
 def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
     """Sentences about collections of a pass that ask for anything but what they do by default."""
-    found = []
+    stage, found = render_pass.GetStage(), []
     for name in ("renderVisibility", "cameraVisibility", "prune"):
-        collection = Usd.CollectionAPI(render_pass, name)
-        held = collections.rules(render_pass.GetStage(), [collection])
-        expected = ((), "none") if name == "prune" else ((("/", True),), "all")
-        if held != expected[0]:
-            where = f"{render_pass.GetPath()} collection:{name}"
-            found.append(f"{where}: found some prims, expected {expected[1]}; all are drawn")
+        held = collections.rules(stage, [Usd.CollectionAPI(render_pass, name)])
+        expected = () if name == "prune" else collections.everything(stage)
+        if held != expected:
+            words = f"found some prims, expected {'all' if expected else 'none'}; all are drawn"
+            found.append(f"{render_pass.GetPath()} collection:{name}: {words}")
     return tuple(found)
 
 
