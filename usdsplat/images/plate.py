@@ -1,0 +1,91 @@
+"""Read the colours of a picture that somebody else made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32
+from usdsplat.core.errors import FormatError
+from usdsplat.images.color import COLOR_SPACES, convert
+
+CLIPPED = 0.98
+"""Code value of a display-referred picture from which on it may be clipped."""
+ALIASES = {
+    "acescg": "lin_ap1_scene",
+    "aces2065-1": "lin_ap0_scene",
+    "lin_rec709": "lin_rec709_scene",
+    "lin_srgb": "lin_rec709_scene",
+    "linear": "lin_rec709_scene",
+    "scene_linear": "lin_rec709_scene",
+    "srgb": "srgb_rec709_scene",
+    "rec709": "srgb_rec709_scene",
+}
+"""What files and OpenImageIO call spaces, in lower case -> our names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Plate:
+    """A picture, the whole display window."""
+
+    rgb: F32
+    """Linear Rec.709, not premultiplied, shape (h, w, 3)."""
+    usable: npt.NDArray[np.bool_]
+    """Pixels that are opaque, finite, above black and not clipped, shape (h, w)."""
+    space: str
+    """The space that the file was read as."""
+
+
+def read_plate(path: Path, *, space: str | None = None) -> Plate:
+    """Read the first part of a picture.
+
+    Args:
+        path: A file of any format that OpenImageIO reads.
+        space: Space of its colours, one of `COLOR_SPACES`; None for what the file says, or sRGB
+            for integers and linear Rec.709 for floats.
+
+    Raises:
+        FormatError: If it cannot be read or has no red, green and blue.
+        UsageError: If the space is unknown.
+    """
+    import OpenImageIO as oiio
+
+    if not path.is_file():
+        raise FormatError(str(path), "no such file", "a picture")
+    buffer = oiio.ImageBuf(str(path))
+    spec = buffer.spec()
+    if buffer.has_error or not spec.nchannels:
+        problem = " ".join((buffer.geterror() or "nothing to read").split())
+        raise FormatError(str(path), problem, "a picture that OpenImageIO reads")
+    names = list(spec.channelnames)
+    if not {"R", "G", "B"} <= set(names):
+        raise FormatError(str(path), f"channels {', '.join(names)}", "R, G and B")
+    is_float = str(spec.format) in ("half", "float", "double")
+    space = space or _written(spec) or ("lin_rec709_scene" if is_float else "srgb_rec709_scene")
+    # the display window, whatever part of it holds data; OpenImageIO has premultiplied all it read
+    pixels = np.asarray(buffer.get_pixels(oiio.FLOAT, buffer.roi_full))
+    if "A" in names:
+        alpha = pixels[..., names.index("A")]
+    else:
+        alpha = np.ones(pixels.shape[:2], np.float32)
+    code = pixels[..., [names.index(name) for name in "RGB"]]
+    usable = np.isfinite(code).all(axis=2) & (alpha > 0.99)
+    code = np.where(usable[..., None], code, 0.0) / np.where(usable, alpha, 1.0)[..., None]
+    if not is_float:
+        usable &= (code < CLIPPED).all(axis=2)
+    rgb = convert(code, space, "lin_rec709_scene").astype(np.float32)
+    usable &= rgb.max(axis=2) > 0
+    return Plate(rgb=rgb, usable=usable, space=space)
+
+
+def _written(spec: object) -> str:
+    """The space that a file names, if it is one that we know."""
+    for key in ("colorInteropID", "oiio:ColorSpace"):
+        name = str(spec.getattribute(key) or "")  # type: ignore[attr-defined]
+        name = ALIASES.get(name.lower(), name)
+        if name in COLOR_SPACES:
+            return name
+    return ""

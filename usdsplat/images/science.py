@@ -1,0 +1,67 @@
+"""What we ask colour-science: colour differences and the colours of charts."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import UsageError
+from usdsplat.images.color import D65, REC709, adaptation, to_xyz
+
+CHARTS = {
+    "classic24": "ColorChecker24 - After November 2014",
+    "classic24-2005": "ColorChecker24 - Before November 2014",
+    "sg140": "ColorCheckerSG - After November 2014",
+}
+"""Short names -> those of colour-science, which are understood too."""
+
+
+def delta_e(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
+    """Return the CIE 2000 difference of colours.
+
+    Args:
+        first, second: Linear Rec.709, shape (..., 3); 1 is white.
+
+    Returns:
+        Shape (...,).
+    """
+    colour = _colour()
+    matrix = to_xyz(REC709)
+    labs = [
+        colour.XYZ_to_Lab(np.asarray(rgb, np.float64) @ matrix.T, np.array(D65))
+        for rgb in (first, second)
+    ]
+    difference: F64 = np.asarray(colour.difference.delta_E_CIE2000(*labs), np.float64)
+    return difference
+
+
+def chart(name: str) -> dict[str, F64]:
+    """Return the colours of a chart under D65: patch, in the chart's order -> linear Rec.709.
+
+    Args:
+        name: One of `CHARTS`, or a name of colour-science's CCS_COLOURCHECKERS.
+
+    Raises:
+        UsageError: If there is no such chart; the message lists those there are.
+    """
+    colour = _colour()
+    known = colour.CCS_COLOURCHECKERS
+    found = CHARTS.get(name, name)
+    if found not in known:
+        raise UsageError("--chart", repr(name), f"one of {', '.join((*CHARTS, *known))}")
+    data = known[found]
+    white, d65 = (colour.xy_to_XYZ(xy) for xy in (data.illuminant, np.array(D65)))
+    to_rgb = np.linalg.inv(to_xyz(REC709)) @ adaptation(white, d65)
+    return {patch: to_rgb @ colour.xyY_to_XYZ(xyy) for patch, xyy in data.data.items()}
+
+
+def _colour() -> Any:
+    """The module, which takes half a second and warns of optional packages at import."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import colour
+    return colour
