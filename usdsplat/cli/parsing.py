@@ -95,6 +95,20 @@ def time_code(value: float | None) -> float | None:
     return value
 
 
+def resolution_of(text: str | None) -> tuple[int, int] | None:
+    """The value of `--resolution`, WIDTHxHEIGHT, as two numbers.
+
+    Raises:
+        UsageError: If it is anything else.
+    """
+    if text is None:
+        return None
+    match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
+    if not match:
+        raise UsageError("--resolution", repr(text), "two numbers of pixels, such as 1920x1080")
+    return int(match[1]), int(match[2])
+
+
 def _flag(knob: Knob) -> Any:
     """The annotation of a flag; `core.knobs.checked` says whether its value is a legal one."""
     kind, metavar = knob.type, None

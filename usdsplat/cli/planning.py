@@ -68,7 +68,7 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
         StageError: If there is no such camera, product or settings prim.
     """
     _check_lists(request)
-    camera = _camera_path(engine, request.camera)
+    camera = None if request.camera is None else find_camera(engine, request.camera)
     products = engine.products(
         request.settings_prim,
         camera=camera,
@@ -172,10 +172,12 @@ def _check_purposes(where: str, purposes: tuple[str, ...]) -> None:
             raise UsageError(where, repr(purpose), f"one of {', '.join(KNOWN_PURPOSES)}")
 
 
-def _camera_path(engine: Engine, name: str | None) -> str | None:
-    """The path of the camera the user means."""
-    if name is None:
-        return None
+def find_camera(engine: Engine, name: str) -> str:
+    """Return the path of the camera that the user means, by its path or its name.
+
+    Raises:
+        StageError: If there is none, or several.
+    """
     paths = engine.cameras()
     matching = [path for path in paths if name in (path, path.rsplit("/", 1)[-1])]
     if not paths:

@@ -22,7 +22,6 @@ notes:
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,9 +30,8 @@ from tyro.conf import Positional, arg, create_mutex_group
 
 from usdsplat import images
 from usdsplat.cli import console
-from usdsplat.cli.parsing import flags_of, given, option
+from usdsplat.cli.parsing import flags_of, given, option, resolution_of
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.core.errors import UsageError
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.frames import has_place, parse_frames
 
@@ -146,7 +144,7 @@ def _request(options: Options) -> Request:
     return Request(
         output=options.output,
         camera=options.camera,
-        resolution=_resolution(options.resolution),
+        resolution=resolution_of(options.resolution),
         aovs=_names(options.aovs),
         purposes=_names(options.purposes),
         pixel_type="float" if options.float_ else "half" if options.half else None,
@@ -166,16 +164,6 @@ def _frames(options: Options, stage: Usd.Stage, pictures: tuple[Picture, ...]) -
     if last > first and any(has_place(picture.output) for picture in pictures):
         return tuple(first + i for i in range(int(last - first) + 1))
     return (first,)
-
-
-def _resolution(text: str | None) -> tuple[int, int] | None:
-    """WIDTHxHEIGHT as two numbers."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
-    if not match:
-        raise UsageError("--resolution", repr(text), "two numbers of pixels, such as 1920x1080")
-    return int(match[1]), int(match[2])
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:
