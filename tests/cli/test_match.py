@@ -12,6 +12,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from tests import chart
+from tests.cli.test_main import shell
 from usdsplat import schema
 from usdsplat.core.grade import Grade
 from usdsplat.images.color import convert
@@ -77,14 +78,15 @@ def test_a_plate_gives_its_grade(run_json, tmp_path, capture_stage, plate) -> No
 
 
 def test_the_result_is_a_layer_of_overs_that_can_be_moved(
-    run, capfd, tmp_path, capture_stage, plate
+    tmp_path, capture_stage, plate
 ) -> None:
-    """Oracle: the specs of the layer, and its only sublayer, relative."""
+    """A process of its own prints nothing else. Oracle: the specs of the layer, and its only
+    sublayer, relative."""
     target = tmp_path / "graded.usdc"
-    status, out, err = run("match", capture_stage, "-o", target, "--reference", plate)
-    assert (status, err, capfd.readouterr().err) == (0, "", "")
-    assert out.startswith(f"{target}: 1 field graded by ")
-    assert "ΔE2000" in out
+    done = shell("match", capture_stage, "-o", target, "--reference", plate)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"{target}: 1 field graded by ")
+    assert "ΔE2000" in done.stdout
     layer = Sdf.Layer.FindOrOpen(str(target))
     assert list(layer.subLayerPaths) == ["./in/chart.usda"]
     prim = layer.GetPrimAtPath(chart.FIELD)
