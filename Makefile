@@ -29,6 +29,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.frame
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.author
+	$(BIN)/python -m benchmarks.colour
 
 clean:
 	rm -rf $(VENV) demo
