@@ -77,9 +77,7 @@ def test_a_plate_gives_its_grade(run_json, tmp_path, capture_stage, plate) -> No
     np.testing.assert_allclose(chart.patches(found), chart.patches(wanted), atol=2e-3)
 
 
-def test_the_result_is_a_layer_of_overs_that_can_be_moved(
-    tmp_path, capture_stage, plate
-) -> None:
+def test_the_result_is_a_layer_of_overs_that_can_be_moved(tmp_path, capture_stage, plate) -> None:
     """A process of its own prints nothing else. Oracle: the specs of the layer, and its only
     sublayer, relative."""
     target = tmp_path / "graded.usdc"

@@ -132,7 +132,7 @@ def test_the_chart_is_that_of_colour_science() -> None:
             chromatic_adaptation_transform="Bradford",
         )
         np.testing.assert_allclose(found, expected, atol=5e-4)
-    with pytest.raises(UsageError, match="expected one of classic24, .*ColorChecker 2005"):
+    with pytest.raises(UsageError, match=r"expected one of classic24, .*ColorChecker 2005"):
         chart("teapot")
 
 

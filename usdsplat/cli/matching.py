@@ -199,7 +199,7 @@ def _draw(
     numbers = [i for i, path in enumerate(engine.drawn_paths()) if path in seen_as]
     own = np.isin(pictures["primId"], numbers) & (color[..., 3] > OPAQUE)
     divisor = np.where(own, color[..., 3], np.float32(1))[..., None]
-    return color[..., :3] / divisor, own
+    return np.asarray(color[..., :3] / divisor, np.float32), own
 
 
 def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, where: str) -> _Goal:

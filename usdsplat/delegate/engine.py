@@ -18,6 +18,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.band import Band
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.frame_stats import FrameStats
+from usdsplat.delegate.layer import DeepSamples
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -25,7 +26,7 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, Renderer
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View
 from usdsplat.kernels.device import open_device
@@ -201,14 +202,60 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def render(
-        self, view: View, settings: RenderSettings | None = None, aovs: tuple[str, ...] = ("color",)
+        self,
+        view: View,
+        settings: RenderSettings | None = None,
+        aovs: tuple[str, ...] = ("color",),
+        *,
+        holdout: Holdout | None = None,
+        band_pixels: int = BAND_PIXELS,
     ) -> Iterator[Band]:
         """Return the bands of a picture, top to bottom; memory is the splats and one band.
 
         The scene must not be edited before the last band is taken.
+
+        Args:
+            view: What to look at. A camera of the stage moves with time where samples ask for it.
+            settings: How to draw it.
+            aovs: Which of `renderer.AOVS`.
+            holdout: What else hides, given the pixels x0, y0, x1, y1; see `images.holdout`.
+            band_pixels: About how many pixels to draw at a time.
         """
         self.sync()
-        return self._renderer.render(self._param.scene, view, self._resolved(settings), aovs)
+        return self._renderer.render(
+            self._param.scene,
+            view,
+            self._resolved(settings),
+            aovs,
+            moments=self._moments(view),
+            holdout=holdout,
+            band_pixels=band_pixels,
+        )
+
+    def render_deep(
+        self,
+        view: View,
+        settings: RenderSettings | None = None,
+        *,
+        holdout: Holdout | None = None,
+        band_pixels: int = BAND_PIXELS,
+    ) -> Iterator[tuple[int, int, DeepSamples]]:
+        """Return all contributions to every pixel, band after band: (y0, y1, samples).
+
+        Premultiplied and linear, in the working space; sorted by zDepth or rayHitDistance.
+        Arguments as in `render`.
+
+        Raises:
+            UsageError: If splats are sorted by another key.
+        """
+        self.sync()
+        return self._renderer.render_deep(
+            self._param.scene,
+            view,
+            self._resolved(settings),
+            holdout=holdout,
+            band_pixels=band_pixels,
+        )
 
     def picture(
         self, view: View, settings: RenderSettings | None = None, aovs: tuple[str, ...] = ("color",)
@@ -221,7 +268,8 @@ class Engine:
         """
         self.sync()
         buffers = {name: self._index.buffer(name) for name in aovs}
-        self._pass.execute(view, self._resolved(settings), aovs, buffers)
+        moments = self._moments(view)
+        self._pass.execute(view, self._resolved(settings), aovs, buffers, moments=moments)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     # --- the end ---------------------------------------------------------------------------
@@ -248,6 +296,23 @@ class Engine:
         self.close()
 
     # --- private ---------------------------------------------------------------------------
+
+    def _moments(self, view: View) -> Moments:
+        """The scene and what `view` sees at other times; all else about a view stays."""
+        frame = self.time
+        follows = view.camera.path in self._index.cameras
+
+        def at(time: float) -> tuple[RenderScene, View]:
+            if frame is None:
+                return self._param.scene, view
+            self.set_time(frame + time)
+            self.sync()
+            camera = view.camera
+            if follows and time != 0.0:
+                camera = self._camera(view.camera.path, view.framing)
+            return self._param.scene, replace(view, camera=camera)
+
+        return at
 
     def _open(self) -> UsdSceneDelegate:
         if self._scene is None:

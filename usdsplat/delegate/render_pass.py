@@ -8,7 +8,7 @@ from typing import Any
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.renderer import Moments, Renderer, depends_on_time
 from usdsplat.delegate.specs import View
 
 
@@ -26,18 +26,22 @@ class RenderPass:
         settings: RenderSettings,
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
+        *,
+        moments: Moments | None = None,
     ) -> bool:
         """Draw if the buffers hold anything but this picture; return whether it was drawn.
 
         Everything a picture depends on is a frozen value or the scene's version, so "stale" is one
-        comparison and there is no flag to forget.
+        comparison and there is no flag to forget. What shows other times too is always drawn: an
+        edit there need not change anything now.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:
             return False
         self._drawn = None
-        self._draw(view, settings, aovs, buffers)
-        self._drawn = wanted
+        self._draw(view, settings, aovs, buffers, moments)
+        if moments is None or not depends_on_time(settings, view.camera, aovs):
+            self._drawn = wanted
         return True
 
     def _draw(
@@ -46,10 +50,12 @@ class RenderPass:
         settings: RenderSettings,
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
+        moments: Moments | None,
     ) -> None:
         _, top, _, bottom = view.framing.window
         first = True
-        for band in self._renderer.render(self._param.scene, view, settings, aovs):
+        scene = self._param.scene
+        for band in self._renderer.render(scene, view, settings, aovs, moments=moments):
             for name in aovs:
                 pixels = band.arrays[name]
                 if first:

@@ -30,6 +30,8 @@ class Sums:
         self._device = device
         self._names = names
         self._count = 0
+        self._prims: dict[str, int] = {}
+        """Paths of the prims of all samples, numbered as they come."""
         self._sums: dict[str, npt.NDArray[Any]] = {}
         for name in names:
             if name in CHANNELS:
@@ -42,25 +44,33 @@ class Sums:
             self._ids[:], self._weights[:] = -1, 0
             self._mattes = scratch.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
 
-    def add(self, arrays: Mapping[str, Any]) -> None:
-        """Add one sample; cryptoObject is a list of (prims, weights)."""
+    def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
+        """Add one sample.
+
+        Args:
+            arrays: AOV -> pixels; cryptoObject is a list of (prims, weights).
+            prims: Paths that its numbers of prims stand for.
+        """
         self._count += 1
+        numbers = [self._prims.setdefault(path, len(self._prims)) for path in prims]
+        same = numbers == list(range(len(prims)))
+        table = np.array([*numbers, -1], np.int32)
         for name in self._names:
             if name in CHANNELS:
                 self._sums[name] += arrays[name]
             else:
                 for ids, weights in arrays[name]:
-                    run = self._device.run
-                    run(cryptomatte.gather, ids, weights, self._ids, self._weights)
+                    run, known = self._device.run, ids if same else table[ids]
+                    run(cryptomatte.gather, known, weights, self._ids, self._weights)
 
-    def finish(self, prims: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
-        """Return the averages; `prims` are the paths of what is drawn."""
+    def finish(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the averages."""
         scale = np.float32(1 / self._count)
         for total in self._sums.values():
             total *= scale
         if "cryptoObject" not in self._names:
             return dict(self._sums)
-        hashes = np.array([object_hash(path) for path in prims], np.float32)
+        hashes = np.array([object_hash(path) for path in self._prims], np.float32)
         run, mattes = self._device.run, self._mattes
         run(cryptomatte.finish, self._ids, self._weights, scale, hashes, mattes)
         return {**self._sums, "cryptoObject": mattes}

@@ -124,7 +124,7 @@ def _fit(x: F64, y: F64, free: set[str]) -> Grade:
     # Only these sums matter. With S = L Lᵀ the squares are those of T L − C L⁻ᵀ, nine numbers.
     s, c = x.T @ x, y.T @ x
     low = np.linalg.cholesky(s + 1e-12 * np.trace(s) * np.eye(3))
-    target = np.linalg.solve(low, c.T).T
+    target: F64 = np.linalg.solve(low, c.T).T.astype(np.float64)
     grade = _balance(low, target, free)
     if "matrix" not in free:
         return grade
@@ -210,7 +210,9 @@ def _too_flat(x: F64) -> str:
 def _typical(x: F64, y: F64) -> npt.NDArray[np.bool_]:
     """The colours that the medians of the channels' ratios fit best."""
     legal = x > 1e-9
-    gains = [np.median(y[legal[:, c], c] / x[legal[:, c], c]) for c in range(3) if legal[:, c].any()]
+    gains = [
+        np.median(y[legal[:, c], c] / x[legal[:, c], c]) for c in range(3) if legal[:, c].any()
+    ]
     gain = np.array(gains) if len(gains) == 3 else np.full(3, np.mean(gains))
     return _best(np.linalg.norm(x * gain - y, axis=1), 0.5)
 

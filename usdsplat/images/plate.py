@@ -67,10 +67,8 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
     space = space or _written(spec) or ("lin_rec709_scene" if is_float else "srgb_rec709_scene")
     # the display window, whatever part of it holds data; OpenImageIO has premultiplied all it read
     pixels = np.asarray(buffer.get_pixels(oiio.FLOAT, buffer.roi_full))
-    if "A" in names:
-        alpha = pixels[..., names.index("A")]
-    else:
-        alpha = np.ones(pixels.shape[:2], np.float32)
+    whole = np.ones(pixels.shape[:2], np.float32)
+    alpha = pixels[..., names.index("A")] if "A" in names else whole
     code = pixels[..., [names.index(name) for name in "RGB"]]
     usable = np.isfinite(code).all(axis=2) & (alpha > 0.99)
     code = np.where(usable[..., None], code, 0.0) / np.where(usable, alpha, 1.0)[..., None]

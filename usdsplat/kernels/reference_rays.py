@@ -95,9 +95,9 @@ def trace(
     order = np.argsort(key, axis=0, kind="stable") if by_ray else None
     splat = np.broadcast_to(np.arange(len(alpha))[:, None, None], alpha.shape)
     if order is not None:
-        alpha, depth, splat = (
-            np.take_along_axis(array, order, axis=0) for array in (alpha, depth, splat)
-        )
+        alpha = np.take_along_axis(alpha, order, axis=0)
+        depth = np.take_along_axis(depth, order, axis=0)
+        splat = np.take_along_axis(splat, order, axis=0)
     through = np.ones(alpha.shape[1:])
     weight = np.zeros(alpha.shape)
     ended = np.zeros(alpha.shape[1:], bool)
