@@ -241,7 +241,8 @@ import resource, sys, numpy as np
 from usdsplat.images.exr import ExrWriter
 from usdsplat.images.layout import ImageLayout
 w, h, rows = 3840, 2160, 40
-layout = ImageLayout(resolution=(w, h), aovs=("color", "Z", "id", "splatId"))
+aovs = ("color", "Z", "id", "splatId")
+layout = ImageLayout(resolution=(w, h), aovs=aovs, multipart=sys.argv[2] == "True")
 band = {
     "color": np.ones((rows, w, 4), np.float32), "Z": np.ones((rows, w), np.float32),
     "id": np.ones((rows, w), np.uint32), "splatId": np.ones((rows, w), np.uint32),
@@ -254,9 +255,10 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 
-def test_memory_holds_a_band_however_large_the_picture(tmp_path):
+@pytest.mark.parametrize("multipart", [False, True])
+def test_memory_holds_a_band_however_large_the_picture(tmp_path, multipart):
     """Oracle: peak memory of a process; the pixels of this 4K picture are 232 MB."""
-    argv = [sys.executable, "-c", BIG, str(tmp_path / "big.exr")]
+    argv = [sys.executable, "-c", BIG, str(tmp_path / "big.exr"), str(multipart)]
     run = subprocess.run(argv, capture_output=True, text=True, check=True)
     assert run.stderr == ""
     assert int(run.stdout) < 60_000  # kB

@@ -3,11 +3,11 @@
 One scanline part with channels R G B A Z, and ZBack where samples may be merged ones. Each row is
 packed on its own and goes to the file at once, so memory holds one band.
 
-We write the bytes ourselves, because that was measured to be fastest by far: for 1920x1080 with 15
-samples a pixel on two busy cores 1 s uncompressed and 4 s with zips, where the OpenEXR wheel takes
-19 s and 23 s, wants the whole picture as an object for each pixel, and OpenImageIO's DeepData,
-which is filled value by value, takes 130 s. Zips makes the samples of splats smaller by a quarter
-only.
+We write the bytes ourselves, because that was measured to be fastest by far (`benchmarks/deep.py`):
+for 1920x1080 with 15 samples a pixel on two busy cores 1 s uncompressed and 8 s with zips. The
+OpenEXR wheel takes 17 s uncompressed and wants the whole picture as an object for each pixel;
+OpenImageIO's DeepData, which is filled value by value, takes 45 s. Zips makes the samples of splats
+smaller by a third only.
 
 Source: OpenEXR's "File Layout" and "Interpreting OpenEXR Deep Pixels".
 """

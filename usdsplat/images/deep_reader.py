@@ -2,9 +2,9 @@
 
 Scanline and tiled parts with any of the compressions that deep files may have (none, rle, zips) are
 read here, because OpenImageIO hands samples to Python one by one: for 1920x1080 with 15 samples a
-pixel that takes 37 s, and this 1 s (none) or 4 s (zips). Nothing is allocated on the word of a
-header: bytes are unpacked to the size that the counts beside them imply, and counts to the size of
-their row or tile, never beyond.
+pixel that takes 22 s, and this 2 s (none) or 3 s (zips; `benchmarks/deep.py`). Nothing is allocated
+on the word of a header: bytes are unpacked to the size that the counts beside them imply, and
+counts to the size of their row or tile, never beyond.
 
 Source: OpenEXR's "File Layout".
 """
