@@ -198,7 +198,6 @@ def test_windows_and_labels_are_in_the_header(tmp_path):
         "screenWindowWidth: 1.25",
         "PixelAspectRatio: 2",
         "openexr:maxSamplesPerPixel: 9",
-        'openexr:deepImageState: "sorted"',
         'usdsplat:stage: "shot.usd"',
         "usdsplat:frame: 7",
         "usdsplat:samples: 4",

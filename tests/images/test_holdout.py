@@ -147,9 +147,8 @@ def test_samples_that_are_nowhere_hide_nothing(tmp_path):
         depth_back=depth,
         color=np.stack([alpha] * 4, axis=1),
     )
-    spec_path = tmp_path / "a.exr"
-    written_by_openimageio(spec_path, band, compression="none")
-    _, found, passed = open_holdout(spec_path, resolution=SIZE).rows(-3, 5, -2, 6)
+    written_by_openimageio(tmp_path / "a.exr", band, compression="none")
+    _, found, passed = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(-3, 5, -2, 6)
     assert found.tolist() == [1, 2, 3, 4, np.inf]
     assert passed.tolist() == [1, 0.5, 0, 0, 0]
 

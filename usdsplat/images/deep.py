@@ -47,14 +47,12 @@ from usdsplat.images.layout import ImageLayout
 from usdsplat.images.writer import ROWS
 
 COMPRESSIONS = {"none": NONE, "zips": ZIPS}
-SORTED = 1
-"""What OpenEXR calls samples that go from near to far and may share a depth."""
 MEANINGS = {
     "usdsplat:aov:color": "premultiplied linear radiance of one sample in the space of "
     "colorInteropID; A = its opacity",
     "usdsplat:aov:Z": "planar camera depth of the sample",
-    "usdsplat:aov:ZBack": "planar camera depth at which a merged sample ends",
 }
+MERGED_MEANINGS = {"usdsplat:aov:ZBack": "planar camera depth at which a merged sample ends"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -138,7 +136,7 @@ class DeepWriter:
             self._seek(0)
             self._put(start)
             self._put(struct.pack(f"<{len(self._chunks)}Q", *self._chunks))
-            self._flush()
+            self._close()
 
     def write_band(self, y0: int, band: DeepBand) -> None:
         """Append whole rows.
@@ -224,7 +222,8 @@ class DeepWriter:
             "pixelAspectRatio": float(layout.pixel_aspect_ratio),
             "colorInteropID": "data" if space.chromaticities is None else layout.color_space,
             "Software": f"usdsplat {usdsplat.__version__}",
-            **{key: text for key, text in MEANINGS.items() if self._merged or "ZB" not in key},
+            **MEANINGS,
+            **(MERGED_MEANINGS if self._merged else {}),
             **layout.metadata,
         }
         if space.chromaticities is not None:
@@ -240,8 +239,9 @@ class DeepWriter:
             "version": ("int", struct.pack("<i", 1)),
             "chunkCount": ("int", struct.pack("<i", layout.shape[0])),
             "maxSamplesPerPixel": ("int", struct.pack("<i", self._most)),
-            "deepImageState": ("deepImageState", bytes([SORTED])),
         }
+        # No deepImageState, which could say that samples are sorted: OpenEXR's own Python package
+        # refuses files that have it.
         return header(attributes | encoded(labels), DEEP)
 
     def _put(self, data: bytes) -> None:
@@ -256,7 +256,7 @@ class DeepWriter:
         except OSError as error:
             raise self._no_room(error) from error
 
-    def _flush(self) -> None:
+    def _close(self) -> None:
         try:
             self._file.close()
         except OSError as error:
