@@ -7,7 +7,7 @@ import numpy as np
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import AOVS, Renderer
+from usdsplat.delegate.renderer import AOVS, BAND_PIXELS, Renderer
 from usdsplat.delegate.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
 from usdsplat.kernels import reference
 from usdsplat.kernels.device import open_device
@@ -69,12 +69,20 @@ def scene_of(*parts, **options):
     return scene
 
 
-def picture(scene, view, *, aovs=AOVS, threads=None, **settings):
+def settings_of(**settings):
+    """Render settings with nothing left on auto."""
+    return RenderSettings(**({"sorting": "zDepth", "color_mode": "display"} | settings))
+
+
+def picture(
+    scene, view, *, aovs=AOVS, threads=None, band_pixels=BAND_PIXELS, holdout=None, moments=None,
+    **settings,
+):  # fmt: skip
     """All bands of a picture, joined."""
-    defaults = {"sorting": "zDepth", "color_mode": "display"}
     renderer = Renderer(open_device(threads=threads))
-    bands = [
-        {name: array.copy() for name, array in band.arrays.items()}
-        for band in renderer.render(scene, view, RenderSettings(**(defaults | settings)), aovs)
-    ]
+    drawn = renderer.render(
+        scene, view, settings_of(**settings), aovs,
+        band_pixels=band_pixels, holdout=holdout, moments=moments,
+    )  # fmt: skip
+    bands = [{name: array.copy() for name, array in band.arrays.items()} for band in drawn]
     return {name: np.concatenate([band[name] for band in bands]) for name in aovs}

@@ -75,12 +75,11 @@ def test_any_window_has_the_full_frames_pixels_bit_for_bit():
             )
 
 
-def test_bands_join_without_a_seam(monkeypatch):
+def test_bands_join_without_a_seam():
     """Oracle: the same picture in one band."""
     scene = scene_of((random_cloud(4), random_transform(2)))
     whole = picture(scene, view_of(lens(), (3, -7, 140, 105)))
-    monkeypatch.setattr("usdsplat.delegate.renderer.BAND_PIXELS", 137 * 20)
-    banded = picture(scene, view_of(lens(), (3, -7, 140, 105)))
+    banded = picture(scene, view_of(lens(), (3, -7, 140, 105)), band_pixels=137 * 20)
     for name in AOVS:
         np.testing.assert_array_equal(banded[name], whole[name])
 
@@ -268,12 +267,11 @@ def test_a_renderer_that_was_closed_keeps_no_buffer():
 def test_a_slow_consumer_is_not_booked_to_a_stage(monkeypatch):
     """Oracle: a clock that only the consumer moves on."""
     now = 0.0
-    monkeypatch.setattr("usdsplat.delegate.renderer.BAND_PIXELS", 150 * 16)
     monkeypatch.setattr("usdsplat.delegate.frame_stats.time.perf_counter", lambda: now)
     renderer = Renderer(open_device())
     settings = RenderSettings(sorting="zDepth", color_mode="display")
     scene = scene_of((random_cloud(1), np.eye(4)))
-    for _ in renderer.render(scene, view_of(lens()), settings, ("color",)):
+    for _ in renderer.render(scene, view_of(lens()), settings, ("color",), band_pixels=150 * 16):
         now += 1000.0
     assert now == 7000.0
     assert set(renderer.stats.wall_ms.values()) == {0.0}
