@@ -19,6 +19,7 @@ from rich.table import Table
 from tests import chart
 from usdsplat import schema
 from usdsplat.core.cloud import F64
+from usdsplat.images.science import colour_science
 from usdsplat.images.view import open_view
 
 ACES2 = {
@@ -61,13 +62,13 @@ def main() -> None:
 
 def captured() -> F64:
     """The light of the chart as an sRGB capture holds it, linear Rec.709."""
-    rgb: F64 = chart.science().models.eotf_sRGB(chart.chart_codes())
+    rgb: F64 = colour_science().models.eotf_sRGB(chart.chart_codes())
     return rgb
 
 
 def graded() -> F64:
     """The chart graded as `main` does it, linear Rec.709."""
-    colour = chart.science()
+    colour = colour_science()
     space = colour.RGB_COLOURSPACES["sRGB"]
     tungsten = colour.UCS_uv_to_xy(colour.temperature.CCT_to_uv_Krystek1985(3200.0))
     daylight = colour.temperature.CCT_to_xy_CIE_D(6504.0)
@@ -85,7 +86,7 @@ def graded() -> F64:
 
 def as_shown(found: F64, settings: dict[str, Any]) -> tuple[F64, str]:
     """What an sRGB display shows of a picture, linear Rec.709, and which part of it fails."""
-    colour = chart.science()
+    colour = colour_science()
     mode, space = settings["color_mode"], settings.get("working_space", "lin_rec709_scene")
     if mode == "display":
         return colour.models.eotf_sRGB(found), ""

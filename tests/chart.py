@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.images.science import colour_science
 
 COLUMNS, ROWS = 6, 4
 PITCH = 16
@@ -23,17 +23,9 @@ LAYERS = 8
 FIELD, CAMERA = "/World/Chart", "/World/Cam"
 
 
-def science() -> Any:
-    """colour-science, which warns of optional packages when it is imported."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
-    return colour
-
-
 def chart_linear() -> F64:
     """The ColorChecker under D65, linear Rec.709, by colour-science alone; shape (24, 3)."""
-    colour = science()
+    colour = colour_science()
     data = colour.CCS_COLOURCHECKERS["ColorChecker24 - After November 2014"]
     xyz = colour.xyY_to_XYZ(np.array(list(data.data.values())))
     rgb: F64 = colour.XYZ_to_RGB(
@@ -44,7 +36,7 @@ def chart_linear() -> F64:
 
 def chart_codes() -> F64:
     """What a camera that is balanced for D65 writes of it: sRGB code values, shape (24, 3)."""
-    codes: F64 = science().models.eotf_inverse_sRGB(np.clip(chart_linear(), 0.0, 1.0))
+    codes: F64 = colour_science().models.eotf_inverse_sRGB(np.clip(chart_linear(), 0.0, 1.0))
     return codes
 
 
@@ -102,7 +94,7 @@ def patches(image: F32) -> F64:
 
 def delta_e(first: F64, second: F64) -> F64:
     """CIE 2000 differences of linear Rec.709 colours, by colour-science alone."""
-    colour = science()
+    colour = colour_science()
     space = colour.RGB_COLOURSPACES["sRGB"]
     labs = [
         colour.XYZ_to_Lab(rgb @ space.matrix_RGB_to_XYZ.T, space.whitepoint)

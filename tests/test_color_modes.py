@@ -14,6 +14,7 @@ from pxr import Usd
 
 from tests import chart
 from usdsplat import schema
+from usdsplat.images.science import colour_science
 
 VIEWS = [
     ("ocio://studio-config-latest", "ACES 2.0 - SDR 100 nits (Rec.709)"),
@@ -27,12 +28,12 @@ JND = 1.0
 
 def linear() -> Any:
     """The chart as an sRGB capture holds it, decoded: linear Rec.709."""
-    return chart.science().models.eotf_sRGB(chart.chart_codes())
+    return colour_science().models.eotf_sRGB(chart.chart_codes())
 
 
 def in_space(rgb: Any, space: str) -> Any:
     """Linear Rec.709 in other primaries."""
-    return chart.science().RGB_to_RGB(rgb, "sRGB", SPACES[space], "Bradford")
+    return colour_science().RGB_to_RGB(rgb, "sRGB", SPACES[space], "Bradford")
 
 
 def test_display_shows_the_captured_code_values() -> None:
@@ -78,7 +79,7 @@ def test_inverse_view_is_shown_as_captured(config: str, view: str, space: str) -
     shown = found.astype(np.float32).copy()
     processor.applyRGB(shown)
     assert np.abs(shown - chart.chart_codes()).max() < 1 / 255
-    decoded = chart.science().models.eotf_sRGB(np.clip(shown, 0, 1))
+    decoded = colour_science().models.eotf_sRGB(np.clip(shown, 0, 1))
     assert chart.delta_e(decoded, linear()).max() < 0.5 * JND
     plain = in_space(linear(), space)
     assert np.abs(found - plain).max() > 0.05, "a view that changes something was meant"
@@ -102,7 +103,7 @@ def test_inverse_max_clamps() -> None:
 @pytest.mark.parametrize("source", ["srgb_rec709_scene", "srgb_p3d65_scene"])
 def test_a_grade_is_of_linear_light_in_the_capture_s_primaries(source: str) -> None:
     """Exposure, tungsten to daylight, saturation and gain. Oracle: each by colour-science."""
-    colour = chart.science()
+    colour = colour_science()
     stage = chart.chart_stage()
     prim = stage.GetPrimAtPath(chart.FIELD)
     Usd.ColorSpaceAPI(prim).GetColorSpaceNameAttr().Set(source)

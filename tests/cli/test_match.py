@@ -17,6 +17,7 @@ from usdsplat import schema
 from usdsplat.core.grade import Grade
 from usdsplat.images.color import convert
 from usdsplat.images.match import apply_grade
+from usdsplat.images.science import colour_science
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -99,7 +100,7 @@ def test_a_chart_gives_its_colours(run_json, tmp_path, capture_stage) -> None:
     # the chart's cyan is outside of sRGB, where nothing would be linear any more
     linear = np.clip(chart.chart_linear(), 0.01, 1.0)
     wrong = apply_grade(linear, Grade(exposure=-1.0, temperature=8500.0))
-    codes = chart.science().models.eotf_inverse_sRGB(np.clip(wrong, 0.0, 1.0))
+    codes = colour_science().models.eotf_inverse_sRGB(np.clip(wrong, 0.0, 1.0))
     schema.author(stage, chart.FIELD, chart.chart_cloud(codes))
     stage.GetRootLayer().Save()
     patches = tmp_path / "patches.json"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,11 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.grade import UNIT, Grade
 from usdsplat.images.color import COLOR_SPACES, conversion, convert, is_identity
 from usdsplat.images.grade import grade_matrix, temperature_and_tint, white_xyz
+from usdsplat.images.science import colour_science
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.recolor import recolor
 
 SWATCHES = np.array([(0.18, 0.5, 0.9), (0.1, 1.0, 0.05), (1.7, 0.08, 4.0), (0.5, 0.5, 0.5)])
-
-
-def science() -> Any:
-    """colour-science, which warns of optional packages when it is imported."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
-    return colour
 
 
 def graded(rgb: Any, space: str = "lin_rec709_scene", **values: Any) -> Any:
@@ -47,7 +41,7 @@ def test_exposure_is_in_stops_and_gain_a_factor() -> None:
 )
 def test_saturation_keeps_the_luminance_of_the_own_primaries(space: str, name: str) -> None:
     """Oracle: the luminance of colour-science's primaries."""
-    weights = science().RGB_COLOURSPACES[name].matrix_RGB_to_XYZ[1]
+    weights = colour_science().RGB_COLOURSPACES[name].matrix_RGB_to_XYZ[1]
     luminance = SWATCHES @ weights
     np.testing.assert_allclose(
         graded(SWATCHES, space, saturation=0.0), np.tile(luminance[:, None], 3), rtol=2e-4
@@ -77,7 +71,7 @@ def test_the_order_is_matrix_white_balance_gain_saturation() -> None:
 @pytest.mark.parametrize("kelvin", [5000.0, 5500.0, 6504.0, 7500.0, 20000.0])
 def test_cool_lights_are_daylight(kelvin: float) -> None:
     """Oracle: colour-science's CIE D series."""
-    xy = science().temperature.CCT_to_xy_CIE_D(kelvin)
+    xy = colour_science().temperature.CCT_to_xy_CIE_D(kelvin)
     x, _, z = white_xyz(kelvin)
     np.testing.assert_allclose((x / (x + 1 + z), 1 / (x + 1 + z)), xy, atol=1e-6)
 
@@ -85,7 +79,7 @@ def test_cool_lights_are_daylight(kelvin: float) -> None:
 @pytest.mark.parametrize("kelvin", [1500.0, 2000.0, 2856.0, 3200.0, 4000.0])
 def test_warm_lights_are_black_bodies(kelvin: float) -> None:
     """Oracle: colour-science's method of Krystek, and of Kang 2002, which is another fit."""
-    temperature = science().temperature
+    temperature = colour_science().temperature
     x, _, z = white_xyz(kelvin)
     found = 4 * x / (x + 15 + 3 * z), 6 / (x + 15 + 3 * z)
     np.testing.assert_allclose(found, temperature.CCT_to_uv_Krystek1985(kelvin), atol=1e-9)
@@ -103,7 +97,7 @@ def test_the_locus_has_no_step() -> None:
 def test_the_light_that_was_white_becomes_white() -> None:
     """Grey under 3200 K is grey again. Oracle: colour-science's adaptation and its own black body,
     seen as Rec.709."""
-    colour = science()
+    colour = colour_science()
     uv = colour.temperature.CCT_to_uv_Krystek1985(3200.0)
     light = colour.xy_to_XYZ(colour.UCS_uv_to_xy(uv))
     space = colour.RGB_COLOURSPACES["ITU-R BT.709"]
@@ -115,7 +109,7 @@ def test_the_light_that_was_white_becomes_white() -> None:
 @pytest.mark.parametrize("space", ["lin_rec709_scene", "lin_ap1_scene"])
 def test_white_balance_is_bradford_s(space: str) -> None:
     """Oracle: colour-science's chromatic_adaptation_VonKries, in XYZ."""
-    colour = science()
+    colour = colour_science()
     name = {"lin_rec709_scene": "ITU-R BT.709", "lin_ap1_scene": "ACEScg"}[space]
     primaries = colour.RGB_COLOURSPACES[name]
     d65 = colour.xy_to_XYZ((0.3127, 0.3290))
@@ -165,9 +159,6 @@ def test_the_thirteen_numbers_carry_the_grade(target: str) -> None:
     linear = convert(SWATCHES, "srgb_rec709_scene", "lin_rec709_scene")
     expected = linear @ np.reshape(grade, (3, 3)).T
     expected = convert(expected, "lin_rec709_scene", target)
-    from usdsplat.kernels.device import CpuDevice
-    from usdsplat.kernels.recolor import recolor
-
     image = np.concatenate([SWATCHES, np.ones((4, 1))], axis=1)[None].astype(np.float32)
     CpuDevice().run(recolor, image, numbers)
     np.testing.assert_allclose(image[0, :, :3], expected, rtol=1e-4, atol=1e-4)

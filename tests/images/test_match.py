@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from usdsplat.core.grade import UNIT, Grade
 from usdsplat.images.color import convert
 from usdsplat.images.grade import grade_matrix
 from usdsplat.images.match import PARTS, apply_grade, fit_grade, in_primaries
-from usdsplat.images.science import chart, delta_e
+from usdsplat.images.science import chart, colour_science, delta_e
 
 RNG = np.random.default_rng(7)
 COLORS = np.exp(RNG.normal(-1.5, 0.8, (400, 3)))
@@ -120,9 +121,7 @@ def test_nothing_to_fit_to_is_refused() -> None:
 
 def test_the_chart_is_that_of_colour_science() -> None:
     """Oracle: colour-science's own way from xyY to linear Rec.709, by Bradford."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
+    colour = colour_science()
     data = colour.CCS_COLOURCHECKERS["ColorChecker24 - After November 2014"]
     for name, found in chart("classic24").items():
         expected = colour.XYZ_to_RGB(
@@ -141,3 +140,14 @@ def test_the_difference_is_ciede2000() -> None:
     assert delta_e((0.2, 0.3, 0.4), (0.2, 0.3, 0.4)) == 0.0
     np.testing.assert_allclose(delta_e((0, 0, 0), (1, 1, 1)), 100.0, atol=0.01)
     assert delta_e(np.zeros((2, 5, 3)), np.ones((2, 5, 3))).shape == (2, 5)
+
+
+def test_colour_science_leaves_no_trace_of_what_it_misses() -> None:
+    """Numba can be imported after it, and nothing is printed. Oracle: a fresh process."""
+    code = (
+        "from usdsplat.images.science import delta_e\n"
+        "delta_e((0, 0, 0), (1, 1, 1))\n"
+        "import numba"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -10,6 +10,7 @@ from usdsplat.core.errors import UsageError, UsdSplatError
 NEUTRAL_TEMPERATURE = 6504.0
 """[K] of D65, the white of nearly every capture's space."""
 UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""The 3x3 that changes nothing, row-major."""
 
 RANGES = {
     "exposure": (-64.0, 64.0),

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import UsageError
+from usdsplat.core.grade import UNIT
 
 Chromaticities = tuple[float, float, float, float, float, float, float, float]
 """CIE 1931 x y of red, green, blue and white."""
@@ -42,9 +43,6 @@ BRADFORD = np.array(
 )
 
 SRGB = (2.4, 0.055)
-
-UNGRADED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-"""The grade that changes nothing: a unit matrix."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +90,7 @@ def color_space(name: str, *, where: str = "color space") -> ColorSpace:
     return COLOR_SPACES[name]
 
 
-def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNGRADED) -> F32:
+def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNIT) -> F32:
     """Return what a kernel needs to take colours from one space to another.
 
     Args:
@@ -110,11 +108,11 @@ def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNGRADED)
         UsageError: If either name is unknown.
     """
     numbers = _numbers(source, target)
-    if tuple(grade) == UNGRADED:
+    if tuple(grade) == UNIT:
         return np.array(numbers, np.float32)
     if numbers == _NEUTRAL:  # a grade is of linear colour: there and back again
         curve = COLOR_SPACES[source]
-        numbers = (curve.gamma, curve.linear_bias, *UNGRADED, curve.gamma, curve.linear_bias)
+        numbers = (curve.gamma, curve.linear_bias, *UNIT, curve.gamma, curve.linear_bias)
     matrix = np.reshape(numbers[2:11], (3, 3)) @ np.reshape(grade, (3, 3))
     return np.array((*numbers[:2], *matrix.ravel(), *numbers[11:]), np.float32)
 
@@ -162,7 +160,7 @@ def adaptation(source: F64, target: F64) -> F64:
     return np.linalg.inv(BRADFORD) @ (ratio[:, None] * BRADFORD)
 
 
-_NEUTRAL = (1.0, 0.0, *UNGRADED, 1.0, 0.0)
+_NEUTRAL = (1.0, 0.0, *UNIT, 1.0, 0.0)
 
 
 def _numbers(source: str, target: str) -> tuple[float, ...]:

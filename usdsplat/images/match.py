@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import UsageError
-from usdsplat.core.grade import NEUTRAL_TEMPERATURE, RANGES, Grade
-from usdsplat.images.color import UNGRADED, color_space, to_xyz
+from usdsplat.core.grade import NEUTRAL_TEMPERATURE, RANGES, UNIT, Grade
+from usdsplat.images.color import color_space, to_xyz
 from usdsplat.images.grade import grade_matrix
 
 Part = Literal["exposure", "whiteBalance", "matrix"]
@@ -99,7 +99,7 @@ def in_primaries(grade: Grade, space: str) -> Grade:
     Exposure and balance mean the same everywhere; gain and saturation must be neutral.
     """
     chromaticities = color_space(space).chromaticities
-    if chromaticities is None or grade.matrix == UNGRADED:
+    if chromaticities is None or grade.matrix == UNIT:
         return grade
     rec709 = color_space(SPACE).chromaticities
     assert rec709 is not None

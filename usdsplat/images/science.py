@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +31,7 @@ def delta_e(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
     Returns:
         Shape (...,).
     """
-    colour = _colour()
+    colour = colour_science()
     matrix = to_xyz(REC709)
     labs = [
         colour.XYZ_to_Lab(np.asarray(rgb, np.float64) @ matrix.T, np.array(D65))
@@ -48,7 +50,7 @@ def chart(name: str) -> dict[str, F64]:
     Raises:
         UsageError: If there is no such chart; the message lists those there are.
     """
-    colour = _colour()
+    colour = colour_science()
     known = colour.CCS_COLOURCHECKERS
     found = CHARTS.get(name, name)
     if found not in known:
@@ -59,9 +61,17 @@ def chart(name: str) -> dict[str, F64]:
     return {patch: to_rgb @ colour.xyY_to_XYZ(xyy) for patch, xyy in data.data.items()}
 
 
-def _colour() -> Any:
-    """The module, which takes half a second and warns of optional packages at import."""
+def colour_science() -> Any:
+    """Return the module `colour`, which takes half a second to import, without a word on stderr.
+
+    It warns of optional packages, and where SciPy or Matplotlib is missing it leaves a mock in its
+    place, which others then take for the real one: importing Numba fails. They are taken away.
+    """
+    before = set(sys.modules)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import colour
+    for name in set(sys.modules) - before:
+        if isinstance(sys.modules[name], Mock):
+            del sys.modules[name]
     return colour
