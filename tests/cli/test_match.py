@@ -110,7 +110,7 @@ def test_a_chart_gives_its_colours(run_json, tmp_path, capture_stage) -> None:
         "match", capture_stage, "-o", target, "--chart", "classic24", "--patches", patches,
         "--camera", "Cam", "--resolution", f"{chart.SIZE[0]}x{chart.SIZE[1]}",
     )  # fmt: skip
-    assert (report["kind"], report["samples"]) == ("patch", 24)
+    assert (report["kind"], report["samples"]) == ("patches", 24)
     assert report["delta_e"]["before"]["mean"] > 10
     assert report["delta_e"]["after"]["mean"] < 1.0
     found = chart.patches(chart.picture(Usd.Stage.Open(str(target)), color_mode="scene"))
@@ -125,6 +125,23 @@ def test_an_older_grade_is_replaced(run_json, tmp_path, capture_stage, plate) ->
     stage.GetRootLayer().Save()
     again = run_json("match", capture_stage, "-o", tmp_path / "b.usda", "--reference", plate)
     assert {**again, "target": ""} == {**first, "target": ""}
+
+
+def test_only_the_chosen_field_is_graded(run_json, tmp_path, capture_stage, plate) -> None:
+    """A second field before some patches. Oracle: the grade of the plate, and the layer's prims."""
+    stage = Usd.Stage.Open(str(capture_stage))
+    other = schema.author(stage, "/World/Other", chart.chart_cloud(np.full((3, 3), 0.5)))
+    UsdGeom.Xformable(other).AddTranslateOp().Set((0, 0, 1))
+    stage.GetRootLayer().Save()
+    target = tmp_path / "graded.usda"
+    report = run_json(
+        "match", capture_stage, "-o", target, "--reference", plate, "--prim", chart.FIELD,
+        "--fit", "exposure,whiteBalance",
+    )  # fmt: skip
+    assert report["prim_paths"] == [chart.FIELD]
+    assert report["exposure"] == pytest.approx(GRADE["exposure"], abs=1e-3)
+    layer = Sdf.Layer.FindOrOpen(str(target))
+    assert not layer.GetPrimAtPath("/World/Other")
 
 
 def test_other_things_in_the_picture_do_not_count(run_json, tmp_path, capture_stage, plate) -> None:

@@ -13,7 +13,7 @@ from usdsplat.core.grade import Grade
 
 def test_the_neutral_grade_is_in_range() -> None:
     """Oracle: no error."""
-    Grade().check("grade")
+    Grade().check("grade ")
 
 
 @pytest.mark.parametrize(
@@ -29,11 +29,11 @@ def test_the_neutral_grade_is_in_range() -> None:
 def test_a_value_out_of_range_is_refused_by_name(values: dict[str, Any], message: str) -> None:
     """Oracle: the sentence, as the ranges are documented."""
     with pytest.raises(UsageError) as caught:
-        Grade(**values).check("grade")
+        Grade(**values).check("grade ")
     assert str(caught.value) == message
 
 
 def test_the_class_of_the_error_is_the_caller_s() -> None:
     """Oracle: the class that was asked for."""
     with pytest.raises(StageError):
-        Grade(exposure=1e9).check("/Splats grade", error=StageError)
+        Grade(exposure=1e9).check("/Splats ", error=StageError)

@@ -93,6 +93,23 @@ def test_the_environment_names_the_config(monkeypatch, config) -> None:
     assert open_view(view="Power", working_space="lin_ap1_scene").config == config
 
 
+@pytest.mark.parametrize("look", ["", GAMUT])
+def test_a_view_is_what_ocio_says(look: str) -> None:
+    """Oracle: OCIO's own binding, forward again."""
+    ocio = pytest.importorskip("PyOpenColorIO")
+    view = ocio.LegacyViewingPipeline()
+    view.setDisplayViewTransform(ocio.DisplayViewTransform("ACEScg", "sRGB - Display", ACES))
+    if look:
+        view.setLooksOverrideEnabled(True)
+        view.setLooksOverride(look)
+    config = ocio.Config.CreateFromFile(STUDIO)
+    forward = view.getProcessor(config).getDefaultCPUProcessor()
+    linear, _ = named(look=look).inverse(SWATCHES, most=65504.0)
+    shown = linear.copy()
+    forward.applyRGB(shown)
+    np.testing.assert_allclose(shown, SWATCHES, atol=5e-4)
+
+
 def test_aces_comes_back_and_white_is_128() -> None:
     """Oracle: the round trip itself; ACES 2.0's own statement of where display white lies."""
     view = named()

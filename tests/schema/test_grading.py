@@ -92,12 +92,12 @@ def test_a_grade_may_be_animated(stage: Usd.Stage) -> None:
 def test_values_out_of_range_are_refused_in_both_directions(stage: Usd.Stage) -> None:
     """Oracle: the documented range."""
     prim = schema.author(stage, "/Splats", cloud())
-    with pytest.raises(UsageError, match="/Splats grade temperature: found 10"):
+    with pytest.raises(UsageError, match="/Splats splat:grade:temperature: found 10"):
         schema.author_grade(prim, temperature=10.0)
     assert not prim.HasAPI(tokens.GRADE_API)
     schema.author_grade(prim, temperature=5000.0)
     prim.GetAttribute(tokens.GRADE_TEMPERATURE).Set(10.0)
-    with pytest.raises(StageError, match="/Splats grade temperature: found 10"):
+    with pytest.raises(StageError, match="/Splats splat:grade:temperature: found 10"):
         schema.grade(prim)
 
 

@@ -34,6 +34,10 @@ FLAGS = (
     "frame",
     "frames",
     "meters-per-unit",
+    "ocio-config",
+    "ocio-display",
+    "ocio-look",
+    "ocio-view",
     "prim",
     "purposes",
     "rasterize-mode",
@@ -43,6 +47,7 @@ FLAGS = (
     "sorting",
     "threads",
     "up-axis",
+    "working-space",
 )
 """Options whose values the library checks, and names in its own words."""
 

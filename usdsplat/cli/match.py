@@ -81,7 +81,8 @@ def run(options: Options) -> int:
     _check_flags(options)
     check_suffix(options.output)
     time = time_code(options.time)
-    stage = open_stage(options.stage, options.opening)
+    keep = (options.camera,) if options.camera and options.camera[0] == "/" else ()
+    stage = open_stage(options.stage, options.opening, keep=keep)
     check_not_input(options.output, layer_files(stage))
     if time is None and stage.HasAuthoredTimeCodeRange():
         time = stage.GetStartTimeCode()
@@ -132,7 +133,7 @@ def _check_flags(options: Options) -> None:
 def _told(report: Report) -> str:
     """The report for people, a few lines."""
     before, after = report.delta_e["before"], report.delta_e["after"]
-    samples = counted(report.samples, report.kind)
+    samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [
         f"{report.target}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
         *(f"  prim         {path}" for path in report.prim_paths),

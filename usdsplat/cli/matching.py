@@ -84,6 +84,7 @@ class _Goal:
     """Straight linear Rec.709 colours of a picture, shape (n, 3)."""
     wanted: F64
     kind: str
+    """What the colours are of, "pixels" or "patches"."""
 
 
 def match(engine: Engine, stage: Usd.Stage, request: Request) -> Report:
@@ -215,7 +216,7 @@ def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, wher
     def measure(image: Pixels) -> F64:
         return image.reshape(-1, 3)[at].astype(np.float64)
 
-    return _Goal(measure=measure, wanted=measure(wanted), kind="pixel")
+    return _Goal(measure=measure, wanted=measure(wanted), kind="pixels")
 
 
 def _patches(own: npt.NDArray[np.bool_], request: Request) -> _Goal:
@@ -237,7 +238,7 @@ def _patches(own: npt.NDArray[np.bool_], request: Request) -> _Goal:
         return np.array([rows[at].mean(axis=0) for at in places.values()])
 
     wanted = np.array([colors[name] for name in places])
-    return _Goal(measure=measure, wanted=wanted, kind="patch")
+    return _Goal(measure=measure, wanted=wanted, kind="patches")
 
 
 def _regions(text: str, names: tuple[str, ...]) -> dict[str, tuple[int, int, int, int]]:

@@ -43,10 +43,14 @@ class Grade:
     """3x3, row-major, for column vectors: the first row makes red."""
 
     def check(self, where: str, *, error: type[UsdSplatError] = UsageError) -> None:
-        """Refuse what is out of range or not finite; `where` and `error` are for the message.
+        """Refuse what is out of range or not finite.
+
+        Args:
+            where: What the message has before the name of the value.
+            error: Class of the error.
 
         Raises:
-            UsdSplatError: Of the class `error`, about the first value that is wrong.
+            UsdSplatError: About the first value that is wrong.
         """
         for item in fields(self):
             value = getattr(self, item.name)
@@ -55,4 +59,4 @@ class Grade:
             for number in values:
                 if not (low <= number <= high and math.isfinite(number)):
                     expected = f"{low:g} to {high:g}" if item.name in RANGES else "a finite number"
-                    raise error(f"{where} {item.name}", f"{number:g}", expected)
+                    raise error(f"{where}{item.name}", f"{number:g}", expected)

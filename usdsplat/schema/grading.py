@@ -13,6 +13,7 @@ from usdsplat.schema import tokens
 from usdsplat.schema.attributes import Time, set_array
 
 _Type = Sdf.ValueTypeNames
+_PREFIX = "splat:grade:"
 _ATTRIBUTES = {
     "exposure": (tokens.GRADE_EXPOSURE, _Type.Float),
     "temperature": (tokens.GRADE_TEMPERATURE, _Type.Float),
@@ -48,7 +49,7 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
             found = f"a value of type {attribute.GetTypeName()}"
             raise StageError(f"{prim.GetPath()} {name}", found, str(kind)) from error
     result = Grade(**values)
-    result.check(f"{prim.GetPath()} grade", error=StageError)
+    result.check(f"{prim.GetPath()} {_PREFIX}", error=StageError)
     return result
 
 
@@ -63,7 +64,7 @@ def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
     Raises:
         UsageError: If a value is out of range or not finite.
     """
-    Grade(**values).check(f"{prim.GetPath()} grade")
+    Grade(**values).check(f"{prim.GetPath()} {_PREFIX}")
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     prim.AddAppliedSchema(tokens.GRADE_API)
     for field, value in values.items():

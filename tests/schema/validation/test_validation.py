@@ -313,6 +313,20 @@ def test_a_hint_that_nobody_knows_is_found(stage: Usd.Stage, name: str) -> None:
     assert (finding.attribute, finding.found) == (name, "'sideways'")
 
 
+@pytest.mark.parametrize("time", [None, 2.0])
+def test_a_grade_out_of_range_is_found(stage: Usd.Stage, time: float | None) -> None:
+    """With its time where it is animated. Oracle: the range in the schema."""
+    prim = schema.author(stage, "/Splats", cloud())
+    schema.author_grade(prim, time=1.0 if time else None, temperature=5000.0)
+    assert found(stage) == {}
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    prim.GetAttribute("splat:grade:temperature").Set(10.0, code)
+    finding = found(stage)["illegalGrade"]
+    assert (finding.severity, finding.time) == ("error", time)
+    assert finding.message.endswith("found 10, expected 1000 to 25000")
+    assert ".splat:grade:temperature" in finding.message
+
+
 def test_a_stage_that_does_not_say_how_large_it_is_is_warned_of() -> None:
     """Oracle: USD's own question whether the metadata is authored; without splats nobody cares."""
     bare = Usd.Stage.CreateInMemory()

@@ -24,7 +24,7 @@ Check = Callable[[Sample], Iterator[Finding]]
 
 VALIDATORS = {
     "SplatArrays": "Arrays of splats have one length and legal, finite numbers.",
-    "SplatRadiance": "Harmonics have a legal degree, matching counts and a named colour space.",
+    "SplatRadiance": "Harmonics have a legal degree, matching counts, a named colour space and a legal grade.",
     "SplatExtent": "The extent holds every splat out to where it stops contributing.",
     "SplatPacking": "Packed arrays have a known layout and fit together.",
 }
@@ -44,6 +44,7 @@ CHECKS: dict[str, Sequence[Check]] = {
         radiance.coefficients,
         radiance.color_space,
         radiance.modes,
+        radiance.grade,
     ),
     "SplatExtent": (box.extent,),
     "SplatPacking": (packing.layout, packing.arrays, packing.ranges),

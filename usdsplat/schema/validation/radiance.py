@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
-from pxr import UsdGeom
+from pxr import Usd, UsdGeom
 
+from usdsplat.core.errors import StageError
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.core.wording import counted
-from usdsplat.schema import hints, tokens
+from usdsplat.schema import attributes, grading, hints, tokens
 from usdsplat.schema.validation.finding import Finding, Sample
 
 INTERCHANGE_DEGREE = 3
@@ -92,6 +94,21 @@ def modes(sample: Sample) -> Iterator[Finding]:
             expected = f"one of {', '.join(allowed)}"
             cure = f"author one of these; readers take it for {allowed[0]}"
             yield sample.finding("error", name, "unknownMode", repr(value), expected, cure)
+
+
+def grade(sample: Sample) -> Iterator[Finding]:
+    """In range and of the schema's types; where only the grade is animated, at all of its times."""
+    times = attributes.sample_times(sample.prim, tokens.GRADE_ATTRIBUTES)
+    codes = [Usd.TimeCode(time) for time in times] if sample.code.IsDefault() else []
+    for code in codes or [sample.code]:
+        try:
+            grading.grade(sample.prim, code)
+        except StageError as error:
+            name = error.where.split()[-1]
+            cure = "author a legal value; readers do not draw the field"
+            at = replace(sample, code=code)
+            yield at.finding("error", name, "illegalGrade", error.found, error.expected, cure)
+            return
 
 
 def _metadata(sample: Sample, name: str) -> Iterator[Finding]:
