@@ -53,14 +53,20 @@ def contents(engine: Engine) -> list[tuple[object, ...]]:
     """All that an engine would draw, in the order of drawing, down to the last bit."""
     engine.sync()
     return [
-        (path, *_hints(field.spec), instance, field.crops, *_bytes(field.spec.cloud))
+        (
+            path,
+            *_hints(field.spec),
+            instance,
+            field.crops,
+            *_bytes(field.spec.cloud),
+            field.spec.grade,
+        )
         for path, field, instance in engine.render_scene.drawn()
     ]
 
 
-def _hints(spec: FieldSpec) -> tuple[object, ...]:
-    modes = spec.rasterize_mode, spec.projection_mode, spec.sorting_mode
-    return spec.color_space, spec.grade, *modes
+def _hints(spec: FieldSpec) -> tuple[str, ...]:
+    return spec.color_space, spec.rasterize_mode, spec.projection_mode, spec.sorting_mode
 
 
 def _bytes(cloud: SplatCloud) -> tuple[bytes | None, ...]:
