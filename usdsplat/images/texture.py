@@ -1,0 +1,129 @@
+"""Pictures that lie on surfaces, read by OpenImageIO as linear Rec.709.
+
+Encoded values are decoded before anything is averaged. A picture of more than `LARGEST` pixels a
+side is reduced by a whole factor: each pixel of the result is the mean of a square of the original
+ones, of what is there of it at the right and lower edge.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio
+
+from usdsplat.core.cloud import F32
+from usdsplat.core.errors import FormatError
+from usdsplat.images.color import convert
+
+LARGEST = 4096
+"""Pixels a side that are kept."""
+READABLE = 1 << 30
+"""Pixels that a picture may claim to have."""
+
+Encoding = Literal["auto", "sRGB", "raw"]
+
+
+def read_texture(path: Path | str, *, encoding: Encoding = "auto", largest: int = LARGEST) -> F32:
+    """Return the picture at `path`.
+
+    Args:
+        path: A file of any kind that OpenImageIO reads; of several parts or levels the first.
+        encoding: How colours are encoded; auto is sRGB for 8-bit pictures in colour, else raw, as
+            UsdUVTexture says.
+        largest: Pixels a side beyond which the picture is reduced.
+
+    Returns:
+        Linear Rec.709, shape (h, w, 3), row 0 at the top; grey becomes equal channels, alpha is
+        left out.
+
+    Raises:
+        FormatError: If the file cannot be read as a picture.
+    """
+    pixels = _read(str(path))
+    colored = pixels.shape[2] >= 3
+    if encoding == "auto":
+        encoding = "sRGB" if pixels.dtype == np.uint8 and colored else "raw"
+    step = -(-max(pixels.shape[:2]) // largest)
+    rgb = pixels[..., :3] if colored else np.repeat(pixels[..., :1], 3, axis=2)
+    return _linear(rgb, encoding, step)
+
+
+def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") -> F32:
+    """Return the picture that `data` holds, as `read_texture` does; `name` tells its format.
+
+    Raises:
+        FormatError: If it cannot be read as a picture.
+    """
+    # OpenImageIO's Python reads from files only.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"texture{Path(name).suffix}"
+        path.write_bytes(data)
+        try:
+            return read_texture(path, encoding=encoding)
+        except FormatError as error:
+            raise FormatError(name, error.found, error.expected) from None
+
+
+def _read(path: str) -> npt.NDArray[Any]:
+    """All channels in the file's own type, shape (h, w, c)."""
+    file = oiio.ImageInput.open(path)
+    if file is None:
+        raise FormatError(path, _reason(), "a picture")
+    try:
+        spec = file.spec()
+        if spec.width * spec.height * spec.depth > READABLE or spec.depth != 1:
+            found = f"{spec.width} x {spec.height} x {spec.depth} pixels"
+            raise FormatError(path, found, f"a flat picture of at most {READABLE}")
+        whole = spec.format.basetype in (oiio.UINT8, oiio.UINT16)
+        kind = spec.format if whole else oiio.TypeFloat
+        pixels = file.read_image(0, 0, 0, min(spec.nchannels, 4), kind)
+        if pixels is None:
+            raise FormatError(path, file.geterror() or "pixels that cannot be read", "a picture")
+    finally:
+        file.close()
+    return np.asarray(pixels).reshape(spec.height, spec.width, -1)
+
+
+def _reason() -> str:
+    """What OpenImageIO says is wrong, on one line."""
+    return " ".join(oiio.geterror().split()) or "a file that cannot be read"
+
+
+def _linear(rgb: npt.NDArray[Any], encoding: Encoding, step: int) -> F32:
+    """Decode, and reduce by `step`, band by band."""
+    height, width = -(-rgb.shape[0] // step), -(-rgb.shape[1] // step)
+    table = _table(rgb.dtype, encoding)
+    found = np.empty((height, width, 3), np.float32)
+    for y in range(height):
+        rows = rgb[y * step : (y + 1) * step]
+        linear = table[rows] if table is not None else _decoded(rows, encoding)
+        found[y] = linear[0] if step == 1 else _mean(linear, step)
+    return found
+
+
+def _table(dtype: np.dtype[Any], encoding: Encoding) -> F32 | None:
+    """What each whole number stands for; None where pixels are not such."""
+    if dtype.kind != "u":
+        return None
+    top = np.iinfo(dtype).max
+    return _decoded(np.arange(top + 1, dtype=np.float32) / np.float32(top), encoding)
+
+
+def _decoded(values: npt.NDArray[Any], encoding: Encoding) -> F32:
+    if encoding == "raw":
+        return values.astype(np.float32)
+    triples = np.stack([values] * 3, axis=-1) if values.ndim == 1 else values
+    linear = convert(triples, "srgb_rec709_scene", "lin_rec709_scene").astype(np.float32)
+    return linear[:, 0] if values.ndim == 1 else linear
+
+
+def _mean(rows: F32, step: int) -> F32:
+    """Means of squares of `step` pixels a side, shape (width, 3), of one row of them."""
+    starts = np.arange(0, rows.shape[1], step)
+    sums = np.add.reduceat(rows.sum(axis=0, dtype=np.float64), starts, axis=0)
+    counts = np.diff(np.append(starts, rows.shape[1])) * len(rows)
+    return (sums / counts[:, None]).astype(np.float32)
