@@ -47,9 +47,11 @@ class Engine:
         threads: How many to use; None for all.
         time: Time code; None for USD's default time, which ignores time samples.
         purposes: Which of default, render, proxy and guide are drawn.
+        refinement: How often subdivision surfaces are refined, 0 to 5.
 
     Raises:
         BackendError: If the device is not usable here.
+        UsageError: If the refinement is out of range.
     """
 
     def __init__(
@@ -60,13 +62,15 @@ class Engine:
         threads: int | None = None,
         time: float | None = None,
         purposes: tuple[str, ...] = PURPOSES,
+        refinement: int = 2,
     ) -> None:
+        _check_refinement(refinement)
         self._renderer = Renderer(open_device(device, threads=threads))
         self._param = RenderParam(RenderScene())
         self._index = RenderIndex(self._param)
         self._pass = RenderPass(self._renderer, self._param)
         self._scene: UsdSceneDelegate | None = UsdSceneDelegate(
-            stage, self._index, time=time, purposes=purposes
+            stage, self._index, time=time, purposes=purposes, refinement=refinement
         )
 
     # --- the stage -------------------------------------------------------------------------
@@ -83,6 +87,15 @@ class Engine:
     def set_purposes(self, purposes: tuple[str, ...]) -> None:
         """Draw other purposes than before."""
         self._open().set_purposes(purposes)
+
+    def set_refinement(self, levels: int) -> None:
+        """Refine subdivision surfaces as often as this, 0 to 5; only meshes are made anew.
+
+        Raises:
+            UsageError: If it is out of range.
+        """
+        _check_refinement(levels)
+        self._open().set_refinement(levels)
 
     def sync(self) -> None:
         """Bring the render scene up to date with the stage. Pictures do this by themselves."""
@@ -127,6 +140,11 @@ class Engine:
         """Return the paths of the stage's splat fields, seen or not, sorted."""
         self.sync()
         return sorted(self._index.fields)
+
+    def meshes(self) -> list[str]:
+        """Return the paths of the stage's meshes and shapes, seen or not, sorted."""
+        self.sync()
+        return sorted(self._index.meshes)
 
     def view(
         self,
@@ -343,3 +361,8 @@ class Engine:
         if found.spec is None:
             raise self._open().problems[path, "camera"]
         return found.spec
+
+
+def _check_refinement(levels: int) -> None:
+    if levels not in range(6):
+        raise UsageError("refinement", str(levels), "a whole number from 0 to 5")

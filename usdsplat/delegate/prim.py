@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import InstancerSpec, Placement
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec
+from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 
 class SceneDelegate(Protocol):
@@ -22,11 +22,14 @@ class SceneDelegate(Protocol):
     def field(self, path: str) -> FieldSpec | None:
         """The splats of a field; None when it cannot be drawn."""
 
+    def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
+        """A mesh, of which only what `bits` marks is read again; None when it cannot be drawn."""
+
     def crops(self, path: str) -> tuple[CropSpec, ...]:
         """The volumes that a field is cropped by, in the world."""
 
     def placements(self, path: str) -> tuple[Placement, ...]:
-        """Every way by which a field is seen."""
+        """Every way by which a field or a mesh is seen."""
 
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
         """For each placement the matrices of its levels, outermost first."""
@@ -39,6 +42,9 @@ class SceneDelegate(Protocol):
 
     def camera(self, path: str) -> CameraSpec | None:
         """A camera; None when it cannot be used."""
+
+    def light(self, path: str) -> LightSpec | None:
+        """A light; None when it is hidden or cannot be used."""
 
 
 class Prim(ABC):
@@ -58,9 +64,5 @@ class Prim(ABC):
         """Take back what `sync` put into the render scene."""
 
 
-class Rprim(Prim):
-    """Something that can be seen."""
-
-
 class Sprim(Prim):
-    """State that views need, such as a camera."""
+    """State that pictures need, such as a camera or a light."""

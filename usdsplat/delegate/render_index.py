@@ -9,6 +9,8 @@ from typing import TypeVar
 from usdsplat.delegate.camera import Camera
 from usdsplat.delegate.change_tracker import ChangeTracker
 from usdsplat.delegate.instancer import Instancer
+from usdsplat.delegate.light import Light
+from usdsplat.delegate.mesh import Mesh
 from usdsplat.delegate.prim import Prim, SceneDelegate
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
@@ -19,22 +21,31 @@ P = TypeVar("P", bound=Prim)
 
 
 class RenderIndex:
-    """Owns rprims (fields), instancers, sprims (cameras) and bprims (render buffers)."""
+    """Owns rprims (fields, meshes), instancers, sprims (cameras, lights) and bprims (render
+    buffers)."""
 
     def __init__(self, param: RenderParam) -> None:
         self.tracker = ChangeTracker()
         self._param = param
         self._fields: dict[str, SplatField] = {}
+        self._meshes: dict[str, Mesh] = {}
         self._instancers: dict[str, Instancer] = {}
         self._cameras: dict[str, Camera] = {}
+        self._lights: dict[str, Light] = {}
         self._buffers: dict[str, RenderBuffer] = {}
         self.fields: Mapping[str, SplatField] = MappingProxyType(self._fields)
+        self.meshes: Mapping[str, Mesh] = MappingProxyType(self._meshes)
         self.instancers: Mapping[str, Instancer] = MappingProxyType(self._instancers)
         self.cameras: Mapping[str, Camera] = MappingProxyType(self._cameras)
+        self.lights: Mapping[str, Light] = MappingProxyType(self._lights)
 
     def insert_field(self, path: str) -> None:
         """Add an rprim; it pulls everything at the next sync."""
         self._insert(self._fields, SplatField(path, self.instancers))
+
+    def insert_mesh(self, path: str) -> None:
+        """Add an rprim; it pulls everything at the next sync."""
+        self._insert(self._meshes, Mesh(path, self.instancers))
 
     def insert_instancer(self, path: str) -> None:
         """Add an instancer; it pulls everything at the next sync."""
@@ -44,17 +55,29 @@ class RenderIndex:
         """Add a sprim; it pulls everything at the next sync."""
         self._insert(self._cameras, Camera(path))
 
+    def insert_light(self, path: str) -> None:
+        """Add a sprim; it pulls everything at the next sync."""
+        self._insert(self._lights, Light(path))
+
     def remove_field(self, path: str) -> None:
         """Remove an rprim and what it put into the render scene."""
         self._remove(self._fields, path)
 
+    def remove_mesh(self, path: str) -> None:
+        """Remove an rprim and what it put into the render scene."""
+        self._remove(self._meshes, path)
+
     def remove_instancer(self, path: str) -> None:
-        """Remove an instancer; the fields it carried must get other placements."""
+        """Remove an instancer; the rprims it carried must get other placements."""
         self._remove(self._instancers, path)
 
     def remove_camera(self, path: str) -> None:
         """Remove a sprim."""
         self._remove(self._cameras, path)
+
+    def remove_light(self, path: str) -> None:
+        """Remove a sprim and what it put into the render scene."""
+        self._remove(self._lights, path)
 
     def buffer(self, aov: str) -> RenderBuffer:
         """Return the bprim that holds an AOV, made at first use."""
@@ -71,17 +94,28 @@ class RenderIndex:
 
         Bprims have nothing to pull: the render pass allocates them.
         """
-        for kind in (self._cameras, self._instancers, self._fields):
+        kinds: tuple[Mapping[str, Prim], ...] = (
+            self._cameras,
+            self._lights,
+            self._instancers,
+            self._fields,
+            self._meshes,
+        )
+        for kind in kinds:
             self._sync(kind, scene)
 
     def close(self) -> None:
         """Remove every prim."""
         for path in list(self._fields):
             self.remove_field(path)
+        for path in list(self._meshes):
+            self.remove_mesh(path)
         for path in list(self._instancers):
             self.remove_instancer(path)
         for path in list(self._cameras):
             self.remove_camera(path)
+        for path in list(self._lights):
+            self.remove_light(path)
         for buffer in self._buffers.values():
             buffer.deallocate()
         self._buffers.clear()

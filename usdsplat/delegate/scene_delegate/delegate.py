@@ -9,7 +9,7 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Tf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsdSplatError
@@ -21,12 +21,18 @@ from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_proble
 from usdsplat.delegate.scene_delegate.crops import read_crop
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
 from usdsplat.delegate.scene_delegate.fields import read_field
+from usdsplat.delegate.scene_delegate.geometry import Context
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
+from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
 from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
+from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
+from usdsplat.delegate.scene_delegate.skeletons import Skeletons
+from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.variability import varying_bits
-from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec
+from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 T = TypeVar("T")
 
@@ -47,6 +53,7 @@ class UsdSceneDelegate:
         *,
         time: float | None,
         purposes: Iterable[str],
+        refinement: int,
     ) -> None:
         self.stage = stage
         self.pulls: Counter[str] = Counter()
@@ -57,6 +64,12 @@ class UsdSceneDelegate:
         self._index = index
         self._population = Population()
         self._dependencies = Dependencies(self._population)
+        self._refinement = refinement
+        self._textures = Textures()
+        self._skeletons = Skeletons()
+        self._readings = Readings(stage)
+        self._meshes: dict[str, MeshReader] = {}
+        self._said: set[str] = set()
         self._varying: dict[str, DirtyBits] = {}
         self.problems: dict[tuple[str, str], UsdSplatError] = {}
         """Path and kind of what could not be read -> why."""
@@ -75,7 +88,11 @@ class UsdSceneDelegate:
         """One sentence for each prim that cannot be used as it is, by path."""
         found = {(path, ""): why for path, why in self._population.problems.items()}
         found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
-        return tuple(_told(found[key], key[1]) for key in sorted(found))
+        told = [(path, _told(why, kind)) for (path, kind), why in found.items()]
+        for path, reader in self._meshes.items():
+            if self._is_of_interest(path, "mesh") and (path, "mesh") not in found:
+                told += [(path, f"{why}; it is left out") for why in reader.problems]
+        return tuple(dict.fromkeys(sentence for _, sentence in sorted(told)))
 
     def set_time(self, time: float | None) -> None:
         """Go to another time with the next update."""
@@ -88,11 +105,21 @@ class UsdSceneDelegate:
             self._purposes = wanted
             self._index.tracker.mark_all(DirtyBits.RENDER_TAG)
 
+    def set_refinement(self, levels: int) -> None:
+        """Refine subdivision surfaces as often as this from the next sync on."""
+        if levels != self._refinement:
+            self._refinement = levels
+            for path in self._population.meshes:
+                self._index.tracker.mark(path, DirtyBits.DISPLAY_STYLE)
+
     def close(self) -> None:
         """Stop listening and let go of every prim."""
         self._notices.close()
         self._population = Population()
         self._xforms.Clear()
+        self._skeletons.clear()
+        self._textures.clear()
+        self._meshes.clear()
 
     # --- what has changed ------------------------------------------------------------------
 
@@ -100,8 +127,11 @@ class UsdSceneDelegate:
         """Bring the index's prims and their dirty bits up to date with the stage and the time."""
         changes = self._notices.take()
         self._is_stale |= changes.structural
+        self._is_stale |= changes.inherited and bool(self.stage.GetPrototypes())
         rate = self.stage.GetTimeCodesPerSecond()
         changes.everything |= rate != self._rate  # muting a layer changes it without a notice
+        if changes:
+            self._skeletons.clear()
         self._mark(changes)
         self._rate = rate
         if self._is_stale:
@@ -118,6 +148,10 @@ class UsdSceneDelegate:
         self._population = found
         self._dependencies = Dependencies(found)
         self._varying.clear()
+        for path in self._meshes.keys() - found.meshes.keys():
+            del self._meshes[path]
+            self._readings.remove(path)
+        self._readings.refresh()
         self.problems = {key: why for key, why in self.problems.items() if _is_in(found, *key)}
 
     def _mark(self, changes: Changes) -> None:
@@ -125,7 +159,10 @@ class UsdSceneDelegate:
             self._varying.clear()
             self._index.tracker.mark_all(DirtyBits.ALL)
             return
-        for path, bits in self._dependencies.reached_by(changes):
+        for path, bits in (
+            *self._dependencies.reached_by(changes),
+            *self._readings.reached_by(changes),
+        ):
             self._varying.pop(path, None)
             self._index.tracker.mark(path, bits)
 
@@ -136,9 +173,10 @@ class UsdSceneDelegate:
             tracker.mark_all(DirtyBits.ALL & ~DirtyBits.INSTANCE_INDEX)
             return
         known = self._population
-        for path in (*known.instancers, *known.cameras, *known.fields):
+        rprims = (path for path, _ in known.rprims())
+        for path in (*known.instancers, *known.cameras, *known.lights, *rprims):
             if path not in self._varying:
-                self._varying[path] = varying_bits(known, path)
+                self._varying[path] = varying_bits(known, self._readings, path)
             tracker.mark(path, self._varying[path])
 
     # --- answers, as `SceneDelegate` describes them ----------------------------------------
@@ -147,6 +185,27 @@ class UsdSceneDelegate:
         """Implements `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
         return self._pull("field", path, partial(read_field, prim, self.time), None)
+
+    def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
+        """Implements `SceneDelegate.mesh`."""
+        prim = self._population.meshes[path].prim
+        if path not in self._meshes:
+            self._meshes[path] = MeshReader(path, self._textures, self._readings)
+        reader = self._meshes[path]
+        context = Context(
+            time=self._code,
+            levels=self._refinement,
+            skeletons=self._skeletons,
+            pulls=self.pulls,
+        )
+        spec = self._pull("mesh", path, partial(reader.read, prim, bits, context), None)
+        if reader.has_other_sources:
+            self._varying.pop(path, None)
+        for why in reader.problems if spec else ():
+            if str(why) not in self._said:
+                self._said.add(str(why))
+                LOG.warning("left out: %s", why)
+        return spec
 
     def crops(self, path: str) -> tuple[CropSpec, ...]:
         """Implements `SceneDelegate.crops`."""
@@ -165,7 +224,16 @@ class UsdSceneDelegate:
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
         """Implements `SceneDelegate.transforms`."""
         self.pulls["transforms"] += 1
-        found = tuple(placing.transforms(each, self._xforms) for each in self._appearances(path))
+        frame: Callable[[Usd.Prim], Usd.Prim] = _itself
+        if path in self._population.meshes:
+            sources = Sources(self.stage, DirtyBits.TRANSFORM)
+            frame = partial(self._skeletons.frame, sources=sources)
+        found = tuple(
+            placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
+            for each in self._appearances(path)
+        )
+        if path in self._population.meshes and self._readings.put(path, "transforms", sources):
+            self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
         error = StageError(path, "a transform that is not finite", "numbers")
         self._remark("transforms", path, None if finite else error)
@@ -194,6 +262,16 @@ class UsdSceneDelegate:
         self._remark("shutter", path, shutter_problem(prim, self._code))
         return self._pull("camera", path, read, None)
 
+    def light(self, path: str) -> LightSpec | None:
+        """Implements `SceneDelegate.light`."""
+        prim = self._population.lights[path]
+        if UsdGeom.Imageable(prim).ComputeVisibility(self._code) == UsdGeom.Tokens.invisible:
+            self.pulls["light"] += 1
+            self.problems.pop((path, "light"), None)
+            return None
+        read = partial(read_light, prim, self._code, self._xforms)
+        return self._pull("light", path, read, None)
+
     # --- private ---------------------------------------------------------------------------
 
     @property
@@ -202,10 +280,13 @@ class UsdSceneDelegate:
 
     def _is_of_interest(self, path: str, kind: str) -> bool:
         """Arrays of what nobody sees may be broken: they are not read again until it shows."""
+        if kind == "mesh":
+            return self._index.meshes[path].is_seen
         return kind != "field" or self._index.fields[path].is_seen
 
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
-        return self._population.fields[path].appearances
+        known = self._population
+        return (known.fields if path in known.fields else known.meshes)[path].appearances
 
     def _remark(self, kind: str, path: str, problem: UsdSplatError | None) -> None:
         """Note what is wrong with a prim that is used all the same, or that nothing is any more."""
@@ -220,22 +301,35 @@ class UsdSceneDelegate:
         try:
             return read()
         except UsdSplatError as error:
-            self.problems[path, kind] = error
-            if str(error) != str(before):
-                LOG.warning("left out: %s", error)
-            return unusable
+            why = error
+        except Tf.ErrorException:  # USD's own checks, such as those of joint influences
+            why = StageError(path, "values that USD cannot put together", "some that fit")
+        self.problems[path, kind] = why
+        if str(why) != str(before):
+            LOG.warning("left out: %s", why)
+        return unusable
 
 
 def _told(why: UsdSplatError, kind: str) -> str:
     """The sentence, and what becomes of the prim."""
-    return f"{why}; it is not drawn" if kind == "field" else str(why)
+    return f"{why}; it is not drawn" if kind in ("field", "mesh") else str(why)
 
 
 def _is_in(population: Population, path: str, kind: str) -> bool:
     """Whether there is still a prim of the kind that a problem was found with."""
     prims = {
+        "field": population.fields,
+        "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,
         "shutter": population.cameras,
+        "light": population.lights,
     }
+    if kind == "transforms":
+        return path in population.fields or path in population.meshes
     return path in prims.get(kind, population.fields)
+
+
+def _itself(prim: Usd.Prim) -> Usd.Prim:
+    """What places a prim that nothing else carries."""
+    return prim

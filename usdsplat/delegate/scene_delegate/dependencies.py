@@ -24,6 +24,43 @@ FIELD_PROPERTIES = (
 )
 """What a field is read from; it may have any number of other properties."""
 
+MESH_PROPERTIES = {
+    **dict.fromkeys(("points", "velocities", "accelerations"), DirtyBits.POINTS),
+    **dict.fromkeys(
+        (
+            "radius",
+            "radiusBottom",
+            "radiusTop",
+            "height",
+            "size",
+            "width",
+            "length",
+            "axis",
+        ),
+        DirtyBits.POINTS,
+    ),
+    **dict.fromkeys(
+        (
+            "faceVertexCounts",
+            "faceVertexIndices",
+            "holeIndices",
+            "creaseIndices",
+            "creaseLengths",
+            "creaseSharpnesses",
+            "cornerIndices",
+            "cornerSharpnesses",
+            "subdivisionScheme",
+            "interpolateBoundary",
+            "faceVaryingLinearInterpolation",
+            "orientation",
+        ),
+        DirtyBits.TOPOLOGY,
+    ),
+    "normals": DirtyBits.NORMALS,
+    "doubleSided": DirtyBits.DOUBLE_SIDED,
+}
+"""What a mesh or a shape is read from, besides what it may inherit."""
+
 
 class Dependencies:
     """Stage path -> paths in the render index: those beneath it, those that the prim there moves or
@@ -37,14 +74,15 @@ class Dependencies:
         self._placed: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._cropped: dict[Sdf.Path, set[str]] = defaultdict(set)
-        for path, entry in population.fields.items():
+        self._meshes = population.meshes.keys()
+        for path, entry in population.rprims():
             for appearance in entry.appearances:
                 self._add(path, appearance.levels, appearance.levels[-1].prim)
             for volume in entry.crop.volumes:
                 for twin in _twins(volume.prim):
                     for prefix in twin.GetPath().GetPrefixes():
                         self._cropped[prefix].add(path)
-        for kind in (population.instancers, population.cameras):
+        for kind in (population.instancers, population.cameras, population.lights):
             for path, prim in kind.items():
                 self._add(path, (Level(prim=prim, root=None),), prim)
 
@@ -52,6 +90,9 @@ class Dependencies:
         """Paths in the render index and what `changes` dirty about them."""
         for path in changes.resynced:
             yield from _each(self._beneath.get(path), DirtyBits.ALL)
+            # subsets of faces are its children
+            parents = self._meshes & self._read.get(path.GetParentPath(), set())
+            yield from _each(parents, DirtyBits.MATERIAL_ID)
             yield from _each(self._cropped.get(path), DirtyBits.CATEGORIES)
         for path in changes.prims:
             # the only metadata of a prim that counts and does not resync it is inactiveIds
@@ -62,8 +103,12 @@ class Dependencies:
                 yield from _each(self._cropped.get(prim), DirtyBits.CATEGORIES)
             if bits := _inherited_bits(name):
                 yield from _each(self._placed.get(prim), bits)
+            elif bits := inherited_by_mesh(name):
+                yield from _each(self._meshes & self._beneath.get(prim, set()), bits)
             else:
-                yield from _each(self._read.get(prim), _own_bits(name))
+                for found in self._read.get(prim, ()):
+                    own = mesh_bits(name) if found in self._meshes else _own_bits(name)
+                    yield found, own
 
     def _add(self, path: str, levels: Iterable[Level], own: Usd.Prim) -> None:
         for twin in _twins(own):
@@ -95,6 +140,22 @@ def _inherited_bits(name: str) -> DirtyBits:
     if name == "purpose":
         return DirtyBits.RENDER_TAG
     return DirtyBits.PRIMVAR if is_color_space(name) else DirtyBits.CLEAN
+
+
+def inherited_by_mesh(name: str) -> DirtyBits:
+    """What a property of a prim changes for meshes at and beneath it."""
+    if name.startswith("material:binding"):
+        return DirtyBits.MATERIAL_ID
+    if name.startswith(("skel:", "primvars:skel:")):
+        return DirtyBits.POINTS | DirtyBits.TRANSFORM
+    if name.startswith("primvars:normals"):
+        return DirtyBits.NORMALS
+    return DirtyBits.PRIMVAR if name.startswith("primvars:") else DirtyBits.CLEAN
+
+
+def mesh_bits(name: str) -> DirtyBits:
+    """What any property of a mesh, or of a shape, changes about it."""
+    return inherited_by_mesh(name) | MESH_PROPERTIES.get(name, DirtyBits.CLEAN)
 
 
 def _own_bits(name: str) -> DirtyBits:

@@ -13,6 +13,8 @@ from typing import Any
 from pxr import Sdf, Tf, Usd
 
 COLOR_SPACE = "colorSpace"
+INHERITED = ("material:binding", "primvars:", "skel:")
+"""How properties begin that meshes inherit from the prims above them."""
 
 
 @dataclass(slots=True)
@@ -26,7 +28,12 @@ class Changes:
     """Prims, and the stage itself, of which some metadata changed that resyncs nothing."""
     structural: bool = False
     """Whether there may be other prims, or other ways to see them, than before."""
+    inherited: bool = False
+    """Whether prims may pass on other things than before, which sets instances apart."""
     everything: bool = False
+
+    def __bool__(self) -> bool:
+        return bool(self.resynced or self.properties or self.prims or self.everything)
 
 
 class NoticeListener:
@@ -74,6 +81,7 @@ class NoticeListener:
         """`new` when there may be an attribute, or metadata of it, that was not there before."""
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
+        self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         self._changes.structural |= regrouped or is_color_space(path.name) or colored
 

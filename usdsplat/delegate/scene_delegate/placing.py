@@ -6,6 +6,8 @@ prototype's root, whose own transform counts, and go on at the instancer.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
@@ -18,9 +20,14 @@ def column_matrix(matrix: Gf.Matrix4d) -> F64:
     return np.array(matrix, np.float64).T
 
 
-def transforms(appearance: Appearance, cache: UsdGeom.XformCache) -> tuple[F64, ...]:
-    """The matrices of an appearance's levels, as `SceneDelegate.transforms` gives them."""
-    return tuple(column_matrix(_to_frame(level, cache)) for level in appearance.levels)
+def transforms(
+    appearance: Appearance, frame: Usd.Prim, cache: UsdGeom.XformCache
+) -> tuple[F64, ...]:
+    """The matrices of an appearance's levels, as `SceneDelegate.transforms` gives them; of the last
+    one that of `frame`, which stands for it: a skeleton for a mesh that it carries."""
+    *outer, last = appearance.levels
+    levels = (*outer, replace(last, prim=frame))
+    return tuple(column_matrix(_to_frame(level, cache)) for level in levels)
 
 
 def _to_frame(level: Level, cache: UsdGeom.XformCache) -> Gf.Matrix4d:

@@ -1,9 +1,10 @@
-"""Walk a stage for the prims that matter: fields, instancers, cameras.
+"""Walk a stage for the prims that matter: fields, meshes, instancers, cameras, lights.
 
-A field may be seen many times: through native instances, where its arrays are those of one prim in
-a prototype, and through point instancers, nested to any depth. Everything that shares its arrays
-becomes one entry, named after the first path by which it is seen: paths inside prototypes are
-USD's own and change from one stage to the next.
+A field or a mesh may be seen many times: through native instances, where its arrays are those of
+one prim in a prototype, and through point instancers, nested to any depth. Everything that shares
+its arrays becomes one entry, named after the first path by which it is seen: paths inside
+prototypes are USD's own and change from one stage to the next. Instances of one mesh that inherit
+other colours, materials or skeletons from above them are other entries.
 """
 
 from __future__ import annotations
@@ -12,14 +13,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.instancing import Link, Placement
+from usdsplat.delegate.scene_delegate.notices import INHERITED
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
 
-Kind = Literal["field", "instancer", "camera", ""]
+Kind = Literal["field", "mesh", "instancer", "camera", "light", ""]
+
+SHAPES = (
+    UsdGeom.Mesh,
+    UsdGeom.Sphere,
+    UsdGeom.Cube,
+    UsdGeom.Cylinder,
+    UsdGeom.Cylinder_1,
+    UsdGeom.Cone,
+    UsdGeom.Capsule,
+    UsdGeom.Capsule_1,
+    UsdGeom.Plane,
+)
+"""What is drawn as a surface."""
 
 IN_WORLD = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
@@ -28,7 +43,7 @@ IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Level:
-    """An instancer, or at last the field, where it stands."""
+    """An instancer, or at last the field or mesh, where it stands."""
 
     prim: Usd.Prim
     root: Usd.Prim | None
@@ -46,7 +61,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Appearance:
-    """One way by which a field is seen."""
+    """One way by which a field or a mesh is seen."""
 
     placement: Placement
     levels: tuple[Level, ...]
@@ -66,8 +81,8 @@ class Appearance:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FieldEntry:
-    """A splat prim and all its appearances."""
+class RprimEntry:
+    """A field or a mesh and all its appearances."""
 
     source: Usd.Prim
     """Where the arrays are; in a prototype when all appearances are in native instances."""
@@ -86,11 +101,18 @@ class FieldEntry:
 class Population:
     """Everything that a stage holds for us."""
 
-    fields: dict[str, FieldEntry] = field(default_factory=dict)
+    fields: dict[str, RprimEntry] = field(default_factory=dict)
+    meshes: dict[str, RprimEntry] = field(default_factory=dict)
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
+    lights: dict[str, Usd.Prim] = field(default_factory=dict)
     problems: dict[str, UsdSplatError] = field(default_factory=dict)
     """Path -> why something there was left out."""
+
+    def rprims(self) -> Iterator[tuple[str, RprimEntry]]:
+        """Fields and meshes, each with its path."""
+        yield from self.fields.items()
+        yield from self.meshes.items()
 
     @property
     def crop_volumes(self) -> frozenset[str]:
@@ -121,6 +143,7 @@ class _Walk:
         self._stage = stage
         self._kinds: dict[str, Kind] = {}
         self._seen: dict[tuple[object, ...], list[Appearance]] = {}
+        self._above: dict[Sdf.Path, tuple[Sdf.Path, ...]] = {}
         self._found = Population()
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
@@ -132,26 +155,29 @@ class _Walk:
             if not kind:
                 continue
             levels = (*outer, Level(prim=prim, root=root if links else None))
-            if kind == "field":
-                self._add_field(prim, links, levels)
+            if kind == "field" or kind == "mesh":
+                self._add_rprim(kind, prim, links, levels)
             elif kind == "instancer":
                 prims.PruneChildren()  # prototypes beneath an instancer show through it only
                 self._enter(prim, links, levels)
             elif not links:
-                self._found.cameras[str(prim.GetPath())] = prim
+                found = self._found.cameras if kind == "camera" else self._found.lights
+                found[str(prim.GetPath())] = prim
 
     def finish(self) -> Population:
         """Name the entries and put their appearances in order."""
-        for seen in self._seen.values():
-            seen.sort(key=lambda appearance: appearance.order)
-            path = seen[0].placement.path
-            source = source_of(seen[0].levels[-1].prim)
-            signature = (source.GetPath(), *(appearance.signature for appearance in seen))
-            carried = any(appearance.placement.links for appearance in seen)
-            crop = find_crop(seen[0].levels[-1].prim, carried=carried)
-            self._found.fields[path] = FieldEntry(
-                source=source, appearances=tuple(seen), signature=signature, crop=crop
-            )
+        for (kind, *_), seen in self._seen.items():
+            if kind == "field":
+                carried = any(appearance.placement.links for appearance in seen)
+                seen.sort(key=lambda appearance: appearance.order)
+                crop = find_crop(seen[0].levels[-1].prim, carried=carried)
+                _enlist(self._found.fields, seen, crop)
+        volumes = self._found.crop_volumes
+        for (kind, *_), seen in self._seen.items():
+            drawn = [each for each in seen if each.placement.path not in volumes]
+            if kind == "mesh" and drawn:
+                drawn.sort(key=lambda appearance: appearance.order)
+                _enlist(self._found.meshes, drawn, NO_CROP)
         return self._found
 
     def _kind(self, prim: Usd.Prim) -> Kind:
@@ -161,13 +187,27 @@ class _Walk:
             self._kinds[name] = _classify(prim)
         return self._kinds[name]
 
-    def _add_field(
-        self, prim: Usd.Prim, links: tuple[Link, ...], levels: tuple[Level, ...]
+    def _add_rprim(
+        self, kind: Kind, prim: Usd.Prim, links: tuple[Link, ...], levels: tuple[Level, ...]
     ) -> None:
         placement = Placement(path=str(prim.GetPath()), links=links)
         appearance = Appearance(placement=placement, levels=levels)
-        key = (source_of(prim).GetPath(), _inherited_space(prim), _cropped_alone(prim))
+        inherited: tuple[object, ...] = (_inherited_space(prim), _cropped_alone(prim))
+        if kind == "mesh":
+            inherited = self._inherited_looks(prim)
+        key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
+
+    def _inherited_looks(self, prim: Usd.Prim) -> tuple[Sdf.Path, ...]:
+        """The prims above an instance from which what is in it inherits what it looks like."""
+        if not prim.IsInstanceProxy():
+            return ()
+        while not prim.IsInstance():
+            prim = prim.GetParent()
+        path = prim.GetPath()
+        if path not in self._above:
+            self._above[path] = _givers(prim)
+        return self._above[path]
 
     def _enter(
         self, instancer: Usd.Prim, links: tuple[Link, ...], levels: tuple[Level, ...]
@@ -189,12 +229,38 @@ class _Walk:
                 self._found.problems[path] = error
 
 
+def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) -> None:
+    """Add what is seen by all of these appearances, named after the first of them."""
+    source = source_of(seen[0].levels[-1].prim)
+    entries[seen[0].placement.path] = RprimEntry(
+        source=source,
+        appearances=tuple(seen),
+        signature=(source.GetPath(), *(appearance.signature for appearance in seen)),
+        crop=crop,
+    )
+
+
 def _classify(prim: Usd.Prim) -> Kind:
     if schema.is_splat_field(prim):
         return "field"
+    if any(prim.IsA(shape) for shape in SHAPES):
+        return "mesh"
     if prim.IsA(UsdGeom.PointInstancer):
         return "instancer"
-    return "camera" if prim.IsA(UsdGeom.Camera) else ""
+    if prim.IsA(UsdGeom.Camera):
+        return "camera"
+    return "light" if prim.IsA(UsdLux.DistantLight) else ""
+
+
+def _givers(prim: Usd.Prim) -> tuple[Sdf.Path, ...]:
+    """Which of an instance and the prims above it say what a mesh beneath them looks like."""
+    found = []
+    while not prim.IsPseudoRoot():
+        names = prim.GetAuthoredPropertyNames()
+        if prim.IsA(UsdSkel.Root) or any(name.startswith(INHERITED) for name in names):
+            found.append(source_of(prim).GetPath())
+        prim = prim.GetParent()
+    return tuple(found)
 
 
 def _cropped_alone(prim: Usd.Prim) -> str:

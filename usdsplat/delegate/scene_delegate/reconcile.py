@@ -4,33 +4,42 @@ from __future__ import annotations
 
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.render_index import RenderIndex
-from usdsplat.delegate.scene_delegate.population import FieldEntry, Population
+from usdsplat.delegate.scene_delegate.population import Population, RprimEntry
 
-SEEN = DirtyBits.INSTANCE_INDEX | DirtyBits.TRANSFORM | DirtyBits.VISIBILITY | DirtyBits.RENDER_TAG
-"""What a field must pull when there are other ways to see it than before."""
+SEEN = DirtyBits.PLACING
+"""What a field or a mesh must pull when there are other ways to see it than before."""
 
 
 def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
     """Insert, remove and dirty prims of `index`, which holds those of `old`."""
     for path in old.fields.keys() - new.fields.keys():
         index.remove_field(path)
+    for path in old.meshes.keys() - new.meshes.keys():
+        index.remove_mesh(path)
     for path in old.instancers.keys() - new.instancers.keys():
         index.remove_instancer(path)
     for path in old.cameras.keys() - new.cameras.keys():
         index.remove_camera(path)
+    for path in old.lights.keys() - new.lights.keys():
+        index.remove_light(path)
     for path in sorted(new.instancers.keys() - old.instancers.keys()):
         index.insert_instancer(path)
     for path in sorted(new.cameras.keys() - old.cameras.keys()):
         index.insert_camera(path)
+    for path in sorted(new.lights.keys() - old.lights.keys()):
+        index.insert_light(path)
     for path in sorted(new.fields.keys() - old.fields.keys()):
         index.insert_field(path)
-    for path in old.fields.keys() & new.fields.keys():
-        index.tracker.mark(path, _difference(old.fields[path], new.fields[path]))
+    for path in sorted(new.meshes.keys() - old.meshes.keys()):
+        index.insert_mesh(path)
+    for before, after in ((old.fields, new.fields), (old.meshes, new.meshes)):
+        for path in before.keys() & after.keys():
+            index.tracker.mark(path, _difference(before[path], after[path]))
     _carry(index, new)
 
 
-def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
-    """What became dirty because a field was found elsewhere or otherwise than before."""
+def _difference(old: RprimEntry, new: RprimEntry) -> DirtyBits:
+    """What became dirty because an rprim was found elsewhere or otherwise than before."""
     if old.signature[0] != new.signature[0]:
         return DirtyBits.ALL
     bits = DirtyBits.CLEAN if old.signature == new.signature else SEEN
@@ -39,9 +48,9 @@ def _difference(old: FieldEntry, new: FieldEntry) -> DirtyBits:
 
 
 def _carry(index: RenderIndex, population: Population) -> None:
-    """Tell the tracker which fields each instancer carries."""
+    """Tell the tracker which rprims each instancer carries."""
     carried: dict[str, set[str]] = {path: set() for path in population.instancers}
-    for path, entry in population.fields.items():
+    for path, entry in population.rprims():
         for appearance in entry.appearances:
             for link in appearance.placement.links:
                 carried[link.instancer].add(path)

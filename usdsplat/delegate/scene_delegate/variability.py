@@ -8,12 +8,14 @@ from pxr import Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
-from usdsplat.delegate.scene_delegate.population import Level, Population
+from usdsplat.delegate.scene_delegate.dependencies import inherited_by_mesh, mesh_bits
+from usdsplat.delegate.scene_delegate.population import Level, Population, RprimEntry
+from usdsplat.delegate.scene_delegate.readings import Readings
 from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
 
 
-def varying_bits(population: Population, path: str) -> DirtyBits:
-    """What of the field, instancer or camera at `path` a change of time makes dirty."""
+def varying_bits(population: Population, readings: Readings, path: str) -> DirtyBits:
+    """What of the prim of the index at `path` a change of time makes dirty."""
     if path in population.instancers:
         varies = _instancer_varies(population.instancers[path])
         return DirtyBits.INSTANCER if varies else DirtyBits.CLEAN
@@ -21,6 +23,13 @@ def varying_bits(population: Population, path: str) -> DirtyBits:
         prim = population.cameras[path]
         lens = DirtyBits.PARAMS if _lens_varies(prim) else DirtyBits.CLEAN
         return lens | _placing_varies((Level(prim=prim, root=None),))
+    if path in population.lights:
+        prim = population.lights[path]
+        varies = any(each.ValueMightBeTimeVarying() for each in prim.GetAuthoredAttributes())
+        shines = DirtyBits.PARAMS if varies else DirtyBits.CLEAN
+        return shines | _placing_varies((Level(prim=prim, root=None),))
+    if path in population.meshes:
+        return _mesh_varies(population.meshes[path], readings, path)
     entry = population.fields[path]
     varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
@@ -40,12 +49,45 @@ def _crop_varies(crop: Crop) -> bool:
     )
 
 
+def _mesh_varies(entry: RprimEntry, readings: Readings, path: str) -> DirtyBits:
+    """What of a mesh may vary, by all that it was read from; what was not read is dirty anyway."""
+    stage = entry.prim.GetStage()
+    bits = _placing_varies(level for each in entry.appearances for level in each.levels)
+    prim = entry.prim
+    while prim and not prim.IsPseudoRoot():
+        for attribute in prim.GetAuthoredAttributes():
+            name = attribute.GetName()
+            own = mesh_bits(name) if prim == entry.prim else inherited_by_mesh(name)
+            if own & ~bits and attribute.ValueMightBeTimeVarying():
+                bits |= own
+        prim = prim.GetParent()
+    velocities = entry.prim.GetAttribute("velocities")
+    if velocities and velocities.HasAuthoredValue():
+        bits |= DirtyBits.POINTS  # USD moves points on from their last sample
+    for sources in readings.sources(path):
+        if sources.bits & ~bits and any(map(_varies, map(stage.GetPrimAtPath, sources.read))):
+            bits |= sources.bits
+        if any(map(_moves, map(stage.GetPrimAtPath, sources.placed))):
+            bits |= DirtyBits.TRANSFORM
+    return bits
+
+
+def _varies(prim: Usd.Prim) -> bool:
+    return bool(prim) and any(
+        each.ValueMightBeTimeVarying() for each in prim.GetAuthoredAttributes()
+    )
+
+
+def _moves(prim: Usd.Prim) -> bool:
+    xformable = UsdGeom.Xformable(prim)
+    return bool(xformable) and xformable.TransformMightBeTimeVarying()
+
+
 def _placing_varies(levels: Iterable[Level]) -> DirtyBits:
     """Whether anything that moves or hides the levels may vary."""
     bits = DirtyBits.CLEAN
     for prim in {prim for level in levels for prim in level.lineage()}:
-        xformable = UsdGeom.Xformable(prim)
-        if xformable and xformable.TransformMightBeTimeVarying():
+        if _moves(prim):
             bits |= DirtyBits.TRANSFORM
         imageable = UsdGeom.Imageable(prim)
         if imageable and imageable.GetVisibilityAttr().ValueMightBeTimeVarying():

@@ -1,0 +1,232 @@
+"""Materials: what UsdPreviewSurface networks say of the diffuse colour.
+
+Source: the UsdPreviewSurface specification. The base colour is a value, a UsdUVTexture, or a
+primvar; whatever else is connected has its fallback value.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from pxr import Sdf, Usd, UsdShade
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.delegate.scene_delegate.readings import Sources
+from usdsplat.delegate.scene_delegate.textures import Color, Textures
+from usdsplat.delegate.scene_delegate.values import value
+from usdsplat.delegate.specs import MaterialSpec, TextureSpec, Wrap
+from usdsplat.images.texture import Encoding
+
+DISPLAY_COLOR = "displayColor"
+NEUTRAL: Color = (0.18, 0.18, 0.18)
+"""What has neither material nor colour."""
+WRAPS = ("black", "clamp", "repeat", "mirror")
+PURPOSES = (UsdShade.Tokens.preview, UsdShade.Tokens.full)
+"""Each of them also finds what is bound for all purposes; the first that is bound counts."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Look:
+    """A material, and the primvars of the mesh that it needs."""
+
+    spec: MaterialSpec
+    colors: str = ""
+    """Primvar that its colours are; none if empty."""
+    fallback: Color = NEUTRAL
+    """Its colour where there is no such primvar."""
+    uvs: str = ""
+    """Primvar that its texture coordinates are; none if empty."""
+    transform: F64 | None = None
+    """Of the texture coordinates, shape (2, 3)."""
+
+
+UNBOUND = Look(spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True), colors=DISPLAY_COLOR)
+"""Of what no material is bound to."""
+
+
+def bound_material(prim: Usd.Prim, sources: Sources) -> Usd.Prim | None:
+    """The material that is bound to a mesh or a subset, and noted; None when there is none."""
+    above = prim
+    while above and not above.IsPseudoRoot():
+        for name in above.GetAuthoredPropertyNames():
+            if name.startswith("material:binding"):
+                for target in sources.targets(above, name):
+                    _note_collection(target, sources)
+        above = above.GetParent()
+    for purpose in PURPOSES:
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
+        if material:
+            return sources.follow(material.GetPath())
+    return None
+
+
+def _note_collection(path: Sdf.Path, sources: Sources) -> None:
+    """Note a collection, and those that it includes; a path that is none is noted already."""
+    found, seen = [path], set()
+    while found:
+        path = found.pop()
+        if path.IsPropertyPath() and path not in seen:
+            seen.add(path)
+            if prim := sources.follow(path):
+                found += sources.targets(prim, f"{path.name}:includes")
+
+
+class MaterialReader:
+    """Reads the looks that one mesh needs at one time.
+
+    Attributes:
+        problems: What could not be read and was replaced by its fallback.
+    """
+
+    def __init__(self, time: Usd.TimeCode, textures: Textures, sources: Sources) -> None:
+        self.problems: list[UsdSplatError] = []
+        self._time = time
+        self._textures = textures
+        self._sources = sources
+
+    def look(self, material: Usd.Prim | None) -> Look:
+        """What a material looks like; without a UsdPreviewSurface it is as if there were none."""
+        output = material and self._producer(material.GetAttribute("outputs:surface"))
+        if not output or self._id(output.GetPrim()) != "UsdPreviewSurface":
+            return UNBOUND
+        base = self._input(output.GetPrim(), "diffuseColor")
+        if base is None:
+            return Look(spec=MaterialSpec(diffuse=NEUTRAL))
+        kind = self._id(base.GetPrim()) if _is_output(base) else ""
+        if kind == "UsdUVTexture":
+            return self._texture(base.GetPrim())
+        if kind.startswith("UsdPrimvarReader_"):
+            reader = base.GetPrim()
+            return Look(
+                spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True),
+                colors=self._name(reader),
+                fallback=self._color(reader, "fallback", (0.0, 0.0, 0.0)),
+            )
+        return Look(
+            spec=MaterialSpec(diffuse=self._color(output.GetPrim(), "diffuseColor", NEUTRAL))
+        )
+
+    # --- nodes -----------------------------------------------------------------------------
+
+    def _texture(self, node: Usd.Prim) -> Look:
+        fallback = self._color(node, "fallback", (0.0, 0.0, 0.0))
+        name, transform = self._coordinates(node)
+        scale, bias = (
+            self._color(node, "scale", (1.0, 1.0, 1.0)),
+            self._color(node, "bias", (0, 0, 0)),
+        )
+        try:
+            pixels = self._pixels(node, scale, bias)
+        except UsdSplatError as error:
+            self.problems.append(error)
+            return Look(spec=MaterialSpec(diffuse=fallback))
+        wrap = (self._wrap(node, "wrapS"), self._wrap(node, "wrapT"))
+        diffuse = (1.0, 1.0, 1.0) if any(bias) else scale
+        spec = MaterialSpec(diffuse=diffuse, texture=TextureSpec(pixels=pixels, wrap=wrap))
+        return Look(spec=spec, uvs=name, transform=transform)
+
+    def _coordinates(self, node: Usd.Prim) -> tuple[str, F64 | None]:
+        """The primvar that is connected as `st`, and all the transforms on the way there."""
+        transform: F64 | None = None
+        at, seen = self._input(node, "st"), set()
+        while at is not None and _is_output(at) and at.GetPath() not in seen:
+            seen.add(at.GetPath())
+            prim = at.GetPrim()
+            if self._id(prim) != "UsdTransform2d":
+                return self._name(prim), transform
+            transform = _after(transform, self._transform2d(prim))
+            at = self._input(prim, "in")
+        return "", transform
+
+    def _transform2d(self, node: Usd.Prim) -> F64:
+        """`in` scaled, then turned, then moved, shape (2, 3)."""
+        scale = self._numbers(node, "scale", (1.0, 1.0))
+        move = self._numbers(node, "translation", (0.0, 0.0))
+        angle = math.radians(self._numbers(node, "rotation", (0.0,))[0])
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        return np.column_stack([turn * np.array(scale), move])
+
+    def _pixels(self, node: Usd.Prim, scale: Color, bias: Color) -> F32:
+        """The picture, with a bias in it if there is one: what it is multiplied by comes first."""
+        where, file = f"{node.GetPath()}.inputs:file", self._value(node, "file")
+        if not isinstance(file, Sdf.AssetPath) or not file.path:
+            raise StageError(where, "no file", "a picture")
+        space = self._value(node, "sourceColorSpace")
+        encoding = cast(Encoding, space) if space in ("sRGB", "raw") else "auto"
+        try:
+            if any(bias):
+                return self._textures.read_biased(file, encoding, scale=scale, bias=bias)
+            return self._textures.read(file, encoding)
+        except UsdSplatError as error:
+            raise StageError(where, f"{file.path}: {error.found}", error.expected) from None
+
+    def _wrap(self, node: Usd.Prim, name: str) -> Wrap:
+        """One of the four; files are not asked, so useMetadata is black, its fallback."""
+        found = self._value(node, name)
+        return cast(Wrap, found) if found in WRAPS else "black"
+
+    def _name(self, node: Usd.Prim) -> str:
+        return str(self._value(node, "varname") or "")
+
+    # --- inputs ----------------------------------------------------------------------------
+
+    def _id(self, node: Usd.Prim) -> str:
+        self._sources.add(node)
+        attribute = node.GetAttribute("info:id")
+        return str(attribute.Get() or "") if attribute else ""
+
+    def _color(self, node: Usd.Prim, name: str, fallback: Color) -> Color:
+        red, green, blue, *_ = self._numbers(node, name, fallback)
+        return red, green, blue
+
+    def _numbers(self, node: Usd.Prim, name: str, fallback: tuple[float, ...]) -> tuple[float, ...]:
+        found = self._value(node, name)
+        try:
+            numbers = np.asarray(found, np.float64).ravel()
+        except (TypeError, ValueError):
+            return fallback
+        if len(numbers) < len(fallback) or not np.isfinite(numbers).all():
+            return fallback
+        return tuple(numbers.tolist())
+
+    def _value(self, node: Usd.Prim, name: str) -> Any:
+        found = self._input(node, name)
+        return None if found is None or _is_output(found) else value(found, self._time)
+
+    def _input(self, node: Usd.Prim, name: str) -> Usd.Attribute | None:
+        """What gives an input its value: an attribute that holds it, or the output of a shader."""
+        return self._producer(node.GetAttribute(f"inputs:{name}"))
+
+    def _producer(self, attribute: Usd.Attribute) -> Usd.Attribute | None:
+        """Follow connections, through node graphs, to where they begin."""
+        seen = set()
+        while attribute and attribute.GetPath() not in seen:
+            seen.add(attribute.GetPath())
+            self._sources.add(attribute.GetPrim())
+            connected = attribute.GetConnections()
+            if not connected or (
+                _is_output(attribute) and attribute.GetPrim().IsA(UsdShade.Shader)
+            ):
+                return attribute
+            prim = self._sources.follow(connected[0])
+            after = prim.GetAttribute(connected[0].name) if prim else None
+            if not after:
+                return None if _is_output(attribute) else attribute
+            attribute = after
+        return None
+
+
+def _is_output(attribute: Usd.Attribute) -> bool:
+    return bool(attribute.GetName().startswith("outputs:"))
+
+
+def _after(first: F64 | None, then: F64) -> F64:
+    """The transform that does `then`, and afterwards `first`."""
+    if first is None:
+        return then
+    square = np.vstack([then, [0.0, 0.0, 1.0]])
+    return first @ square
