@@ -145,9 +145,7 @@ def test_the_difference_is_ciede2000() -> None:
 def test_colour_science_leaves_no_trace_of_what_it_misses() -> None:
     """Numba can be imported after it, and nothing is printed. Oracle: a fresh process."""
     code = (
-        "from usdsplat.images.science import delta_e\n"
-        "delta_e((0, 0, 0), (1, 1, 1))\n"
-        "import numba"
+        "from usdsplat.images.science import delta_e\ndelta_e((0, 0, 0), (1, 1, 1))\nimport numba"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

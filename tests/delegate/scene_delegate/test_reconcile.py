@@ -8,12 +8,12 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.scene_delegate.population import FieldEntry, Population
+from usdsplat.delegate.scene_delegate.population import Population, RprimEntry
 from usdsplat.delegate.scene_delegate.reconcile import SEEN, reconcile
 
 
 def population(*signature):
-    return Population(fields={"/a": FieldEntry(source=None, appearances=(), signature=signature)})
+    return Population(fields={"/a": RprimEntry(source=None, appearances=(), signature=signature)})
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,92 @@
+"""UsdLux lights, as the renderer takes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdLux
+
+from tests.delegate.surface_stages import add_light
+from usdsplat.delegate.engine import Engine
+
+
+@pytest.fixture
+def light() -> Iterator[UsdLux.DistantLight]:
+    stage = Usd.Stage.CreateInMemory()
+    yield add_light(stage)
+
+
+def shining(light: UsdLux.DistantLight):
+    with Engine(light.GetPrim().GetStage()) as engine:
+        assert engine.warnings == ()
+        return engine.render_scene.lights
+
+
+def test_a_light_without_angle_gives_its_intensity_as_irradiance(light) -> None:
+    """Oracle: E = colour · intensity · 2^exposure; a `LightSpec` holds E / π."""
+    light.CreateIntensityAttr(3.0)
+    light.CreateExposureAttr(2.0)
+    light.CreateColorAttr(Gf.Vec3f(1, 0.5, 0.25))
+    (found,) = shining(light)
+    assert found.irradiance == pytest.approx([12 / math.pi * each for each in (1, 0.5, 0.25)])
+    assert found.direction == (0.0, 0.0, -1.0)
+
+
+@pytest.mark.parametrize(("angle", "normalize"), [(0.53, False), (60.0, False), (60.0, True)])
+def test_a_disc_in_the_sky_gives_what_the_integral_over_it_says(light, angle, normalize) -> None:
+    """Oracle: midpoint sums of L cos θ over the cone; `normalize` divides by the same factor."""
+    light.CreateAngleAttr(angle)
+    light.CreateNormalizeAttr(normalize)
+    steps = 20_000
+    theta = (np.arange(steps) + 0.5) * math.radians(angle / 2) / steps
+    whole = (2 * math.pi * np.sin(theta) * np.cos(theta)).sum() * math.radians(angle / 2) / steps
+    (found,) = shining(light)
+    expected = (1.0 if normalize else whole) / math.pi
+    assert found.irradiance[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_colour_temperature_counts_when_it_is_enabled(light) -> None:
+    """Oracle: UsdLux.BlackbodyTemperatureAsRgb."""
+    light.CreateColorTemperatureAttr(3000.0)
+    (plain,) = shining(light)
+    assert len(set(plain.irradiance)) == 1
+    light.CreateEnableColorTemperatureAttr(True)
+    (warm,) = shining(light)
+    expected = np.array(UsdLux.BlackbodyTemperatureAsRgb(3000.0)) / math.pi
+    assert warm.irradiance == pytest.approx(expected)
+
+
+def test_a_light_shines_along_the_minus_z_of_its_transform(light) -> None:
+    """Oracle: by hand; scale does not matter."""
+    UsdGeom.Xformable(light).AddRotateXOp().Set(-90.0)
+    UsdGeom.Xformable(light).AddScaleOp().Set(Gf.Vec3f(3))
+    (found,) = shining(light)
+    assert found.direction == pytest.approx((0, -1, 0), abs=1e-7)
+
+
+def test_a_hidden_light_is_dark_and_one_without_a_direction_a_warning(light) -> None:
+    """Oracle: USD's visibility; the sentence."""
+    UsdGeom.Imageable(light).CreateVisibilityAttr("invisible")
+    assert shining(light) == ()
+    UsdGeom.Imageable(light).CreateVisibilityAttr("inherited")
+    UsdGeom.Xformable(light).AddScaleOp().Set(Gf.Vec3f(0))
+    with Engine(light.GetPrim().GetStage()) as engine:
+        (warning,) = engine.warnings
+        assert warning.startswith("/Light: found a transform") and not engine.render_scene.lights
+
+
+def test_time_and_edits_move_a_light(light) -> None:
+    """Oracle: the samples."""
+    light.GetIntensityAttr().Set(1.0, 1)
+    light.GetIntensityAttr().Set(3.0, 3)
+    with Engine(light.GetPrim().GetStage(), time=1) as engine:
+        for time in (1, 2, 3):
+            engine.set_time(time)
+            (found,) = engine.render_scene.lights
+            assert found.irradiance[0] == pytest.approx(time / math.pi)
+        assert engine.pulls["light"] == 3
+        light.GetPrim().SetActive(False)
+        assert engine.render_scene.lights == ()
