@@ -8,6 +8,9 @@ come is taken out of it, so the order is exact and no list is cut short.
 What is done with a contribution is the mode: sum paint, find the median, weigh prims for
 Cryptomatte, or count and write the samples of a deep picture.
 
+The loop is one long body because a call with arrays takes counted references, which all threads
+share: a hundred nanoseconds for each contribution.
+
 Source: Radl et al. 2024, "StopThePop", for the order; OpenEXR's "Interpreting OpenEXR Deep Pixels".
 """
 
@@ -40,11 +43,10 @@ RANKS = 6
 FLUSH = 8
 """Splats between two looks at what may leave the windows."""
 
-STATE = 14
-THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT, RUN, R, G, B, NEAR, FAR = range(STATE)
+STATE = 8
+THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
 """Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
-or transmittance of what a deep pixel has so far; of the run that is being merged: its weight,
-transmittance, colour and depths."""
+or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
 NONE = np.int32(-1)
 
 
@@ -66,83 +68,17 @@ def held_through(offsets, depths, through, pixel, depth):
 
 
 @scalar
-def close_run(mode, s, count, at, deep):
-    """End the run that is being merged: one sample of a deep pixel; returns how many there are."""
-    depth, back, color = deep
-    if s[WEIGHT] <= np.float32(0):
-        return count
-    if mode == FILL:
-        depth[at + count], back[at + count] = s[NEAR], s[FAR]
-        color[at + count, 0], color[at + count, 1], color[at + count, 2] = s[R], s[G], s[B]
-        color[at + count, 3] = np.float32(1) - s[RUN]
-    s[WEIGHT] = np.float32(0)
-    return count + 1
-
-
-@scalar
-def take(o, s, mark, x, k, alpha, depth, held, keep, paints, label, table, at, deep):
-    """Let splat k contribute to pixel x of a row; returns whether the pixel goes on."""
-    zero, one = np.float32(0), np.float32(1)
-    t = s[THROUGH]
-    weight = alpha * t
-    left = t - weight
-    if left < END:
-        return False
-    s[THROUGH] = left
-    weight *= held * keep
-    if weight <= zero:
-        return True
-    if o.mode == PAINT:
-        s[COVER] += weight
-        s[FIRST] += weight * paints[k, o.column]
-        s[SECOND] += weight * paints[k, o.column + 1]
-        s[THIRD] += weight * paints[k, o.column + 2]
-    elif o.mode == MEDIAN:
-        s[COVER] += weight
-        if s[COVER] >= s[GOAL]:
-            mark[x], s[SEEN] = k, depth
-            return False
-    elif o.mode == WEIGH:
-        table[label, x] += weight
-    else:
-        own = min(weight / s[SEEN], one)
-        s[SEEN] *= one - own
-        if s[WEIGHT] > zero and s[WEIGHT] + weight > o.error:
-            mark[x] = close_run(o.mode, s, mark[x], at, deep)
-        if s[WEIGHT] <= zero:
-            s[RUN], s[R], s[G], s[B], s[NEAR] = one, zero, zero, zero, depth
-        share = s[RUN] * own
-        s[R] += share * paints[k, o.column]
-        s[G] += share * paints[k, o.column + 1]
-        s[B] += share * paints[k, o.column + 2]
-        s[RUN] -= share
-        s[WEIGHT] += weight
-        s[FAR] = depth
-    return True
-
-
-@scalar
-def insert(depths, alphas, ranks, first, count, depth, alpha, k):
-    """Put a contribution into a window that is sorted by depth; equal ones keep their order."""
-    j = count
-    while j > first and depths[j - 1] > depth:
-        depths[j], alphas[j], ranks[j] = depths[j - 1], alphas[j - 1], ranks[j - 1]
-        j -= 1
-    depths[j], alphas[j], ranks[j] = depth, alpha, k
-
-
-@scalar
-def strongest(table, count, x, names, ids, weights):
+def strongest(table, count, x, names, ids, weights, row, column):
     """Write the prims that weigh most in pixel x, the heaviest first, and forget their weights."""
     for rank in range(RANKS):
         best, most = NONE, np.float32(0)
         for j in range(count):
-            if table[j, x] > most:
-                best, most = np.int32(j), table[j, x]
-        ids[rank] = names[best] if best >= 0 else NONE
-        weights[rank] = most
+            if table[j * TILE + x] > most:
+                best, most = np.int32(j), table[j * TILE + x]
+        ids[row, column, rank] = names[best] if best >= 0 else NONE
+        weights[row, column, rank] = most
         if best >= 0:
-            table[best, x] = np.float32(0)
+            table[best * TILE + x] = np.float32(0)
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -172,44 +108,48 @@ def walk(
     """
     image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
     hold_offsets, hold_depths, hold_through = holdout
+    deep_near, deep_far, deep_color = deep
     for tile in prange(starts.shape[0] - 1):
-        g, o = grid[0], options[0]
+        g = grid[0]
+        mode, column, error = options[0].mode, options[0].column, options[0].error
+        by_ray, is_parallel = options[0].by_ray, options[0].is_parallel
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
+        x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
         width = g.x1 - g.x0
-        fields = np.empty((FIELDS, n), np.float32)
-        spans = np.empty((2, n), np.int32)
+        has_stops, holds, has_keeps = stops.shape[0] > 0, hold_offsets.shape[0] > 0, len(keeps) > 0
+        fields = np.empty(FIELDS * n, np.float32)
+        spans = np.empty(2 * n, np.int32)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.int32)
         loaded = 0
         bound = np.empty(n + 1, np.float32)
-        window = n if o.by_ray else 0
-        near = np.empty((TILE, window), np.float32)
-        strength = np.empty((TILE, window), np.float32)
-        ranked = np.empty((TILE, window), np.int32)
-        if o.by_ray:
+        near = np.empty(TILE * n, np.float32)
+        strength = np.empty(TILE * n, np.float32)
+        ranked = np.empty(TILE * n, np.int32)
+        if by_ray:
             bound[n] = np.float32(np.inf)
             for i in range(n):
                 k = n - 1 - i
-                peak = peaks[lists[begin + k]]
-                bound[k] = min(bound[k + 1], peak[CENTER] - peak[REACH])
+                rank = lists[begin + k]
+                bound[k] = min(bound[k + 1], peaks[rank, CENTER] - peaks[rank, REACH])
         prims = 0
-        weighed = n if o.mode == WEIGH else 0
-        known = np.full(o.prims if o.mode == WEIGH else 0, NONE, np.int32)
+        weighed = n if mode == WEIGH else 0
+        known = np.full(options[0].prims if mode == WEIGH else 0, NONE, np.int32)
         local = np.empty(weighed, np.int32)
         names = np.empty(weighed, np.int32)
-        if o.mode == WEIGH:
+        if mode == WEIGH:
             for k in range(n):
                 label = labels[lists[begin + k]]
                 if known[label] < 0:
                     known[label], names[prims] = prims, label
                     prims += 1
                 local[k] = known[label]
-        table = np.zeros((min(weighed, o.prims), TILE), np.float32)
-        state = np.zeros((TILE, STATE), np.float32)
+        table = np.zeros(TILE * min(weighed, options[0].prims), np.float32)
+        state = np.zeros(TILE * STATE, np.float32)
         mark = np.zeros(TILE, np.int32)
-        head, tail = np.zeros(TILE, np.int32), np.zeros(TILE, np.int32)
+        head, tail = np.zeros(TILE, np.int64), np.zeros(TILE, np.int64)
         alive = np.zeros(TILE, np.uint8)
         alphas, depths = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
@@ -218,17 +158,17 @@ def walk(
             state[:] = np.float32(0)
             table[:] = np.float32(0)
             head[:], tail[:], alive[:] = 0, 0, 0
-            mark[:] = NONE if o.mode == MEDIAN else np.int32(0)
-            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
-                s, column = state[x], left + x - g.x0
-                s[THROUGH] = s[SEEN] = np.float32(1)
+            mark[:] = NONE if mode == MEDIAN else np.int32(0)
+            for x in range(x0, x1):
+                s, place = x * STATE, left + x - g.x0
+                state[s + THROUGH] = state[s + SEEN] = np.float32(1)
                 alive[x] = 1
-                if o.mode == MEDIAN:
-                    whole = image[row, column, 3]
+                if mode == MEDIAN:
+                    whole = image[row, place, 3]
                     alive[x] = whole > np.float32(0)
-                    if covered.shape[0] > 0 and covered[row, column] == 1:
+                    if covered.shape[0] > 0 and covered[row, place] == 1:
                         whole = np.float32(1)
-                    s[GOAL] = whole * o.part
+                    state[s + GOAL] = whole * options[0].part
                 living += alive[x]
             k = 0
             while k < n and living > 0:
@@ -240,96 +180,123 @@ def walk(
                     )  # fmt: skip
                     for i in range(count):
                         for f in range(FIELDS):
-                            fields[f, k + i] = batch[f * LOOK + i]
-                        spans[0, k + i], spans[1, k + i] = rows[i], rows[LOOK + i]
+                            fields[(k + i) * FIELDS + f] = batch[f * LOOK + i]
+                        spans[2 * (k + i)], spans[2 * (k + i) + 1] = rows[i], rows[LOOK + i]
                     loaded += count
-                if spans[0, k] <= y < spans[1, k]:
-                    rank = lists[begin + k]
-                    dy = np.float32(y) - fields[1, k]
-                    u, a, slope = fields[0, k], fields[2, k], fields[3, k] * dy
-                    rest = fields[4, k] * dy * dy + fields[5, k]
+                if spans[2 * k] <= y < spans[2 * k + 1]:
+                    rank, f = lists[begin + k], k * FIELDS
+                    dy = np.float32(y) - fields[f + 1]
+                    u, a, slope = fields[f], fields[f + 2], fields[f + 3] * dy
+                    rest = fields[f + 4] * dy * dy + fields[f + 5]
                     for x in range(TILE):
-                        alphas[x] = alpha_at(np.float32(x) - u, a, slope, rest)
-                    if o.by_ray or stops.shape[0] > 0:
-                        peak = peaks[rank]
-                        first = np.float32(1) + peak[HX] * dy
+                        alphas[np.uint64(x)] = alpha_at(np.float32(x) - u, a, slope, rest)
+                    if by_ray or has_stops:
+                        first = np.float32(1) + peaks[rank, HX] * dy
+                        second, third = peaks[rank, HY] * dy, peaks[rank, HZ] * dy
+                        gx, gy = peaks[rank, GX], peaks[rank, GY]
+                        center, reach = peaks[rank, CENTER], peaks[rank, REACH]
                         for x in range(TILE):
-                            depths[x] = peak_at(
-                                np.float32(x) - u, peak[GX], peak[GY], first, peak[HY] * dy,
-                                peak[HZ] * dy, peak[CENTER], peak[REACH], o.is_parallel,
+                            depths[np.uint64(x)] = peak_at(
+                                np.float32(x) - u, gx, gy, first, second, third, center, reach,
+                                is_parallel,
                             )  # fmt: skip
                     center = records[rank, DEPTH]
-                    for x in range(TILE):
-                        if alive[x] == 0 or alphas[x] <= np.float32(0):
+                    for x in range(x0, x1):
+                        if alphas[x] <= np.float32(0) or alive[x] == 0:
                             continue
-                        column = left + x - g.x0
-                        depth = depths[x] if o.by_ray else center
-                        if stops.shape[0] > 0:
-                            stop = stops[row, column]
+                        depth = depths[x] if by_ray else center
+                        if has_stops:
+                            stop = stops[row, left + x - g.x0]
                             if depths[x] > stop:
                                 continue
                             depth = min(depth, stop)
-                        if o.by_ray:
-                            insert(
-                                near[x], strength[x], ranked[x], head[x], tail[x], depth,
-                                alphas[x], k,
-                            )  # fmt: skip
-                            tail[x] += 1
-                            continue
-                        pixel = row * width + column
-                        held = np.float32(1)
-                        if hold_offsets.shape[0] > 0:
-                            held = held_through(
+                        j = x * n + tail[x]
+                        if by_ray:  # sorted by depth; equal ones keep their order
+                            first_of = x * n + head[x]
+                            while j > first_of and near[j - 1] > depth:
+                                near[j], strength[j] = near[j - 1], strength[j - 1]
+                                ranked[j] = ranked[j - 1]
+                                j -= 1
+                        near[j], strength[j], ranked[j] = depth, alphas[x], k
+                        tail[x] += 1
+                k += 1
+                if k % FLUSH != 0 and k != n:
+                    continue
+                for x in range(x0, x1):
+                    s, place = x * STATE, left + x - g.x0
+                    pixel = row * width + place
+                    j, end = x * n + head[x], x * n + tail[x]
+                    while j < end and (not by_ray or near[j] <= bound[k]):
+                        rank, alpha, depth = lists[begin + ranked[j]], strength[j], near[j]
+                        label = local[ranked[j]] if mode == WEIGH else NONE
+                        j += 1
+                        t = state[s + THROUGH]
+                        weight = alpha * t
+                        remains = t - weight
+                        if remains < END:
+                            alive[x] = 0
+                            break
+                        state[s + THROUGH] = remains
+                        if has_keeps:
+                            weight *= keeps[rank]
+                        if holds:
+                            weight *= held_through(
                                 hold_offsets, hold_depths, hold_through, pixel, depth
                             )
-                        goes_on = take(
-                            o, state[x], mark, x, rank, alphas[x], depth, held,
-                            keeps[rank] if keeps.shape[0] > 0 else np.float32(1), paints,
-                            local[k] if o.mode == WEIGH else NONE, table,
-                            offsets[pixel] if o.mode == FILL else np.int64(0), deep,
-                        )  # fmt: skip
-                        if not goes_on:
-                            alive[x] = 0
-                            living -= 1
-                k += 1
-                if o.by_ray and (k % FLUSH == 0 or k == n):
-                    for x in range(TILE):
-                        pixel = row * width + left + x - g.x0
-                        while alive[x] and head[x] < tail[x] and near[x, head[x]] <= bound[k]:
-                            at = head[x]
-                            head[x] += 1
-                            place, depth = ranked[x, at], near[x, at]
-                            rank = lists[begin + place]
-                            held = np.float32(1)
-                            if hold_offsets.shape[0] > 0:
-                                held = held_through(
-                                    hold_offsets, hold_depths, hold_through, pixel, depth
-                                )
-                            goes_on = take(
-                                o, state[x], mark, x, rank, strength[x, at], depth, held,
-                                keeps[rank] if keeps.shape[0] > 0 else np.float32(1), paints,
-                                local[place] if o.mode == WEIGH else NONE, table,
-                                offsets[pixel] if o.mode == FILL else np.int64(0), deep,
-                            )  # fmt: skip
-                            if not goes_on:
+                        if weight <= np.float32(0):
+                            continue
+                        if mode == PAINT:
+                            state[s + COVER] += weight
+                            state[s + FIRST] += weight * paints[rank, column]
+                            state[s + SECOND] += weight * paints[rank, column + 1]
+                            state[s + THIRD] += weight * paints[rank, column + 2]
+                        elif mode == MEDIAN:
+                            state[s + COVER] += weight
+                            if state[s + COVER] >= state[s + GOAL]:
+                                mark[x], state[s + SEEN] = rank, depth
                                 alive[x] = 0
-                                living -= 1
-            for x in range(max(0, g.x0 - left), min(TILE, g.x1 - left)):
-                s, column = state[x], left + x - g.x0
-                pixel = row * width + column
-                if o.mode == PAINT:
-                    image[row, column, 0] = s[FIRST]
-                    image[row, column, 1] = s[SECOND]
-                    image[row, column, 2] = s[THIRD]
-                    image[row, column, 3] = s[COVER]
-                    through[row, column] = s[THROUGH]
-                elif o.mode == MEDIAN:
-                    ranks[row, column] = mark[x]
-                    depths_out[row, column] = s[SEEN]
-                elif o.mode == WEIGH:
-                    strongest(table, prims, x, names, ids[row, column], weights[row, column])
-                else:
-                    at = offsets[pixel] if o.mode == FILL else np.int64(0)
-                    count = close_run(o.mode, s, mark[x], at, deep)
-                    if o.mode == COUNT:
-                        counts[row, column] = count
+                                break
+                        elif mode == WEIGH:
+                            table[label * TILE + x] += weight
+                        else:
+                            seen = state[s + SEEN]
+                            own = min(weight / seen, np.float32(1))
+                            state[s + SEEN] = seen - seen * own
+                            run = state[s + WEIGHT]
+                            begins = run <= np.float32(0) or run + weight > error
+                            state[s + WEIGHT] = weight if begins else run + weight
+                            if begins:
+                                mark[x] += 1
+                            if mode == FILL:
+                                at = offsets[pixel] + mark[x] - 1
+                                if begins:
+                                    deep_near[at] = depth
+                                    deep_color[at, 0] = deep_color[at, 1] = np.float32(0)
+                                    deep_color[at, 2] = deep_color[at, 3] = np.float32(0)
+                                deep_far[at] = depth
+                                part = (np.float32(1) - deep_color[at, 3]) * own
+                                deep_color[at, 0] += part * paints[rank, column]
+                                deep_color[at, 1] += part * paints[rank, column + 1]
+                                deep_color[at, 2] += part * paints[rank, column + 2]
+                                deep_color[at, 3] += part
+                    head[x] = j - x * n
+                    if alive[x] == 0 or j == end:
+                        head[x] = tail[x] = 0
+                living = 0
+                for x in range(x0, x1):
+                    living += alive[x]
+            for x in range(x0, x1):
+                s, place = x * STATE, left + x - g.x0
+                if mode == PAINT:
+                    image[row, place, 0] = state[s + FIRST]
+                    image[row, place, 1] = state[s + SECOND]
+                    image[row, place, 2] = state[s + THIRD]
+                    image[row, place, 3] = state[s + COVER]
+                    through[row, place] = state[s + THROUGH]
+                elif mode == MEDIAN:
+                    ranks[row, place] = mark[x]
+                    depths_out[row, place] = state[s + SEEN]
+                elif mode == WEIGH:
+                    strongest(table, prims, x, names, ids, weights, row, place)
+                elif mode == COUNT:
+                    counts[row, place] = mark[x]
