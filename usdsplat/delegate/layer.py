@@ -48,6 +48,10 @@ class DeepSamples:
     color: F32
     """Premultiplied RGBA of each by itself, shape (n, 4)."""
 
+    left: F32
+    """How much of a surface behind the samples of a pixel is there: 1 but where something else
+    holds out, shape (h, w)."""
+
     def with_surfaces(self, stops: F32, drawn: npt.NDArray[np.bool_], colors: F32) -> DeepSamples:
         """Return these and, behind those of each pixel where a surface is drawn, one of it.
 
@@ -65,12 +69,13 @@ class DeepSamples:
             out[kept], out[places] = samples, surfaces
             return out
 
-        opaque = np.ones((int(more[-1]), 1), np.float32)
+        left = self.left[drawn][:, None]
         return DeepSamples(
             counts=self.counts + drawn.astype(np.uint32),
             depth=merged(self.depth, stops[drawn]),
             depth_back=merged(self.depth_back, stops[drawn]),
-            color=merged(self.color, np.concatenate([colors[drawn], opaque], axis=1)),
+            color=merged(self.color, np.concatenate([colors[drawn] * left, left], axis=1)),
+            left=self.left,
         )
 
 
@@ -137,7 +142,10 @@ class Layer:
         ids = get(f"{name} ids", (4, *self.shape), np.int32)
         if self._walks:
             peaks = get(f"{name} peaks", self.shape, np.float32)
-            self._walk(walk.MEDIAN, part=part, image=self._color, ranks=ranks, depths=peaks)
+            self._walk(
+                walk.MEDIAN, part=part, image=self._color, through=self._through, ranks=ranks,
+                depths=peaks,
+            )  # fmt: skip
         else:
             run(
                 median.median, seen.records, self._starts, self._lists, self._grid, seen.peaks,
@@ -150,6 +158,8 @@ class Layer:
         )  # fmt: skip
         if self._walks:
             np.copyto(depth, peaks, where=ranks >= 0)
+        elif self._behind.stops.size > 0:
+            np.minimum(depth, self._behind.stops, out=depth, where=ranks >= 0)
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
@@ -170,8 +180,9 @@ class Layer:
             np.empty(total, np.float32),
             np.empty((total, 4), np.float32),
         )
-        self._walk(walk.FILL, error=error, offsets=ends - counts.ravel(), deep=deep)
-        return DeepSamples(counts, *deep)
+        offsets, left = ends - counts.ravel(), np.ones(self.shape, np.float32)
+        self._walk(walk.FILL, error=error, offsets=offsets, through=left, deep=deep)
+        return DeepSamples(counts, *deep, left)
 
     # --- private ---------------------------------------------------------------------------
 
@@ -206,6 +217,7 @@ class Layer:
         options["mode"], options["column"] = mode, column
         options["by_ray"], options["is_parallel"] = self._by_ray, seen.is_parallel
         options["prims"], options["part"], options["error"] = len(seen.layout.prims), part, error
+        options["near"] = seen.near
         nothing = {
             "image": np.empty((0, 0, 4), np.float32),
             "through": NO_STOPS,

@@ -44,6 +44,8 @@ class Visible:
     """Number of each one's prim, shape (n,), or of no size where nobody asks."""
     is_parallel: bool
     """Whether rays are."""
+    near: float
+    """Planar depth [scene unit] before which nothing is seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +136,7 @@ class Look:
             keeps=self._label("keeps", order, keep, not keep.all()),
             labels=self._label("labels", order, layout.labels[:, 0].copy(), wanted.labels),
             is_parallel=self._screen.orthographic,
+            near=self._screen.clipping_range[0],
         )
 
     # --- one group -------------------------------------------------------------------------

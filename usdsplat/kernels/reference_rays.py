@@ -39,7 +39,8 @@ class Rays:
 def peak_depths(seen: Footprints, lens: Lens) -> F64:
     """Where each splat peaks along each pixel's ray: planar depth, shape (n, h, w).
 
-    Held within the depths of the ellipsoid in which a contribution counts.
+    Held within the depths of the ellipsoid in which a contribution counts, and not before the near
+    plane.
     """
     width, height = lens.size
     u = (np.arange(width) + 0.5 - lens.center[0]) / lens.focal[0]
@@ -56,7 +57,8 @@ def peak_depths(seen: Footprints, lens: Lens) -> F64:
         depth = top / np.einsum("hwi,nij,hwj->nhw", rays, inverse, rays)
     reach = np.sqrt(2.0 * np.log(255.0 * seen.opacity) * seen.covariance[:, 2, 2])
     z = seen.camera[:, 2]
-    return np.clip(depth, (z - reach)[:, None, None], (z + reach)[:, None, None])
+    held = np.clip(depth, (z - reach)[:, None, None], (z + reach)[:, None, None])
+    return np.maximum(held, lens.near)
 
 
 def alphas(seen: Footprints, lens: Lens) -> F64:

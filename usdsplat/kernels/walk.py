@@ -30,12 +30,16 @@ PAINT, MEDIAN, WEIGH, COUNT, FILL = range(5)
 WALK = np.dtype(
     [
         ("mode", "i4"), ("column", "i4"), ("by_ray", "i4"), ("is_parallel", "i4"),
-        ("prims", "i4"), ("part", "f4"), ("error", "f4"),
+        ("prims", "i4"), ("part", "f4"), ("error", "f4"), ("near", "f4"),
     ]
 )  # fmt: skip
 """What a walk is for: its mode, the first column of the paints, whether pixels have orders of their
 own, whether rays are parallel, how many prims there are, the part of the coverage that MEDIAN looks
-for, and by how much merging may change the opacity in front of any depth."""
+for, by how much merging may change the opacity in front of any depth, and the near plane: the eye
+may be inside a Gaussian, whose peak along a ray then is behind it."""
+
+DEPTHS = -1
+"""Column that stands for the depth of each contribution."""
 
 RANKS = 6
 """Prims of a pixel that Cryptomatte keeps."""
@@ -94,7 +98,7 @@ def walk(
     Args:
         options: One WALK record, shape (1,).
         records, starts, lists, grid, peaks, stops: As `blend` takes them.
-        paints: Three numbers of each splat from a column on, f32.
+        paints: Three numbers of each splat from a column on, f32; of column DEPTHS none.
         keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
         labels: Number of each splat's prim, shape (n,) i32; read only by WEIGH.
         covered: 1 where a surface shows behind the splats, shape (h, w) u8; or of no size.
@@ -103,8 +107,10 @@ def walk(
         out: (image (h, w, 4) f32: paint and coverage, through (h, w) f32: transmittance, ranks
             (h, w) i32, depths (h, w) f32, ids and weights (h, w, RANKS), counts (h, w) u32,
             offsets (h * w,) i64, deep (depth, back, color (n, 4)) f32). A mode writes its own:
-            PAINT image and through; MEDIAN, which reads the image's coverage, ranks and depths;
-            WEIGH ids and weights; COUNT counts; FILL, from each pixel's offset on, deep.
+            PAINT image and through; MEDIAN, which reads both, ranks and depths; WEIGH ids and
+            weights; COUNT counts; FILL, from each pixel's offset on, deep, and, where something
+            holds out, into through the part of a surface behind that its samples do not hide and
+            is there.
     """
     image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
     hold_offsets, hold_depths, hold_through = holdout
@@ -167,7 +173,13 @@ def walk(
                     whole = image[row, place, 3]
                     alive[x] = whole > np.float32(0)
                     if covered.shape[0] > 0 and covered[row, place] == 1:
-                        whole = np.float32(1)
+                        beyond = through[row, place]
+                        if holds:
+                            beyond *= held_through(
+                                hold_offsets, hold_depths, hold_through, row * width + place,
+                                stops[row, place],
+                            )  # fmt: skip
+                        whole += beyond
                     state[s + GOAL] = whole * options[0].part
                 living += alive[x]
             k = 0
@@ -204,7 +216,7 @@ def walk(
                     for x in range(x0, x1):
                         if alphas[x] <= np.float32(0) or alive[x] == 0:
                             continue
-                        depth = depths[x] if by_ray else center
+                        depth = max(depths[x], options[0].near) if by_ray else center
                         if has_stops:
                             stop = stops[row, left + x - g.x0]
                             if depths[x] > stop:
@@ -247,6 +259,9 @@ def walk(
                             continue
                         if mode == PAINT:
                             state[s + COVER] += weight
+                            if column == DEPTHS:
+                                state[s + FIRST] += weight * depth
+                                continue
                             state[s + FIRST] += weight * paints[rank, column]
                             state[s + SECOND] += weight * paints[rank, column + 1]
                             state[s + THIRD] += weight * paints[rank, column + 2]
@@ -300,3 +315,11 @@ def walk(
                     strongest(table, prims, x, names, ids, weights, row, place)
                 elif mode == COUNT:
                     counts[row, place] = mark[x]
+                elif has_stops and (has_keeps or holds):
+                    beyond = state[s + THROUGH] / state[s + SEEN]
+                    if holds:
+                        beyond *= held_through(
+                            hold_offsets, hold_depths, hold_through, row * width + place,
+                            stops[row, place],
+                        )  # fmt: skip
+                    through[row, place] = min(beyond, np.float32(1))
