@@ -71,7 +71,7 @@ def test_surfaces_of_volumes_belong_to_them(shape) -> None:
     points = np.float32([*on, outside])
     found = left_by_kernel((volume,), points, np.eye(4))
     assert found.tolist() == [True] * len(on) + [False]
-    away = np.sign(points[:-1]) * np.float32(np.inf)
+    away = np.copysign(np.float32(np.inf), points[:-1])
     beyond = np.where(points[:-1] == 0, points[:-1], np.nextafter(points[:-1], away))
     if shape == "plane":
         beyond[:, 2] = np.float32(1e-30)

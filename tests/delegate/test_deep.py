@@ -124,7 +124,7 @@ def front_error(deep: DeepSamples, merged: DeepSamples) -> float:
     """By how much at most the opacity in front of any sample's depth differs, on some pixels. A
     merged sample is all there at its nearer end, or at its farther one."""
     rng = np.random.default_rng(0)
-    ends = [np.concatenate([[0], np.cumsum(each.counts.ravel())]) for each in (deep, merged)]
+    ends = [np.append(0, np.cumsum(each.counts, dtype=np.int64)) for each in (deep, merged)]
     worst = 0.0
     for pixel in rng.permutation(deep.counts.size)[:4000].tolist():
         own = slice(*ends[0][pixel : pixel + 2])
@@ -187,8 +187,10 @@ def test_a_deep_merge_is_the_picture_of_both(tmp_path) -> None:
         return np.abs(read(tmp_path / "flat.exr") - both["color"])
 
     exact, by_center = merged("rayHitDistance"), merged("zDepth")
-    print(f"deep merge: {exact.max():.1e} by ray, {by_center.max():.2f} by centre, "
-          f"mean {by_center.mean():.1e}")
+    print(
+        f"deep merge: {exact.max():.1e} by ray, {by_center.max():.2f} by centre, "
+        f"mean {by_center.mean():.1e}"
+    )
     assert exact.max() < 1e-3
     assert by_center.mean() < 0.02
 
@@ -222,7 +224,5 @@ def test_centres_at_a_distance_cannot_be_deep() -> None:
     renderer = Renderer(open_device())
     with pytest.raises(UsageError, match="zDepth or rayHitDistance"):
         next(
-            renderer.render_deep(
-                scene_of(), view_of(lens()), settings_of(sorting="cameraDistance")
-            )
+            renderer.render_deep(scene_of(), view_of(lens()), settings_of(sorting="cameraDistance"))
         )

@@ -113,6 +113,8 @@ def test_peaks_lie_where_rays_pass_the_centre_nearest(kind: str, model: str) -> 
             hits = np.argwhere(counts[i])
             for y, x in rng.permutation(hits)[:PIXELS].tolist():
                 expected = depths[i, y, x]
+                if expected <= eye.near:  # the peak is behind the eye, or nearly
+                    continue
                 found = found_depth(record, peak, x, y, model == "orthographic")
                 assert found == pytest.approx(expected, rel=1e-4)
                 tried += 1
