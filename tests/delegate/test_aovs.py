@@ -127,6 +127,23 @@ def test_normals_are_those_of_flat_discs(seed: int, model: str) -> None:
     assert (found["Neye"][~there] == 0).all()
 
 
+@pytest.mark.parametrize("model", ["perspective", "orthographic"])
+def test_what_a_transform_flattens_is_a_picture_on_a_plane(model: str) -> None:
+    """Splats in a field without thickness. Oracle: the plane that the matrix has made of space: its
+    normal, and where pixels' rays meet it."""
+    matrix = moved((0, 0, 0.2))
+    matrix[:3, :3] = [[1, 0, 0], [0, 1, 0], [0.5, 0, 0]]
+    cloud = splats([(0, 0, 0), (0.3, 0.2, 7), (-0.4, -0.2, 9)], 0.999, scales=(0.2, 0.2, 0.1))
+    options = {"sorting": "rayHitDistance", "aovs": ("Neye", "P", "depth", "color")}
+    found = picture(scene_of((cloud, matrix)), view_of(eye(model)), **options)
+    solid = found["color"][..., 3] > 0.05
+    assert solid.mean() > 0.02
+    p = found["P"][solid] + (0, 0, 4)
+    np.testing.assert_allclose(p[:, 2], 4.2 + 0.5 * p[:, 0], atol=1e-3)
+    normal = np.array([0.5, 0, 1]) / np.sqrt(1.25)
+    np.testing.assert_allclose(found["Neye"][solid], np.tile(normal, (solid.sum(), 1)), atol=1e-4)
+
+
 def test_normals_of_splats_and_a_surface_mix_by_weight() -> None:
     """Oracle: a disc of opacity 0.5 before a wall: the sum of both normals, made unit."""
     half = np.radians(40) / 2
@@ -322,3 +339,25 @@ def test_great_ids_come_through_to_the_file(tmp_path) -> None:
         writer.write_band(0, {"color": found["color"], "splatId": ids})
     channels = {k: v for _, part in ExrFile(tmp_path / "a.exr").parts for k, v in part.items()}
     np.testing.assert_array_equal(channels["splatId"].view(np.int32), found["elementId"])
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+@pytest.mark.parametrize("sorting", [*ORDERS, "cameraDistance"])
+@pytest.mark.parametrize("what", ["nothing", "a wall", "a wall behind", "splats behind"])
+def test_where_nothing_is_every_aov_says_so(what: str, sorting: str, samples: int) -> None:
+    """Of scenes with no splats, or none that is seen. Oracle: 0, +inf and -1 where nothing is."""
+    scene = scene_of()
+    if what == "splats behind":
+        scene = scene_of((splats([(0, 0, -9)], 0.9), np.eye(4)))
+    if what.startswith("a wall"):
+        add(scene, "/wall", wall(0 if what == "a wall" else -9, half=0.5))
+    found = picture(scene, view_of(eye()), sorting=sorting, samples=samples)
+    empty = found["primId"] < 0
+    assert empty.all() == (what != "a wall")
+    corner = {name: array[0, 0] for name, array in found.items()}
+    for name in ("depth", "depthFront", "depthExpected"):
+        assert corner[name] == np.inf
+    for name in ("primId", "instanceId", "elementId"):
+        assert corner[name] == -1
+    for name in ("color", "albedo", "Neye", "P", "motionForward", "motionBackward", "cryptoObject"):
+        assert (corner[name] == 0).all()

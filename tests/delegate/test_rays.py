@@ -42,13 +42,15 @@ def test_the_order_of_each_pixel_is_that_of_its_ray(model: str) -> None:
     assert close.mean() > 0.99
 
 
-def test_first_and_expected_depth_are_those_of_the_contributions() -> None:
+@pytest.mark.parametrize("sorting", ["zDepth", "rayHitDistance"])
+def test_first_and_expected_depth_are_those_of_the_contributions(sorting: str) -> None:
     """Zfront is the first contribution's depth, Zexp the mean by weight. Oracle: the float64
     reference."""
     eye, parts = lens(), [(random_cloud(1), np.eye(4))]
     aovs = ("color", "depthFront", "depthExpected")
-    found = picture(scene_of(*parts), view_of(eye), aovs=aovs)
-    rays = reference_rays.trace(reference.footprints(parts, eye), eye, by_ray=False)
+    found = picture(scene_of(*parts), view_of(eye), aovs=aovs, sorting=sorting)
+    seen = reference.footprints(parts, eye)
+    rays = reference_rays.trace(seen, eye, by_ray=sorting == "rayHitDistance")
     whole = rays.color[..., 3]
     front = reference_rays.median(rays, 0.0, whole)
     assert np.isclose(found["depthFront"], front, rtol=1e-4).mean() > 0.995

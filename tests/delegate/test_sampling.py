@@ -282,8 +282,8 @@ def test_edges_of_surfaces_have_the_coverage_of_their_area(n: int) -> None:
     assert np.abs(found - exact).max() <= 2.0 / n
 
 
-def test_bands_and_threads_change_no_bit_of_an_average() -> None:
-    """Oracle: the same picture in one band on one thread."""
+def test_bands_threads_and_crops_change_no_bit_of_an_average() -> None:
+    """Oracle: the same picture in one band on one thread, and its part in a data window."""
     eye = eye_of()
     scene, view, moments = moving(
         eye, [random_cloud(6, n=80)], (0.8, 0.3, 0.0),
@@ -293,8 +293,16 @@ def test_bands_and_threads_change_no_bit_of_an_average() -> None:
     options = {"moments": moments, "samples": 4, "aovs": aovs, "pixel_filter": "gaussian"}
     whole = picture(scene, view, threads=1, **options)
     banded = picture(scene, view, threads=2, band_pixels=60 * 16, **options)
+    part = replace(view, framing=replace(view.framing, data_window=(-5, 7, 33, 40)))
+
+    def inside(time):
+        return moments(time)[0], part
+
+    cropped = picture(scene, part, **(options | {"moments": inside}))
     for name in aovs:
         np.testing.assert_array_equal(whole[name], banded[name], err_msg=name)
+        overlap = cropped[name][:, 5:]
+        np.testing.assert_array_equal(whole[name][7:40, :33], overlap, err_msg=name)
 
 
 def test_what_must_not_be_averaged_is_that_of_the_middle_of_the_shutter() -> None:

@@ -13,7 +13,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.visible import Visible
-from usdsplat.kernels import bins, blend, median, project, walk
+from usdsplat.kernels import bins, blend, feature, median, project, walk
 from usdsplat.kernels.device import CpuDevice
 
 Holdout = tuple[I64, F32, F32]
@@ -132,6 +132,12 @@ class Layer:
     def paint(self, name: str, column: int) -> F32:
         """Sums of three features over all contributions, and coverage, shape (h, w, 4)."""
         return self._paint(name, self._seen.features, column)[0]
+
+    def depths(self) -> F32:
+        """Sums of the depths of all contributions, two unused, and coverage, shape (h, w, 4)."""
+        if self._walks:
+            return self._paint("depths", self._seen.features, walk.DEPTHS)[0]
+        return self.paint("depths", feature.EXPECTED)
 
     def median(self, name: str, part: float) -> tuple[F32, I32]:
         """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which a part of the

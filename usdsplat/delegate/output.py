@@ -53,14 +53,16 @@ class Output:
         self.covered = 0
         """Pixels so far that were asked to; both count in `inverseView` only."""
 
-    def splats(self, image: F32) -> F32:
-        """Return a finished splat layer, premultiplied (h, w, 4), in the picture's space."""
+    def splats(self, image: F32, *, counts: bool = True) -> F32:
+        """Return a finished splat layer, premultiplied (h, w, 4), in the picture's space; `counts`
+        says whether it goes into `failed` and `covered`."""
         self._recolor(image, self._splats)
         if self._mode != "inverseView":
             return image
         linear, failed = self._view.inverse_over(image, most=self._most)
-        self.failed += int(failed.sum())
-        self.covered += int((image[..., 3] > 0).sum())
+        if counts:
+            self.failed += int(failed.sum())
+            self.covered += int((image[..., 3] > 0).sum())
         if self._exposure != 1.0:
             linear[..., :3] *= np.float32(self._exposure)
         return linear

@@ -66,9 +66,11 @@ class Painter:
         )  # fmt: skip
         return left
 
-    def _finish(self, layer: F32, left: F32 | None, behind: F32 | None) -> F32:
+    def _finish(
+        self, layer: F32, left: F32 | None, behind: F32 | None, *, counts: bool = True
+    ) -> F32:
         """A layer in the picture's space, over what it lets through."""
-        image = self._shot.output.splats(layer)
+        image = self._shot.output.splats(layer, counts=counts)
         if left is not None and behind is not None:
             self._shot.device.run(surface.over, image, left, self._shot.output.surfaces(behind))
         self._shot.clock.lap("output")
@@ -134,7 +136,8 @@ class Painter:
         get, run = self._shot.scratch.get, self._shot.device.run
         if "albedo" in wanted:
             image = layer.paint("albedo", feature.ALBEDO)
-            image = self._finish(image, left, None if drawn is None else drawn.albedo)
+            behind = None if drawn is None else drawn.albedo
+            image = self._finish(image, left, behind, counts=False)
             arrays["albedo"] = image[..., :3]
         if "Neye" in wanted:
             sums = layer.paint("normals", feature.NORMAL)
@@ -145,7 +148,7 @@ class Painter:
                 none[..., 0] if left is None else left, arrays["Neye"],
             )  # fmt: skip
         if "depthExpected" in wanted:
-            sums = layer.paint("expected", feature.EXPECTED)
+            sums = layer.depths()
             if left is not None and drawn is not None:
                 behind = np.zeros((*left.shape, 3), np.float32)
                 np.copyto(behind[..., 0], drawn.depth, where=left > 0)

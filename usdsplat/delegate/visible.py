@@ -240,10 +240,13 @@ class Look:
 
 
 def _inverses(matrices: F64) -> F64:
-    """Inverses of the 3x3 of local-to-camera matrices; of flat ones what comes nearest to it."""
+    """Inverses of the 3x3 of local-to-camera matrices; flat ones count as hardly thick."""
     linear = matrices[:, :, :3]
     try:
         inverses = np.linalg.inv(linear)
     except np.linalg.LinAlgError:
-        inverses = np.linalg.pinv(linear)
+        u, s, vt = np.linalg.svd(linear)
+        s = np.maximum(s, peak.THIN * s[:, :1])
+        s[s == 0] = 1.0
+        inverses = (vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1)
     return np.ascontiguousarray(inverses)
