@@ -11,6 +11,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from tests.delegate.crop_edits import VOLUMES, CropEdits, crop
 from tests.delegate.stages import add_camera, random_cloud
+from tests.delegate.timing_edits import TimingEdits
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 
@@ -19,7 +20,7 @@ _Type = Sdf.ValueTypeNames
 PURPOSES = ("default", "render", "proxy", "guide")
 
 
-class Editor(CropEdits):
+class Editor(CropEdits, TimingEdits):
     """A stage and a source of edits; equal seeds make equal edits."""
 
     def __init__(self, seed: int, asset_folder: str) -> None:
@@ -370,24 +371,6 @@ class Editor(CropEdits):
 
     def restructure_session(self) -> None:
         self.stage.GetSessionLayer().Clear()
-
-    def restructure_timing(self) -> None:
-        self._random.choice([self._interpolate, self._count, self._offset])()
-
-    def _interpolate(self) -> None:
-        kinds = (Usd.InterpolationTypeHeld, Usd.InterpolationTypeLinear)
-        self.stage.SetInterpolationType(self._random.choice(kinds))
-
-    def _count(self) -> None:
-        self.stage.SetEditTarget(self.stage.GetRootLayer())
-        self.stage.SetTimeCodesPerSecond(self._random.choice([24.0, 48.0]))
-
-    def _offset(self) -> None:
-        root = self.stage.GetRootLayer()
-        if root.subLayerPaths:
-            start, scale = self._random.choice([0.0, 1.0]), self._random.choice([1.0, 2.0])
-            number = self._random.randrange(len(root.subLayerPaths))
-            root.subLayerOffsets[number] = Sdf.LayerOffset(start, scale)
 
     def restructure_population_mask(self) -> None:
         masks = (Usd.StagePopulationMask.All(), Usd.StagePopulationMask(["/World"]))
