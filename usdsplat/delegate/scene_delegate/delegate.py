@@ -145,12 +145,12 @@ class UsdSceneDelegate:
     def _populate(self) -> None:
         found = populate(self.stage)
         reconcile(self._index, self._population, found)
+        for path in self._population.meshes.keys() - found.meshes.keys():
+            self._meshes.pop(path, None)  # there is none of what was never seen
+            self._readings.remove(path)
         self._population = found
         self._dependencies = Dependencies(found)
         self._varying.clear()
-        for path in self._meshes.keys() - found.meshes.keys():
-            del self._meshes[path]
-            self._readings.remove(path)
         self._readings.refresh()
         self.problems = {key: why for key, why in self.problems.items() if _is_in(found, *key)}
 
@@ -319,6 +319,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
     """Whether there is still a prim of the kind that a problem was found with."""
     prims = {
         "field": population.fields,
+        "crops": population.fields,
         "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,
@@ -327,7 +328,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
     }
     if kind == "transforms":
         return path in population.fields or path in population.meshes
-    return path in prims.get(kind, population.fields)
+    return path in prims[kind]
 
 
 def _itself(prim: Usd.Prim) -> Usd.Prim:
