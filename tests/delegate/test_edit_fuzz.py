@@ -7,6 +7,7 @@ import pytest
 
 from tests.delegate.edits import Editor
 from tests.delegate.stages import contents
+from tests.delegate.surface_stages import surfaces
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 
@@ -28,6 +29,7 @@ def cameras(engine):
 def assert_alike(engine, fresh, history):
     """All that is held, said and drawn is the same to the last bit."""
     assert contents(engine) == contents(fresh), history
+    assert surfaces(engine) == surfaces(fresh), history
     assert engine.warnings == fresh.warnings, history
     assert cameras(engine) == cameras(fresh), history
     view = fresh.view(resolution=(24, 18))
@@ -42,6 +44,7 @@ def assert_follows_time(engine, editor, purposes, history):
         engine.set_time(time)
         with Engine(editor.stage, time=time, purposes=purposes) as fresh:
             assert contents(engine) == contents(fresh), f"{history}, time {time}"
+            assert surfaces(engine) == surfaces(fresh), f"{history}, time {time}"
             assert cameras(engine) == cameras(fresh), f"{history}, time {time}"
 
 

@@ -120,3 +120,20 @@ def test_time_pulls_points_of_what_moves_and_leaves_its_topology():
         second = mesh_at(engine, "/M")
         assert second.triangles is first.triangles and second.faces is first.faces
         assert np.allclose(second.points, 2 * first.points, atol=1e-6)
+
+
+def test_polygons_whose_points_are_all_animated_are_cut_by_the_first_sample():
+    """Oracle: the triangles of the same polygon at rest; as it is at time 2 it is cut otherwise."""
+    dart = [Gf.Vec3f(*xy, 0) for xy in ((0, 0), (2, -1), (0.5, 0), (2, 1))]
+    turned = [dart[3], *dart[:3]]
+    triangles = {}
+    for name, samples in (("rest", [dart]), ("both", [dart, turned]), ("turned", [turned])):
+        stage = Usd.Stage.CreateInMemory()
+        mesh = add_mesh(stage, "/M", faces=1)
+        mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+        mesh.GetPointsAttr().Clear()
+        for time, points in enumerate(samples, start=1):
+            mesh.GetPointsAttr().Set(points, time)
+        with Engine(stage, time=2) as engine:
+            triangles[name] = mesh_at(engine, "/M").triangles.tolist()
+    assert triangles["both"] == triangles["rest"] != triangles["turned"]
