@@ -25,7 +25,7 @@ class CountingRenderer:
         self.drawn = 0
         self.fails = False
 
-    def render(self, scene, view, settings, aovs):
+    def render(self, scene, view, settings, aovs, *, moments):
         self.drawn += 1
         x0, y0, x1, y1 = view.framing.window
         color, depth = np.empty((2, x1 - x0, 4), np.float32), np.empty((2, x1 - x0), np.float32)

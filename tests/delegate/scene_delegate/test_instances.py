@@ -257,7 +257,7 @@ def test_a_colour_space_named_above_an_instance_is_its_own():
     with Engine(stage) as engine:
         for edit, expected in edits:
             edit()
-            spaces = {seen[6].path: seen[1] for seen in contents(engine)}
+            spaces = {seen[5].path: seen[1] for seen in contents(engine)}
             assert (spaces["/A/I/Splats"], spaces["/B/I/Splats"]) == expected
             with Engine(stage) as fresh:
                 assert contents(engine) == contents(fresh)

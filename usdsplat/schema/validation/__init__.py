@@ -24,7 +24,8 @@ Check = Callable[[Sample], Iterator[Finding]]
 
 VALIDATORS = {
     "SplatArrays": "Arrays of splats have one length and legal, finite numbers.",
-    "SplatRadiance": "Harmonics have a legal degree, matching counts, a named colour space and a legal grade.",
+    "SplatRadiance": "Harmonics have a legal degree, matching counts, a named colour space and a "
+    "legal grade.",
     "SplatExtent": "The extent holds every splat out to where it stops contributing.",
     "SplatPacking": "Packed arrays have a known layout and fit together.",
 }
