@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usdsplat.kernels import project
+from usdsplat.kernels import crop, project
 from usdsplat.kernels.device import CpuDevice
 
 FOCAL = 800.0
@@ -40,8 +40,10 @@ def project_rows(
         np.zeros(blocks * block, np.int32),
     )
     found = np.zeros(blocks, np.int32)
+    volumes, crops = np.empty(0, crop.CROP), np.empty((1, 0, 3, 4))
     device.run(
-        project.project, camera(**changes), matrix[None, :3].copy(), device.upload(positions),
+        project.project, camera(**changes), matrix[None, :3].copy(), volumes, crops,
+        device.upload(positions),
         device.upload(np.float32(rotations)), device.upload(np.float32(scales)),
         device.upload(opacities), block, 0, out, found,
     )  # fmt: skip

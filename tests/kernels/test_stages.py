@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usdsplat.kernels import bins, blend, median, project, sort
+from usdsplat.kernels import bins, blend, median, peak, project, sort
 from usdsplat.kernels.device import CpuDevice
 
 rng = np.random.default_rng(11)
@@ -50,6 +50,10 @@ def some_records(n, size, *, needles=False):
     )  # fmt: skip
 
 
+NOTHING_BEHIND = (np.empty((0, peak.PEAK), np.float32), np.empty((0, 0), np.float32))
+"""Peaks and depths of surfaces where there are no surfaces."""
+
+
 def lists_of(device, records, window, chunks=3):
     """Tile lists of a window: (grid, starts, lists)."""
     grid = bins.grid_of(*window)
@@ -79,14 +83,21 @@ def blend_all(device, records, window):
     device.run(
         blend.blend,
         records,
+        records,
+        project.RED,
         starts,
         lists,
         grid,
+        *NOTHING_BEHIND,
+        False,
         image.reshape(len(image), -1),
         np.zeros(len(starts) - 1, np.int64),
     )
     ranks = np.zeros(image.shape[:2], np.int32)
-    device.run(median.median, records, starts, lists, grid, image, ranks)
+    device.run(
+        median.median, records, starts, lists, grid, *NOTHING_BEHIND, False, image,
+        np.empty((0, 0), np.uint8), np.float32(0.5), ranks,
+    )  # fmt: skip
     return image, ranks
 
 
