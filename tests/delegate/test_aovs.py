@@ -13,15 +13,18 @@ from tests.delegate.rendering import (
     random_cloud,
     random_transform,
     scene_of,
+    settings_of,
     view_of,
 )
 from tests.delegate.surface_scenes import add, mesh
 from tests.images.exr_file import ExrFile
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.renderer import Renderer
 from usdsplat.images.cryptomatte import object_hash
 from usdsplat.images.exr import ExrWriter
 from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels import reference
+from usdsplat.kernels.device import open_device
 
 SIZE = (61, 45)
 MIDDLE = (22, 30)
@@ -97,6 +100,19 @@ def test_depths_of_a_stack(model, sorting, cloud, surface, median, front, expect
         assert at["depthExpected"] == pytest.approx(expected, rel=1e-5)
     assert at["elementId"] == element
     assert at["primId"] == (-1 if element < 0 else element == 1234)
+
+
+@pytest.mark.parametrize("sorting", ORDERS)
+def test_half_of_what_is_left_by_a_matte_is_the_median(sorting: str) -> None:
+    """A splat in front of a wall, both behind a matte splat of opacity 0.9. Oracle: of the coverage
+    of 0.1 the splat has 0.06, so it is what is seen; by hand."""
+    near, far = splats([(0, 0, -1)], 0.9), splats([(0, 0, 0)], 0.6)
+    scene = add(scene_of((near, np.eye(4)), (far, np.eye(4))), "/wall", wall(1))
+    view = replace(view_of(eye()), matte=(("/field0", True),))
+    found = picture(scene, view, sorting=sorting, aovs=("depth", "primId", "color"))
+    assert found["color"][MIDDLE][3] == pytest.approx(0.1, abs=1e-6)
+    assert found["primId"][MIDDLE] == 1
+    assert found["depth"][MIDDLE] == pytest.approx(4)
 
 
 # --- normals and places ------------------------------------------------------------------
@@ -193,6 +209,19 @@ def test_albedo_is_the_picture_without_view_dependence() -> None:
         expected = picture(scene_of((plain, matrix)), view_of(eye()), aovs=("color",), **options)
         np.testing.assert_allclose(found["albedo"], expected["color"][..., :3], atol=1e-6)
         assert np.abs(found["albedo"] - found["color"][..., :3]).max() > 0.1
+
+
+def test_only_colour_counts_among_the_pixels_that_a_view_cannot_show() -> None:
+    """Oracle: the same counts whether the albedo is asked for or not."""
+    renderer = Renderer(open_device())
+    scene = scene_of((random_cloud(1), np.eye(4)))
+    settings = settings_of(color_mode="inverseView", inverse_max=1.0)
+    counts = []
+    for aovs in (("color",), ("color", "albedo")):
+        list(renderer.render(scene, view_of(eye()), settings, aovs))
+        counts.append((renderer.stats.failed, renderer.stats.asked))
+    assert counts[0] == counts[1]
+    assert counts[0][1] > 0
 
 
 # --- motion ------------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def test_between_two_levels_both_count():
     root = np.sqrt(2.0)
     got = textured(pixels, size=(45, 45), uvs=lambda uv: uv * np.float32(45 * root / 64))
     x = (np.arange(45) + 0.5) * root - 0.5
-    y = 63.5 - x[::-1]
+    y = 63 - x[::-1]
     u, v = np.abs(x % 2 - 1), np.abs(y % 2 - 1)[:, None]  # weights of even texels
     sharp = u * (1 - v) + (1 - u) * v
     np.testing.assert_allclose(got[..., 0], 0.5 * sharp + 0.25, atol=1e-3)
