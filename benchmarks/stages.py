@@ -1,0 +1,127 @@
+"""The stages of the test data with a capture in each, on one sheet: `docs/stages.jpg`.
+
+    python -m benchmarks.stages [SHEET]
+
+Every picture is a stage of somebody else's, as its own files have it, and a capture that a
+reference puts beside or into what is there, as large as it is. Cameras are the stages' own where
+they have one. It prints what each stage warned of.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from pxr import Gf, Usd, UsdGeom
+
+from benchmarks.scenes import DATA
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.specs import View
+from usdsplat.interchange import import_capture
+
+SIZE = (480, 360)
+COLUMNS = 4
+USDWG, OPENUSD = DATA / "usd" / "usdwg", DATA / "usd" / "openusd"
+VEHICLES = USDWG / "Vehicles" / "assets" / "vehicles"
+BACKGROUND = (0.09, 0.1, 0.12)
+
+STAGES = (
+    (USDWG / "CesiumMan.usdz", 24.0, "skinned, textured"),
+    (USDWG / "RiggedFigure.usdz", 20.0, "skinned"),
+    (USDWG / "RiggedSimple.usdz", 30.0, "skinned"),
+    (USDWG / "BoxAnimated.usdz", 40.0, "animated"),
+    (USDWG / "InterpolationTest.usdz", 20.0, "interpolation"),
+    (USDWG / "SubdivisionSurfaces" / "Creases_SpinningPyramids.usda", 10.0, "creases, camera"),
+    (USDWG / "SubdivisionSurfaces" / "Pyramid" / "Pyramid.usd", 0.0, "payload"),
+    (OPENUSD / "AnimCube.usda", 5.0, "animated"),
+    (OPENUSD / "motionBlur.usda", 5.0, "motion blur, 32 samples"),
+    (OPENUSD / "renderSettingsEdits.usda", 1.0, "render settings, camera"),
+    (OPENUSD / "test_lbs.usda", 5.0, "linear blend skinning"),
+    (OPENUSD / "test_dqs.usda", 5.0, "dual quaternion skinning"),
+    (OPENUSD / "skelBake" / "blendshapes.usda", 3.0, "blend shapes"),
+    (VEHICLES / "sedan" / "asset" / "sedanFullAsset.usda", 1.0, "materials"),
+    (VEHICLES / "tractor" / "asset" / "tractorFullAsset.usda", 1.0, "materials"),
+    (VEHICLES / "vehicleVariants.usda", 1.0, "variants"),
+)
+
+
+def box_of(stage: Usd.Stage, time: float) -> tuple[Gf.Vec3d, float]:
+    """Middle of the floor of all that is drawn, and how large it is."""
+    cache = UsdGeom.BBoxCache(Usd.TimeCode(time), ["default", "render"])
+    box = cache.ComputeWorldBound(stage.GetPseudoRoot()).ComputeAlignedRange()
+    return box.GetMidpoint(), max(box.GetSize())
+
+
+def with_capture(path: Path, capture: Path, time: float) -> Usd.Stage:
+    """The stage, and a capture that stands in front of it to the right, upright."""
+    layer = Usd.Stage.CreateInMemory().GetRootLayer()
+    layer.subLayerPaths.append(str(path))
+    stage = Usd.Stage.Open(layer)
+    source = Usd.Stage.Open(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(source))
+    stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
+    middle, size = box_of(stage, time)
+    scan = UsdGeom.Xform.Define(stage, "/Scan")
+    scan.GetPrim().GetReferences().AddReference(str(capture))
+    up = UsdGeom.GetStageUpAxis(stage)
+    shift = Gf.Vec3d(0.45, 0, 0.35) if up == "Y" else Gf.Vec3d(0.45, -0.35, 0)
+    scan.ClearXformOpOrder()
+    scan.AddTranslateOp().Set(middle + shift * size)
+    if up == "Z":
+        scan.AddRotateXOp().Set(90.0)
+    scan.AddScaleOp().Set(Gf.Vec3f(size * 0.3))
+    return stage
+
+
+def picture(path: Path, capture: Path, time: float) -> np.ndarray:
+    """One stage over a plain background, display-referred, shape (h, w, 3)."""
+    stage = with_capture(path, capture, time)
+    with Engine(stage, time=time) as engine:
+        cameras = engine.cameras()
+        view = engine.view(cameras[0] if cameras else None, resolution=SIZE)
+        samples = 16
+        if path.name == "motionBlur.usda":
+            camera = engine.framing_camera([time], framing=view.framing)
+            view, samples = View(camera=replace_shutter(camera), framing=view.framing), 32
+        for warning in engine.warnings:
+            print(f"  {path.name}: {warning[:150]}")
+        color = engine.picture(view, RenderSettings(color_mode="display", samples=samples))["color"]
+    return color[..., :3] + (1 - color[..., 3:]) * np.float32(BACKGROUND)
+
+
+def replace_shutter(camera: object) -> object:
+    """A camera whose shutter is open for a whole frame."""
+    from dataclasses import replace
+
+    return replace(camera, shutter=(-0.5, 0.5))  # type: ignore[type-var]
+
+
+def main(sheet: Path) -> None:
+    """Draw the sheet."""
+    rows = -(-len(STAGES) // COLUMNS)
+    width, height = SIZE
+    image = np.zeros((rows * height, COLUMNS * width, 3), np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        capture = Path(folder) / "scan.usdc"
+        import_capture(DATA / "splats" / "statue_angel.sog", capture)
+        for i, (path, time, _) in enumerate(STAGES):
+            y, x = i // COLUMNS * height, i % COLUMNS * width
+            image[y : y + height, x : x + width] = picture(path, capture, time)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(np.clip(image, 0, 1)))
+    for i, (path, _, what) in enumerate(STAGES):
+        y, x = i // COLUMNS * height, i % COLUMNS * width
+        text = f"{path.stem}: {what}"
+        oiio.ImageBufAlgo.render_text(buffer, x + 10, y + height - 12, text, 16)
+    half = oiio.ImageBufAlgo.resize(buffer, roi=oiio.ROI(0, image.shape[1] * 3 // 4, 0, image.shape[0] * 3 // 4, 0, 1, 0, 3))
+    half.set_write_format("uint8")
+    half.specmod().attribute("Compression", "jpeg:80")
+    half.write(str(sheet))
+    print(f"{sheet}: {sheet.stat().st_size // 1000} kB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs") / "stages.jpg")
