@@ -43,7 +43,7 @@ def test_flags_that_are_not_given_are_no_opinion():
 
 def test_flags_that_are_given_are_values_of_the_knobs():
     """Oracle: the values on the command line, taken by core.knobs.checked."""
-    argv = ["x", "--mode", "b", "--level", "0", "--size", "2", "--strict", "False"]
+    argv = ["x", "--mode", "b", "--level", "0", "--size", "2", "--no-strict"]
     values = given(parse(Options, "try", "Try.", argv).settings)
     assert values == {"mode": "b", "level": 0, "size": 2.0, "strict": False}
     assert checked("try", Settings, values) == Settings(**values)

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, create_mutex_group
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, time_code
+from usdsplat.cli.parsing import option
+from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
 

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from usdsplat.cli.planning import OUTPUT_SPACE, Picture
+from usdsplat.cli import remarks
+from usdsplat.cli.budget import WORTH_SAYING, Budget, budget
+from usdsplat.cli.deep import DeepReport, draw_deep
+from usdsplat.cli.flat import draw_flat
+from usdsplat.cli.header import labelled
+from usdsplat.cli.request import Picture
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.framing import conform
+from usdsplat.delegate.shot import Holdout
 from usdsplat.delegate.specs import CameraSpec, View
-from usdsplat.images import open_writer
-from usdsplat.images.aovs import AOVS
-from usdsplat.images.camera import camera_metadata
-from usdsplat.images.frames import frame_paths
-from usdsplat.images.layout import ImageLayout
+from usdsplat.images.frames import frame_path, frame_paths
+
+Remark = Callable[[str], None]
+Job = tuple[Picture, float, Path]
+"""What is drawn, at which time code, into which file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +42,8 @@ class Drawn:
     """Those that may touch the picture."""
     seconds: float
     """Time it took, file included."""
+    samples: int | None = None
+    """Of all pixels of a deep picture."""
 
 
 def draw_frames(
@@ -48,7 +53,9 @@ def draw_frames(
     *,
     source: str,
     resume: bool = False,
+    memory_limit: int | None = None,
     progress: Progress = silent,
+    remark: Remark = lambda _: None,
 ) -> Iterator[Drawn]:
     """Draw every picture at every frame, frame after frame; yield each when its file is there.
 
@@ -58,100 +65,147 @@ def draw_frames(
         frames: Time codes.
         source: What the stage is called in the files.
         resume: Leave out pictures whose file exists.
-        progress: Told about pictures, or about rows when there is only one.
+        memory_limit: [byte] that the process may take.
+        progress: Told about the rows of all pictures together.
+        remark: Told what a user would not see in the pictures.
 
     Raises:
-        UsageError: If two pictures would be one file.
+        UsageError: If two pictures would be one file, or the memory is too little.
         StageError: If a camera cannot be used.
         OutputError: If a file cannot be written.
     """
     jobs = _jobs(pictures, frames, resume)
+    tell = _once(remark)
+    _check_holdouts(jobs)
     cameras = {picture: _framing_camera(engine, picture, frames) for picture, _, _ in jobs}
-    for done, (picture, frame, path) in enumerate(jobs):
+    budgets = _budgets(engine, jobs, cameras, memory_limit, tell)
+    rows, total = 0, sum(picture.rows for picture, _, _ in jobs)
+    label = jobs[0][2].name if len(jobs) == 1 else f"{counted(len(jobs), 'picture')}, row"
+    progress.step(label, 0, total)
+    for picture, frame, path in jobs:
         started = time.perf_counter()
-        engine.set_time(frame)
-        engine.set_purposes(picture.purposes)
-        metadata: dict[str, str | float] = {"usdsplat:stage": source, "usdsplat:frame": frame}
-        rows = progress if len(jobs) == 1 else silent
-        camera = cameras[picture]
-        view = draw(engine, picture, path, camera=camera, metadata=metadata, progress=rows)
-        if len(jobs) > 1:
-            progress.step("rendering", done + 1, len(jobs))
+        view = _go_to(engine, picture, frame, cameras[picture])
+
+        def finished(done: int, before: int = rows) -> None:
+            progress.step(label, before + done, total)
+
+        report = _draw(
+            engine, picture, path, view, frame, source, budgets[picture].band_pixels, finished
+        )
+        rows += picture.rows
+        stats, seconds = engine.stats, time.perf_counter() - started
+        if report is not None:
+            remark(remarks.what_is_deep(path, report, seconds))
+        elif picture.settings.color_mode == "inverseView":
+            remark(remarks.what_fails(path, stats))
+        empty = remarks.why_nothing(engine, stats)
+        if empty:
+            tell(f"nothing is drawn: {empty}", f"{path}: ")
         yield Drawn(
             path=path,
             frame=frame,
             camera=view.camera.path or None,
             resolution=view.framing.resolution,
-            splats=engine.stats.splats,
-            visible=engine.stats.visible,
-            seconds=time.perf_counter() - started,
+            splats=stats.splats,
+            visible=stats.visible,
+            seconds=seconds,
+            samples=None if report is None else report.samples,
         )
 
 
-def draw(
+def _draw(
     engine: Engine,
     picture: Picture,
     path: Path,
-    *,
-    camera: CameraSpec | None = None,
-    metadata: Mapping[str, str | float],
-    progress: Progress = silent,
-) -> View:
-    """Draw `picture` at the engine's time into `path`, band by band; return what was looked at.
+    view: View,
+    frame: float,
+    source: str,
+    band_pixels: int,
+    finished: Callable[[int], None],
+) -> DeepReport | None:
+    """Draw one picture at the engine's time into its file."""
+    layout = labelled(engine, picture, view, stage=source, frame=frame)
+    holdout = _holdout(picture, frame)
+    if picture.deep:
+        return draw_deep(
+            engine, picture, path, view, layout,
+            holdout=holdout, band_pixels=band_pixels, finished=finished,
+        )  # fmt: skip
+    draw_flat(
+        engine, picture, path, view, layout,
+        holdout=holdout, band_pixels=band_pixels, finished=finished,
+    )  # fmt: skip
+    return None
 
-    Args:
-        engine: Whose stage is drawn; at its time, with its purposes.
-        picture: What to draw.
-        path: The file, the frame number in its name.
-        camera: Takes the place of the picture's.
-        metadata: Header entries that the picture itself does not know.
-        progress: Told how many rows are finished.
 
-    Raises:
-        StageError: If the camera cannot be used.
-        OutputError: If the file cannot be written.
-    """
+def _go_to(engine: Engine, picture: Picture, frame: float, camera: CameraSpec | None) -> View:
+    """Bring the engine to a frame; return what the picture looks at there."""
+    engine.set_time(frame)
+    engine.set_purposes(picture.purposes)
     if camera is None:
         view = engine.view(picture.camera, framing=picture.framing)
     else:
         view = View(camera=camera, framing=picture.framing)
-    window, pixel_aspect_ratio = conform(view.camera.window, view.framing)
-    seen_by = camera_metadata(
-        world_to_camera=view.camera.world_to_camera,
-        window=window,
-        orthographic=view.camera.orthographic,
-    )
-    layout = ImageLayout(
-        resolution=view.framing.resolution,
-        data_window=view.framing.data_window,
-        pixel_aspect_ratio=pixel_aspect_ratio,
-        aovs=picture.aovs,
-        pixel_type=picture.pixel_type,
-        color_space=OUTPUT_SPACE[picture.settings.color_mode],
-        metadata={**seen_by, **_drawing_metadata(engine, picture, view), **metadata},
-    )
-    names = {AOVS[name].hydra: AOVS[name] for name in picture.aovs}
-    with open_writer(path, layout) as writer:
-        for band in engine.render(view, picture.settings, tuple(names)):
-            # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
-            arrays = {
-                aov.name: array.view(np.uint32) if aov.kind == "id" else array
-                for aov, array in ((names[key], band.arrays[key]) for key in names)
-            }
-            writer.write_band(band.y0, arrays)
-            progress.step(path.name, band.y1 - layout.window[1], layout.shape[0])
-    return view
+    return replace(view, matte=picture.matte)
 
 
-def why_nothing(engine: Engine, drawn: Drawn) -> str:
-    """Say why there is no splat in a picture, at the engine's time; "" if there is one."""
-    if drawn.visible:
-        return ""
-    if not engine.fields():
-        return "the stage has no splats"
-    if not drawn.splats:
-        return "all splats are hidden, of other purposes, or cannot be drawn"
-    return "no splats are in view"
+def _budgets(
+    engine: Engine,
+    jobs: Sequence[Job],
+    cameras: dict[Picture, CameraSpec | None],
+    limit: int | None,
+    tell: Callable[..., None],
+) -> dict[Picture, Budget]:
+    """The bands of each picture, by its first frame, before anything is drawn."""
+    budgets: dict[Picture, Budget] = {}
+    for picture, frame, path in jobs:
+        if picture in budgets:
+            continue
+        view = _go_to(engine, picture, frame, cameras[picture])
+        found = budgets[picture] = budget(engine, picture, view, limit=limit)
+        for text in picture.warnings:
+            tell(text)
+        if picture.deep:
+            tell(remarks.what_is_forced(picture))
+        if sharp := remarks.why_sharp(picture, view.camera):
+            tell(sharp)
+        if limit is not None or found.estimate.total > WORTH_SAYING:
+            tell(found.sentence(), f"{path.name}: ")
+    return budgets
+
+
+def _once(remark: Remark) -> Callable[..., None]:
+    """A remark that is made once, about the first that it is true of."""
+    told: set[str] = set()
+
+    def tell(text: str, where: str = "") -> None:
+        if text not in told:
+            told.add(text)
+            remark(where + text)
+
+    return tell
+
+
+def _holdout(picture: Picture, frame: float) -> Holdout | None:
+    """What hides from elsewhere at a frame."""
+    if picture.holdout is None:
+        return None
+    from usdsplat.images.holdout import open_holdout
+
+    path = frame_path(picture.holdout, frame)
+    return open_holdout(path, resolution=picture.framing.resolution).rows
+
+
+def _check_holdouts(jobs: Sequence[Job]) -> None:
+    """Refuse to begin what could not be finished: all holdouts must be there."""
+    for picture, frame, _ in jobs:
+        if picture.holdout is not None:
+            path = frame_path(picture.holdout, frame)
+            if not path.is_file():
+                raise UsageError("--holdout", f"no file {path}", "an EXR with depth")
+    for picture in dict.fromkeys(picture for picture, _, _ in jobs):
+        first = next(frame for other, frame, _ in jobs if other is picture)
+        _holdout(picture, first)
 
 
 def _framing_camera(engine: Engine, picture: Picture, frames: Sequence[float]) -> CameraSpec | None:
@@ -163,9 +217,7 @@ def _framing_camera(engine: Engine, picture: Picture, frames: Sequence[float]) -
     return engine.framing_camera(times, framing=picture.framing)
 
 
-def _jobs(
-    pictures: Sequence[Picture], frames: Sequence[float], resume: bool
-) -> list[tuple[Picture, float, Path]]:
+def _jobs(pictures: Sequence[Picture], frames: Sequence[float], resume: bool) -> list[Job]:
     """What is to be drawn into which file, frame after frame."""
     names = [frame_paths(picture.output, frames) for picture in pictures]
     paths = [path for group in names for path in group]
@@ -178,21 +230,3 @@ def _jobs(
         for picture, group in zip(pictures, names, strict=True)
     ]
     return [job for job in jobs if not (resume and job[2].exists())]
-
-
-def _drawing_metadata(engine: Engine, picture: Picture, view: View) -> dict[str, str]:
-    """How it was drawn, and what the ids in it stand for, for the header."""
-    fields = [field.spec for _, field, _ in engine.render_scene.drawn()]
-    settings = picture.settings.resolved(field.sorting_mode for field in fields)
-    modes = {field.rasterize_mode for field in fields}
-    if settings.rasterize_mode != "auto":
-        modes = {settings.rasterize_mode}
-    entries = {
-        "usdsplat:camera": view.camera.path or "framing the scene",
-        "usdsplat:sorting": settings.sorting,
-        "usdsplat:rasterizeMode": " and ".join(sorted(modes)),
-        "usdsplat:colorMode": settings.color_mode,
-    }
-    if "id" in picture.aovs:
-        entries["usdsplat:ids"] = json.dumps(engine.drawn_paths())
-    return entries

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from usdsplat import __version__
+from usdsplat.cli.flag_names import as_typed
 from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 
 COMMANDS = {
@@ -25,31 +26,6 @@ COMMANDS = {
     "match": "grade splats until they look like a plate, or like a colour chart",
     "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
 }
-
-FLAGS = (
-    "aovs",
-    "camera",
-    "color-mode",
-    "device",
-    "frame",
-    "frames",
-    "meters-per-unit",
-    "ocio-config",
-    "ocio-display",
-    "ocio-look",
-    "ocio-view",
-    "prim",
-    "purposes",
-    "rasterize-mode",
-    "resolution",
-    "settings",
-    "sh-degree",
-    "sorting",
-    "threads",
-    "up-axis",
-    "working-space",
-)
-"""Options whose values the library checks, and names in its own words."""
 
 OVERVIEW = f"""usage: usdsplat COMMAND ...
 
@@ -99,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 141
     except UsdSplatError as error:
         is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
-        where = _as_typed(error.where) if is_ours else error.where
+        where = as_typed(error.where) if is_ours else error.where
         return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
     except OSError as error:
         if error.filename is None:  # nothing else is written to without a name
@@ -130,13 +106,6 @@ def _run(arguments: list[str]) -> int:
     if isinstance(options, int):
         return options
     return command.run(options)
-
-
-def _as_typed(where: str) -> str:
-    """An option as it is spelled on the command line, if that is what a usage error is about."""
-    name = where.removeprefix("render settings ").removeprefix("render ").replace("_", "-")
-    name = {"prim-path": "prim"}.get(name, name)
-    return f"--{name}" if name in FLAGS else where
 
 
 def _complain(message: str, status: int) -> int:

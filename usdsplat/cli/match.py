@@ -26,8 +26,9 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, UseAppendAction, arg
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, resolution_of, time_code
+from usdsplat.cli.parsing import option
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
 

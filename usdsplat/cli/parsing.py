@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import re
 import sys
 import textwrap
-from dataclasses import fields, make_dataclass
+from collections.abc import Iterable
+from dataclasses import field, fields, make_dataclass
 from typing import Annotated, Any, TypeVar
 
 import tyro
 from tyro.conf import arg
 
+from usdsplat.cli.flag_names import spelled
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, knobs
 
 T = TypeVar("T")
 
 _FRAME = re.compile(r"^[│╭╰|+][─-]*\s?|[─-]*\s*[│╮╯|+]$")
+
+NO = "no_"
+"""What the name of a flag that turns its knob off begins with."""
+KNOB = "knob"
+"""What the fields of flags say they are for."""
 
 _KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 
@@ -58,55 +64,70 @@ def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T 
         return 2
 
 
-def option(metavar: str | None = None, *, name: str | None = None, short: str = "") -> Any:
+def option(
+    metavar: str | None = None,
+    *,
+    name: str | None = None,
+    short: str = "",
+    text: str | None = None,
+) -> Any:
     """How a field is shown: its placeholder, another name, a short form; put it in Annotated.
 
-    The string below a field says what its default means, so tyro's own remark is left out.
+    The string below a field, or `text`, says what its default means, so tyro's own remark is left
+    out.
     """
     return arg(
-        metavar=metavar, name=name, aliases=(short,) if short else None, help_behavior_hint=""
+        metavar=metavar,
+        name=name,
+        aliases=(short,) if short else None,
+        help=text,
+        help_behavior_hint="",
     )
 
 
-def flags_of(cls: type) -> type:
-    """Make a dataclass with one optional flag for each knob of `cls`; None is "not given"."""
-    return make_dataclass(
-        f"{cls.__name__}Flags",
-        [(knob.name, _flag(knob), None) for knob in knobs(cls)],
-        frozen=True,
-        kw_only=True,
-    )
+def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") -> type:
+    """Make a dataclass with an optional flag for each knob of `cls`; None is "not given".
+
+    A knob that is on or off gets two, `--name` and `--no-name`.
+
+    Args:
+        names: Only these knobs, in this order; None for all.
+        about: What they have in common, shown above them.
+    """
+    known = {knob.name: knob for knob in knobs(cls)}
+    flags: list[tuple[str, Any, Any]] = []
+    for name in known if names is None else names:
+        knob = known[name]
+        flags.append((name, _flag(knob), _not_given(knob)))
+        if knob.type is bool:
+            against = option(name=f"no-{spelled(name)}", text="the opposite")
+            flags.append((f"{NO}{name}", Annotated[bool, against], _not_given(knob)))
+    made = make_dataclass(f"{cls.__name__}Flags", flags, frozen=True, kw_only=True)
+    made.__doc__ = about
+    return made
 
 
 def given(flags: Any) -> dict[str, Any]:
-    """The values that were given, of an instance of what `flags_of` made."""
-    values = {item.name: getattr(flags, item.name) for item in fields(flags)}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def time_code(value: float | None) -> float | None:
-    """The value of `--time`.
+    """The values that were given, of an instance of what `flags_of` made, or of what inherits it.
 
     Raises:
-        UsageError: If it is not finite: NaN is how USD writes the default time.
+        UsageError: If something is to be both on and off.
     """
-    if value is not None and not math.isfinite(value):
-        raise UsageError("--time", f"{value:g}", "the number of a frame")
-    return value
+    found: dict[str, Any] = {}
+    for item in fields(flags):
+        value, knob = getattr(flags, item.name), item.metadata.get(KNOB)
+        if knob is None or value is None or value is False:
+            continue
+        if knob in found:
+            flag = spelled(knob)
+            raise UsageError(f"--{flag}", f"--no-{flag} too", "one of them")
+        found[knob] = value if item.name == knob else False
+    return found
 
 
-def resolution_of(text: str | None) -> tuple[int, int] | None:
-    """The value of `--resolution`, WIDTHxHEIGHT, as two numbers.
-
-    Raises:
-        UsageError: If it is anything else.
-    """
-    if text is None:
-        return None
-    match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
-    if not match:
-        raise UsageError("--resolution", repr(text), "two numbers of pixels, such as 1920x1080")
-    return int(match[1]), int(match[2])
+def _not_given(knob: Knob) -> Any:
+    """The default of a flag; a knob that is on or off has none that means it."""
+    return field(default=False if knob.type is bool else None, metadata={KNOB: knob.name})
 
 
 def _flag(knob: Knob) -> Any:
@@ -114,11 +135,13 @@ def _flag(knob: Knob) -> Any:
     kind, metavar = knob.type, None
     if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
         kind, metavar = str, "|".join(knob.choices)
-    if kind is bool:
-        kind = tyro.conf.FlagConversionOff[bool]  # on, off and not given are three things
-    limits = f" [{knob.expected}]" if knob.range else ""
-    text = f"{knob.text}{limits}; default: what the stage says"
-    return Annotated[kind | None, arg(help=text, metavar=metavar, help_behavior_hint="")]
+    elif kind is str:
+        metavar = "NAME"
+    limits = "" if knob.range is None else f"{knob.range[0]:g} to {knob.range[1]:g}"
+    numbers = " ".join(filter(None, (limits, knob.unit)))
+    text = f"{knob.text} [{numbers}]" if numbers else knob.text
+    shown = option(metavar, name=spelled(knob.name), text=text)
+    return Annotated[kind if kind is bool else kind | None, shown]
 
 
 def _sentence(complaint: str, command: str) -> str:

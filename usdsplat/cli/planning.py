@@ -2,60 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
+from usdsplat.cli.header import layout_of
+from usdsplat.cli.request import Picture, Request
+from usdsplat.cli.values import MOST_PIXELS
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
+from usdsplat.delegate.framing import CONFORM
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
-from usdsplat.images import default_color_mode, open_writer
+from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frames import frame_path
-from usdsplat.images.layout import ImageLayout, PixelType
 
-OUTPUT_SPACE = {"display": "srgb_rec709_display", "scene": "lin_rec709_scene"}
-"""Colour mode -> the space that the pixels of a file are in."""
-MAX_SIDE = 65536
-"""Pixels on a side of a picture: more is a slip of the finger, not a picture."""
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What the user asks for on top of, or instead of, what the stage says; None is no opinion."""
-
-    output: str | None = None
-    """File to write, with a place for the frame number when there are several frames."""
-    camera: str | None = None
-    """Path of a camera, or its name where there is one of that name."""
-    resolution: tuple[int, int] | None = None
-    """[pixel]"""
-    aovs: tuple[str, ...] | None = None
-    purposes: tuple[str, ...] | None = None
-    pixel_type: PixelType | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    """Values of `RenderSettings`."""
-    settings_prim: str | None = None
-    """Path of the RenderSettings to follow."""
-    product: str | None = None
-    """Path of the one product to draw."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
-    """One picture for each frame."""
-
-    output: str
-    camera: str | None
-    framing: Framing
-    settings: RenderSettings
-    aovs: tuple[str, ...]
-    purposes: tuple[str, ...]
-    pixel_type: PixelType | None
+KINDS = ("raster", "deepRaster")
+"""The `productType`s that we draw."""
+DEEP_AOVS = ("color", "Z")
+"""What a deep picture holds, and nothing else."""
 
 
 def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
@@ -67,7 +34,7 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
         UsageError: If there is no file to write to, or a flag is wrong.
         StageError: If there is no such camera, product or settings prim.
     """
-    _check_lists(request)
+    _check(request)
     camera = None if request.camera is None else find_camera(engine, request.camera)
     products = engine.products(
         request.settings_prim,
@@ -80,90 +47,123 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
         products = tuple(item for item in products if item.path == request.product)
         if not products:
             raise StageError("--product", request.product, f"a product of the settings: {known}")
-    if not products:
-        return (_own(engine, request, camera),)
     if request.output:
         products = products[:1]
-    pictures = []
-    for product in products:
-        if product.kind != "raster":
-            raise UsageError(product.path, f"productType {product.kind}", "raster")
-        pictures.append(
-            _finished(
-                output=request.output or product.name,
-                where=product.path,
-                camera=_camera_of(engine, product) or _first_camera(engine),
-                framing=product.framing,
-                settings=product.settings,
-                aovs=request.aovs or product.aovs,
-                purposes=request.purposes or product.purposes,
-                pixel_type=request.pixel_type,
-            )
-        )
-    return tuple(pictures)
+    pictures = tuple(_of_product(engine, request, product) for product in products)
+    pictures = pictures or (_own(engine, request, camera),)
+    if request.deep_compression is not None and not any(picture.deep for picture in pictures):
+        raise UsageError("--deep-compression", "no deep picture", "one, by --deep or a deepRaster")
+    return pictures
 
 
 def _own(engine: Engine, request: Request, camera: str | None) -> Picture:
     """The picture of a stage that asks for none."""
-    framing = Framing()
-    if request.resolution:
-        framing = replace(framing, resolution=request.resolution)
-    return _finished(
-        output=request.output,
-        where="render",
-        camera=camera or _first_camera(engine),
-        framing=framing,
+    spec = ProductSpec(
+        path="render",
+        framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
         settings=checked("render", RenderSettings, request.settings),
-        aovs=request.aovs or ("color",),
-        purposes=request.purposes or PURPOSES,
-        pixel_type=request.pixel_type,
+        purposes=PURPOSES,
     )
+    return _finished(request, spec, camera or _first_camera(engine))
 
 
-def _finished(
-    *,
-    output: str | None,
-    where: str,
-    camera: str | None,
-    framing: Framing,
-    settings: RenderSettings,
-    aovs: tuple[str, ...],
-    purposes: tuple[str, ...],
-    pixel_type: PixelType | None,
-) -> Picture:
+def _of_product(engine: Engine, request: Request, product: ProductSpec) -> Picture:
+    """The picture that a product asks for."""
+    if product.kind not in KINDS:
+        raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
+    return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
+
+
+def _finished(request: Request, spec: ProductSpec, camera: str | None) -> Picture:
     """Decide what is left to the file: the colour mode. Refuse what no file could hold."""
+    where, output = spec.path, request.output or spec.name
     if not output:
         raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
-    if max(framing.resolution) > MAX_SIDE:
-        found = "x".join(str(side) for side in framing.resolution)
-        raise UsageError(f"{where} resolution", found, f"at most {MAX_SIDE} pixels on a side")
-    if settings.color_mode == "auto":
-        settings = replace(settings, color_mode=default_color_mode(frame_path(output, 0)))
-    _check_purposes(f"{where} purposes", purposes)
-    names = tuple(aov.name for aov in find_aovs(aovs, where=f"{where} AOVs"))
+    deep = request.deep or spec.kind == "deepRaster"
+    warnings = spec.warnings
+    suited = default_color_mode(frame_path(output, 0))
+    names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
+    if deep:
+        others = [name for name in names if name not in DEEP_AOVS]
+        _check_deep(request, output, others)
+        if others:
+            text = f"{where}: a deep picture holds color and Z, {', '.join(others)} is left out"
+            warnings = (*warnings, text)
+        names = ("color",)
+    settings = spec.settings
+    if deep or settings.color_mode == "auto":
+        settings = replace(settings, color_mode="scene" if deep else suited)
+    is_png = suited == COLOR_MODES[".png"]
+    _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = Picture(
         output=output,
         camera=camera,
-        framing=framing,
+        framing=_framing(request, spec.framing, where),
         settings=settings,
         aovs=names,
-        purposes=purposes,
-        pixel_type=pixel_type,
+        purposes=request.purposes or spec.purposes,
+        # What vars say about precision is about EXRs; a PNG has no such numbers.
+        pixel_type=request.pixel_type or (None if is_png else spec.pixel_type or None),
+        matte=(*spec.matte, *((path, True) for path in request.matte)),
+        holdout=request.holdout,
+        deep=deep,
+        deep_compression=request.deep_compression or "none",
+        compare=request.compare,
+        is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
+        warnings=warnings,
     )
-    probe = ImageLayout(
-        resolution=framing.resolution,
-        aovs=names,
-        pixel_type=pixel_type,
-        color_space=OUTPUT_SPACE[settings.color_mode],
-    )
-    open_writer(output, probe)
+    layout = layout_of(picture)
+    if deep:
+        from usdsplat.images.deep import DeepWriter
+
+        DeepWriter(output, layout, compression=picture.deep_compression)
+    else:
+        open_writer(output, layout)
     return picture
 
 
-def _check_lists(request: Request) -> None:
-    """Refuse a wrong name in a list that the user gave."""
+def _check_deep(request: Request, output: str, others: list[str]) -> None:
+    """Refuse what a deep picture cannot be."""
+    if default_color_mode(frame_path(output, 0)) != COLOR_MODES[".exr"]:
+        raise UsageError(output, "a deep picture", "the suffix .exr for one")
+    if request.bake_view:
+        raise UsageError("--bake-view", "a deep picture", "a flat one: views are not linear")
+    if request.aovs and others:
+        raise UsageError("--aovs", ",".join(others), "color or Z in a deep picture")
+
+
+def _framing(request: Request, framing: Framing, where: str) -> Framing:
+    """How the image samples the aperture, as the user changes it."""
+    if request.conform is not None:
+        framing = replace(framing, conform=request.conform)
+    if request.pixel_aspect is not None:
+        framing = replace(framing, pixel_aspect_ratio=request.pixel_aspect)
+    if request.crop is not None:
+        framing = replace(framing, data_window=request.crop)
+    if request.overscan is not None:
+        left, top, right, bottom = request.overscan
+        width, height = framing.resolution
+        framing = replace(framing, data_window=(-left, -top, width + right, height + bottom))
+    x0, y0, x1, y1 = framing.window
+    for sides in (framing.resolution, (x1 - x0, y1 - y0)):
+        if max(sides) > MOST_PIXELS:
+            found = "x".join(map(str, sides))
+            raise UsageError(
+                f"{where} resolution", found, f"at most {MOST_PIXELS} pixels on a side"
+            )
+    return framing
+
+
+def _check(request: Request) -> None:
+    """Refuse flags that are wrong by themselves, or do not go together."""
     find_aovs(request.aovs or ("color",), where="--aovs")
     _check_purposes("--purposes", request.purposes or ())
+    if request.conform not in (None, *CONFORM):
+        raise UsageError("--conform", repr(request.conform), f"one of {', '.join(CONFORM)}")
+    if request.pixel_aspect is not None and not 0.01 <= request.pixel_aspect <= 100:
+        raise UsageError("--pixel-aspect", f"{request.pixel_aspect:g}", "0.01 to 100")
+    if request.crop is not None and request.overscan is not None:
+        raise UsageError("--crop", "--overscan too", "one of them")
 
 
 def _check_purposes(where: str, purposes: tuple[str, ...]) -> None:

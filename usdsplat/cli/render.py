@@ -7,13 +7,19 @@ examples:
       linear half EXRs that can be composited, one for each frame
   usdsplat render shot.usd -o shot.exr --aovs color,Z,id,splatId --float
       depth and ids too, in full precision
+  usdsplat render shot.usd -o shot.####.exr --samples 64 --overscan 32
+      with motion blur and depth of field as the camera has them, and pixels around the picture
+  usdsplat render shot.usd -o shot.exr --deep --holdout cg.exr
+      every contribution to each pixel, without what another renderer's picture hides
+  usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://default --view Raw
+      colours that the studio's own view shows as they were captured
   usdsplat render shot.usd
       everything that the stage's RenderSettings ask for, where they say
   usdsplat render shot.usd -o a.png --variant /World/Tree:season=autumn --mute proxy
 
 notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
-  Flags replace what the stage's UsdRender prims author.
+  Flags replace what the stage's UsdRender prims author; without a flag what they say holds.
   Without --frames a name with #### gets the stage's whole range, any other name its first frame.
   Of several products -o draws the first of the settings; --product picks another.
   Without any camera one frames what is seen at the first, middle and last of the frames, and stands
@@ -24,25 +30,32 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg, create_mutex_group
+from tyro.conf import Positional, arg
 
 from usdsplat import images
 from usdsplat.cli import console
-from usdsplat.cli.parsing import flags_of, given, option, resolution_of
+from usdsplat.cli.parsing import given, option
+from usdsplat.cli.render_options import (
+    ColorFlags,
+    DrawingFlags,
+    FileOptions,
+    FramingOptions,
+    SamplingFlags,
+)
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.cli.values import bytes_of, crop_of, names_of, overscan_of, resolution_of
+from usdsplat.images.aovs import AOVS
 from usdsplat.images.frames import has_place, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from usdsplat.cli.planning import Picture, Request
+    from usdsplat.cli.request import Picture, Request
     from usdsplat.delegate.engine import Engine
 
-SettingsFlags: Any = flags_of(RenderSettings)
-EXR_PIXELS = create_mutex_group(required=False, title="precision")
+AOV_HELP = f"of {', '.join(AOVS)}, commas between; default: the product's, or color"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,55 +66,55 @@ class Options:
     """stage or capture to draw"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
     """file to write, .exr or .png, #### or %04d for the frame; default: the products' names"""
-    camera: Annotated[str | None, option("CAMERA")] = None
-    """path or name; default: the product's, the stage's first, or one that frames the scene"""
     frames: Annotated[str | None, option("RANGE")] = None
     """such as 7, 1-10, 1:10x2 or 1,5,8-12"""
-    resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
-    """size in pixels; default: the product's, or 1920x1080"""
-    aovs: Annotated[str | None, option("NAMES")] = None
-    """of color, Z, id, instanceId, splatId, commas between; default: the product's, or color"""
-    half: Annotated[bool, EXR_PIXELS, option()] = False
-    """EXR colour in half precision, as is the default"""
-    float_: Annotated[bool, EXR_PIXELS, option(name="float")] = False
-    """EXR colour in full precision"""
-    drawing: Annotated[SettingsFlags, arg(name="")] = field(default_factory=SettingsFlags)
+    aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None
     settings: Annotated[str | None, option("/PRIM")] = None
     """RenderSettings to follow; default: the one the stage names, or its first"""
     product: Annotated[str | None, option("/PRIM")] = None
     """draw only this RenderProduct of the settings; default: all, or with -o the first"""
     frame: Annotated[str | None, option("FRAME")] = None
     """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
-    purposes: Annotated[str | None, option("NAMES")] = None
-    """of default, render, proxy, guide, with commas between; default: default,render"""
     device: Annotated[str, option("NAME")] = "auto"
     """what draws, auto or cpu; default: auto, the fastest here"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
+    memory_limit: Annotated[str | None, option("SIZE")] = None
+    """bytes that may be taken, such as 800M or 6G; default: any"""
     resume: Annotated[bool, option()] = False
     """leave out frames whose file exists"""
     json: Annotated[bool, option()] = False
     """print one JSON list of what was drawn"""
-    opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
+    framing: FramingOptions = field(default_factory=FramingOptions)
+    drawing: DrawingFlags = field(default_factory=DrawingFlags)
+    sampling: SamplingFlags = field(default_factory=SamplingFlags)
+    color: ColorFlags = field(default_factory=ColorFlags)
+    file: FileOptions = field(default_factory=FileOptions)
+    stage_opening: Annotated[StageOptions, arg(name="opening")] = field(
+        default_factory=StageOptions
+    )
 
 
 def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
-    from usdsplat.cli.drawing import draw_frames, why_nothing
+    from usdsplat.cli.drawing import draw_frames
     from usdsplat.cli.planning import plan
-    from usdsplat.cli.stages import open_stage_or_capture
+    from usdsplat.cli.stages import check_prims, open_stage_or_capture
     from usdsplat.delegate.engine import Engine
     from usdsplat.kernels.compiling import on_compile
 
     request = _request(options)
+    memory_limit = bytes_of(options.memory_limit)
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report, told_empty = [], False
+    report = []
     with console.progress() as progress, on_compile(console.announce_compilation()):
-        keep = ("/Render", *(p for p in (options.camera, options.settings) if p and p[0] == "/"))
+        named = (options.framing.camera, options.settings, *request.matte)
+        keep = ("/Render", *(path for path in named if path and path[0] == "/"))
         stage = open_stage_or_capture(
-            options.stage, options.opening, frame=options.frame, keep=keep, progress=progress
+            options.stage, options.stage_opening, frame=options.frame, keep=keep, progress=progress
         )
+        check_prims(stage, "--matte", request.matte)
         first = _frames(options, stage, ())[0]
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             pictures = plan(engine, request)
@@ -113,12 +126,10 @@ def run(options: Options) -> int:
                 frames,
                 source=str(options.stage),
                 resume=options.resume,
+                memory_limit=memory_limit,
                 progress=progress,
+                remark=console.remark,
             ):
-                empty = "" if told_empty else why_nothing(engine, drawn)
-                if empty:
-                    told_empty = True
-                    console.remark(f"{drawn.path}: nothing is drawn: {empty}")
                 report.append(drawn)
                 if not options.json:
                     print(drawn.path, flush=True)
@@ -139,16 +150,28 @@ def _warn(engine: Engine) -> None:
 
 def _request(options: Options) -> Request:
     """What the flags ask for."""
-    from usdsplat.cli.planning import Request
+    from usdsplat.cli.request import Request
 
+    framing, file = options.framing, options.file
+    flags = (options.drawing, options.sampling, options.color, file)
     return Request(
         output=options.output,
-        camera=options.camera,
-        resolution=resolution_of(options.resolution),
-        aovs=_names(options.aovs),
-        purposes=_names(options.purposes),
-        pixel_type="float" if options.float_ else "half" if options.half else None,
-        settings=given(options.drawing),
+        camera=framing.camera,
+        resolution=resolution_of(framing.resolution),
+        conform=framing.conform,
+        pixel_aspect=framing.pixel_aspect,
+        crop=crop_of(framing.crop),
+        overscan=overscan_of(framing.overscan),
+        aovs=names_of(options.aovs),
+        purposes=names_of(framing.purposes),
+        matte=names_of(framing.matte) or (),
+        holdout=framing.holdout,
+        pixel_type="float" if file.float_ else "half" if file.half else None,
+        deep=file.deep,
+        deep_compression=file.deep_compression,
+        compare=not file.no_compare,
+        bake_view=file.bake_view,
+        settings={name: value for each in flags for name, value in given(each).items()},
         settings_prim=options.settings,
         product=options.product,
     )
@@ -164,8 +187,3 @@ def _frames(options: Options, stage: Usd.Stage, pictures: tuple[Picture, ...]) -
     if last > first and any(has_place(picture.output) for picture in pictures):
         return tuple(first + i for i in range(int(last - first) + 1))
     return (first,)
-
-
-def _names(text: str | None) -> tuple[str, ...] | None:
-    """A list with commas between."""
-    return None if text is None else tuple(name.strip() for name in text.split(","))

@@ -137,3 +137,15 @@ def _select(stage: Usd.Stage, text: str) -> None:
         known = ", ".join(variants.GetVariantNames())
         raise StageError(f"--variant {path}:{set_name}", repr(name), f"one of {known}")
     variants.SetVariantSelection(name)
+
+
+def check_prims(stage: Usd.Stage, where: str, paths: tuple[str, ...]) -> None:
+    """Refuse paths of an option at which the stage has no prim.
+
+    Raises:
+        StageError: If there is one.
+    """
+    for path in paths:
+        is_path = Sdf.Path.IsValidPathString(path) and path.startswith("/")
+        if not is_path or not stage.GetPrimAtPath(path):
+            raise StageError(where, repr(path), "the path of a prim")

@@ -21,8 +21,9 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, time_code
+from usdsplat.cli.parsing import option
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.cli.values import time_code
 from usdsplat.core.wording import counted
 
 

@@ -19,6 +19,7 @@ from usdsplat.delegate.band import Band
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.layer import DeepSamples
+from usdsplat.delegate.memory import Estimate, estimate
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -289,6 +290,32 @@ class Engine:
         moments = self._moments(view)
         self._pass.execute(view, self._resolved(settings), aovs, buffers, moments=moments)
         return {name: buffer.map() for name, buffer in buffers.items()}
+
+    def estimate(
+        self,
+        view: View,
+        settings: RenderSettings | None = None,
+        aovs: tuple[str, ...] = ("color",),
+        *,
+        band_pixels: int = BAND_PIXELS,
+        holds_out: bool = False,
+        deep: bool = False,
+        baked: bool = False,
+        pictures: int = 1,
+    ) -> Estimate:
+        """Return about how much memory a picture takes; arguments as in `memory.estimate`."""
+        self.sync()
+        return estimate(
+            self._param.scene,
+            view,
+            self._resolved(settings),
+            aovs,
+            band_pixels=band_pixels,
+            holds_out=holds_out,
+            deep=deep,
+            baked=baked,
+            pictures=pictures,
+        )
 
     # --- the end ---------------------------------------------------------------------------
 

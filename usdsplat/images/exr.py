@@ -197,7 +197,8 @@ def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     chromaticities = color_space(layout.color_space, where="output color space").chromaticities
     if chromaticities is not None:
         spec.attribute("chromaticities", "float[8]", chromaticities)
-    has_color = chromaticities is not None and any(aov.kind == "color" for aov in part.aovs)
+    is_said = chromaticities is not None or layout.color_space == "unknown"
+    has_color = is_said and any(aov.kind == "color" for aov in part.aovs)
     name = layout.color_space if has_color else "data"
     spec.attribute("oiio:ColorSpace", name)
     spec.attribute("colorInteropID", name)

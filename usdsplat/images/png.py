@@ -18,7 +18,7 @@ import OpenImageIO as oiio
 import usdsplat
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import UsageError
-from usdsplat.images.color import conversion, is_identity
+from usdsplat.images.color import color_space, conversion, is_identity
 from usdsplat.images.layout import Band, ImageLayout
 from usdsplat.images.writer import ImageWriter
 
@@ -81,7 +81,8 @@ def _spec(layout: ImageLayout) -> oiio.ImageSpec:
     """Header of the file."""
     rows, columns = layout.shape
     spec = oiio.ImageSpec(columns, rows, 4, layout.pixel_type or "uint8")
-    spec.attribute("oiio:ColorSpace", "srgb_rec709_display")
+    if color_space(layout.color_space).chromaticities is not None:
+        spec.attribute("oiio:ColorSpace", "srgb_rec709_display")
     # The filter of differences to the left and little deflating: half the time, 5 % more bytes.
     spec.attribute("png:filter", 16)
     spec.attribute("png:compressionLevel", 3)

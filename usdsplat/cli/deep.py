@@ -1,0 +1,112 @@
+"""A deep picture into its file, band by band, and how far it is from the flat one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat.cli.request import Picture
+from usdsplat.core.cloud import F32
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.layer import DeepSamples
+from usdsplat.delegate.shot import Holdout
+from usdsplat.delegate.specs import View
+from usdsplat.images.deep import DeepBand, DeepWriter
+from usdsplat.images.layout import ImageLayout
+
+
+@dataclass(slots=True)
+class DeepReport:
+    """What a deep picture holds, and how far it is from the flat one in linear light."""
+
+    samples: int = 0
+    pixels: int = 0
+    bytes: int = 0
+    compared: bool = False
+    squares: float = 0.0
+    """Sum over red, green and blue of all pixels."""
+    worst: float = 0.0
+    """Largest difference."""
+
+    @property
+    def decibels(self) -> float:
+        """Signal to noise, for a peak of 1; infinite for equal pictures."""
+        mean = self.squares / (3 * self.pixels)
+        return math.inf if mean == 0 else -10 * math.log10(mean)
+
+    def add(self, difference: F32) -> None:
+        """Count how far some pixels are apart, shape (h, w, 3)."""
+        self.squares += float(np.sum(difference.astype(np.float64) ** 2))
+        self.worst = max(self.worst, float(np.abs(difference).max(initial=0)))
+
+
+def draw_deep(
+    engine: Engine,
+    picture: Picture,
+    path: Path,
+    view: View,
+    layout: ImageLayout,
+    *,
+    holdout: Holdout | None,
+    band_pixels: int,
+    finished: Callable[[int], None],
+) -> DeepReport:
+    """Draw `picture`, which is deep, at the engine's time; arguments as `draw_flat` has them.
+
+    Raises:
+        UsageError: If splats are sorted by another key than planar depth.
+        OutputError: If the file cannot be written.
+    """
+    settings, report = picture.settings, DeepReport(compared=picture.compare)
+    bands = engine.render_deep(view, settings, holdout=holdout, band_pixels=band_pixels)
+    flat: Iterator[F32 | None] = _nothing()
+    if picture.compare:
+        trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
+        drawn = engine.render(view, trained, holdout=holdout, band_pixels=band_pixels)
+        flat = (band.arrays["color"] for band in drawn)
+    writer = DeepWriter(
+        path, layout, merged=settings.deep_error > 0, compression=picture.deep_compression
+    )
+    with writer:
+        for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
+            band = DeepBand(
+                counts=samples.counts,
+                depth=samples.depth,
+                depth_back=samples.depth_back,
+                color=samples.color,
+            )
+            writer.write_band(y0, band)
+            report.samples += len(samples.depth)
+            report.pixels += samples.counts.size
+            if beauty is not None:
+                report.add(flattened(samples)[..., :3] - beauty[..., :3])
+            finished(y1 - layout.window[1])
+    report.bytes = path.stat().st_size
+    return report
+
+
+def flattened(samples: DeepSamples) -> F32:
+    """Return the samples of each pixel over one another, near over far, shape (h, w, 4)."""
+    counts = samples.counts.ravel().astype(np.int64)
+    starts = np.cumsum(counts) - counts
+    image = np.zeros((len(counts), 4), np.float32)
+    through = np.ones(len(counts), np.float32)
+    rest = np.flatnonzero(counts)
+    k = 0
+    while len(rest):
+        color = samples.color[starts[rest] + k]
+        image[rest] += through[rest, None] * color
+        through[rest] *= 1 - color[:, 3]
+        k += 1
+        rest = rest[counts[rest] > k]
+    return image.reshape(*samples.counts.shape, 4)
+
+
+def _nothing() -> Iterator[None]:
+    """No flat picture, for any number of bands."""
+    while True:
+        yield None

@@ -1,0 +1,71 @@
+"""Sentences about pictures: what their user would not see by looking at them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from usdsplat.cli.deep import DeepReport
+from usdsplat.cli.request import Picture
+from usdsplat.cli.values import said_bytes
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.frame_stats import FrameStats
+from usdsplat.delegate.sampling import has_lens
+from usdsplat.delegate.specs import CameraSpec
+
+
+def why_nothing(engine: Engine, stats: FrameStats) -> str:
+    """Say why there is no splat in a picture, at the engine's time; "" if there is one."""
+    if stats.visible:
+        return ""
+    if not engine.fields():
+        return "the stage has no splats"
+    if not stats.splats:
+        return "all splats are hidden, of other purposes, or cannot be drawn"
+    return "no splats are in view"
+
+
+def why_sharp(picture: Picture, camera: CameraSpec) -> str:
+    """Say that a picture is sharp though its camera would blur it; "" if there is no more to it."""
+    settings = picture.settings
+    blurs = []
+    if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
+        blurs.append("an open shutter")
+    if settings.depth_of_field and has_lens(camera):
+        blurs.append("a lens")
+    if not blurs or settings.samples > 1 or picture.deep:
+        return ""
+    words = " and ".join(blurs)
+    return f"{camera.path}: it has {words}, but one sample is sharp; --samples 64 blurs"
+
+
+def what_is_forced(picture: Picture) -> str:
+    """Say what a deep picture does other than a flat one would."""
+    samples = picture.settings.samples
+    sharp = f", of one sharp sample instead of {samples}" if samples > 1 else ""
+    return (
+        f"{picture.output}: deep samples are linear, in {picture.settings.working_space}, and are "
+        f"blended so (--blend-space linear){sharp}"
+    )
+
+
+def what_fails(path: Path, stats: FrameStats) -> str:
+    """Say how much of an `inverseView` picture the view cannot show as it was captured."""
+    part = stats.failed / stats.asked if stats.asked else 0.0
+    amount = f"{100 * part:.2g} %" if stats.failed else "none"
+    cause = "; it cannot show their colours, or --inverse-max is in the way" if part else ""
+    return f"{path.name}: {amount} of the splats' pixels fail to come back through the view{cause}"
+
+
+def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
+    """Say what a deep picture holds, and how far it is from the flat one."""
+    mean = report.samples / max(1, report.pixels)
+    held = (
+        f"{path.name}: {report.samples:,} samples, {mean:.1f} a pixel, "
+        f"{said_bytes(report.bytes)}, {seconds:.1f} s"
+    )
+    if not report.compared:
+        return held
+    away = ""
+    if report.worst > 0:
+        away = f" {report.decibels:.1f} dB (at most {report.worst:.2g}) from"
+    return f"{held}; flattened it is{away} the picture that is blended as the captures were trained"

@@ -1,0 +1,231 @@
+"""How much memory a picture takes, said before it is drawn.
+
+What is held already is asked of the system, or counted. What a picture adds is counted array by
+array: those of each splat that is seen, and those of each pixel of a band. How many splats are seen
+and how many tiles they touch is estimated from some of them, evenly spread over all.
+
+The bytes are those of `visible`, `layer`, `painter`, `sums`, `surfaces` and `output`, and were held
+against real peaks by `benchmarks/memory.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.draw_list import Group
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.screen import Screen
+from usdsplat.delegate.specs import MeshSpec, View
+from usdsplat.kernels import bins, cryptomatte, feature, peak, project, triangles, walk
+
+MIB = 1 << 20
+BASE = 250 * MIB
+"""Python, the libraries and the machine code of all kernels."""
+KERNELS = 90 * MIB
+"""What the kernels take once a picture is drawn that they do not take before."""
+PROBES = 100_000
+"""Splats that are looked at to estimate how many are seen."""
+UNEVEN = 1.5
+"""How many more pairs of splat and tile the fullest band has than a band on average."""
+DEEP_SAMPLES = 48
+"""Of a deep pixel, on average: what a dense capture has where it fills the picture."""
+DEEP_SAMPLE = 80
+"""Bytes of each: 24 in arrays, the same again beside a surface's, and rows on their way to disk."""
+WRITER, WRITER_ROWS = 4, 64
+"""Copies and number of the rows that are on their way to a file at a time."""
+
+PER_SPLAT = 4 * (2 * project.RECORD + 3 + 4)
+"""Bytes of a splat that is seen: records and ordered records; key, source and place; sorting."""
+VERTEX, BOX = 8 * triangles.VERTEX, 16
+"""Bytes of a corner and of a triangle on the screen."""
+MEDIAN = 24
+"""Bytes of a pixel for the rank, depth and ids of what holds Z."""
+MOTION = 32
+"""Bytes of a pixel for where in a surface motion is looked up."""
+SURFACE = 81
+"""Bytes of a pixel of a `SurfaceBand`, its winner and what the splats let through."""
+HOLDOUT = 13
+"""Bytes of a pixel of a holdout's depth, and what splats let through."""
+THROUGH_VIEW = 100
+"""Bytes of a pixel that goes through a view: straight colours, and the view's own buffers."""
+LISTS = 1
+"""Bytes of a pixel for counts and starts of the lists of tiles."""
+PER_PIXEL = {
+    "color": 16,
+    "albedo": 16,
+    "Neye": 28,
+    "depthExpected": 20,
+    "depthFront": MEDIAN,
+    "P": 12,
+    "motionForward": 8,
+    "motionBackward": 8,
+    "cryptoObject": 16 * walk.RANKS + 8 * cryptomatte.SLOTS,
+}
+"""Bytes of a pixel for each AOV, besides the median."""
+READ_OFF = {"depth", "P", "primId", "instanceId", "elementId", "motionForward", "motionBackward"}
+"""AOVs that need the median."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """Bytes that a picture takes, by what for."""
+
+    held: int
+    """What is there before: the program, the stage, splats, surfaces and textures."""
+    splats: int
+    """What is made of each splat and triangle that is seen."""
+    band: int
+    """Pixels of a band, lists of its tiles, and what is on its way to the file."""
+    rows: int
+    """Rows of a band."""
+
+    @property
+    def total(self) -> int:
+        """All of it."""
+        return self.held + self.splats + self.band
+
+
+def estimate(
+    scene: RenderScene,
+    view: View,
+    settings: RenderSettings,
+    aovs: Sequence[str],
+    *,
+    band_pixels: int,
+    holds_out: bool = False,
+    deep: bool = False,
+    baked: bool = False,
+    pictures: int = 1,
+) -> Estimate:
+    """Return what drawing a picture takes.
+
+    Args:
+        aovs: Which of `renderer.AOVS`.
+        band_pixels: As `Renderer.render` takes it.
+        holds_out: Whether there is a holdout from elsewhere.
+        deep: Whether all contributions are kept.
+        baked: Whether it goes through a view once it is drawn.
+        pictures: How many of this kind are drawn at the same time.
+    """
+    screen = Screen.of(view)
+    x0, y0, x1, y1 = screen.window
+    begin, end = next(screen.bands(band_pixels))
+    wanted, meshes = set(aovs), bool(scene.drawn_meshes())
+    seen, pairs = _seen(scene, screen)
+    peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
+    per_splat = _per_splat(wanted, peaks=peaks, labels=bool(view.matte))
+    per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
+    kept = DEEP_SAMPLES * DEEP_SAMPLE if deep else 0
+    pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
+    writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
+    return Estimate(
+        held=_held(scene),
+        splats=pictures * (seen * per_splat + _of_meshes(scene)),
+        band=int(pictures * (pixels * per_pixel + 4 * share * pairs)) + pixels * kept + writing,
+        rows=end - begin,
+    )
+
+
+def resident() -> int:
+    """Bytes of this process that are in memory now; 0 where the system does not say."""
+    try:
+        text = Path("/proc/self/status").read_text()
+    except OSError:
+        return 0
+    line = next((line for line in text.splitlines() if line.startswith("VmRSS")), "VmRSS: 0")
+    return 1024 * int(line.split()[1])
+
+
+def _held(scene: RenderScene) -> int:
+    """What there is before a picture: what can be counted, or more if the system says so."""
+    clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}
+    meshes = {id(mesh.spec): mesh.spec for _, mesh, _ in scene.drawn_meshes()}
+    counted = sum(_nbytes(cloud) for cloud in clouds.values())
+    counted += sum(_nbytes(mesh) for mesh in meshes.values())
+    return max(BASE + counted, resident() + KERNELS)
+
+
+def _nbytes(thing: SplatCloud | MeshSpec) -> int:
+    """Bytes of all arrays of a value."""
+    names = (item.name for item in fields(thing))
+    return sum(getattr(getattr(thing, name), "nbytes", 0) for name in names)
+
+
+def _per_splat(wanted: set[str], *, peaks: bool, labels: bool) -> int:
+    """Bytes that are made of each splat that is seen."""
+    size = PER_SPLAT
+    size += 2 * 4 * peak.PEAK * peaks
+    size += 2 * 4 * feature.FEATURES * bool({"Neye", "albedo", "depthExpected"} & wanted)
+    return size + 4 * (labels or "cryptoObject" in wanted)
+
+
+def _of_meshes(scene: RenderScene) -> int:
+    """Bytes that are made of the triangles and textures of a scene for a view."""
+    drawn = scene.drawn_meshes()
+    specs = {id(mesh.spec): mesh.spec for _, mesh, _ in drawn}.values()
+    size = sum(VERTEX * len(m.spec.points) + BOX * len(m.spec.triangles) for _, m, _ in drawn)
+    size += sum(_nbytes(spec) for spec in specs) if len(specs) > 1 else 0  # laid out side by side
+    pictures = {
+        id(material.texture.pixels): material.texture.pixels.nbytes
+        for spec in specs
+        for material in spec.materials
+        if material.texture is not None
+    }
+    return size + sum(pictures.values()) * 4 // 3
+
+
+def _per_pixel(
+    settings: RenderSettings, wanted: set[str], *, meshes: bool, holds_out: bool, baked: bool
+) -> int:
+    """Bytes of one pixel of a band."""
+    size = PER_PIXEL["color"] + LISTS
+    size += sum(PER_PIXEL.get(name, 0) for name in wanted - {"color"})
+    size += MEDIAN * bool(READ_OFF & wanted)
+    size += MOTION * bool({"motionForward", "motionBackward"} & wanted)
+    size += SURFACE * meshes + HOLDOUT * holds_out
+    if settings.samples > 1:
+        size += 16 * ("color" in wanted) + 12 * ("albedo" in wanted)
+    return size + THROUGH_VIEW * (baked or settings.color_mode == "inverseView")
+
+
+def _seen(scene: RenderScene, screen: Screen) -> tuple[int, int]:
+    """About how many splats are seen, and how many pairs of splat and tile they make."""
+    layout = scene.draw_list()
+    step = max(1, layout.splats // PROBES)
+    found = [_probed(group, screen, step) for group in layout.groups]
+    return sum(each[0] for each in found), sum(each[1] for each in found)
+
+
+def _probed(group: Group, screen: Screen, step: int) -> tuple[int, int]:
+    """`_seen` of one group, from every so many of its splats."""
+    cloud = group.field.spec.cloud
+    part = slice(None, None, step)
+    matrices = screen.world_to_camera[:3] @ group.transforms
+    points = cloud.positions[part].astype(np.float64)
+    x, y, z = np.moveaxis(
+        np.einsum("mij,nj->mni", matrices[:, :, :3], points) + matrices[:, None, :, 3], 2, 0
+    )
+    near, far = screen.clipping_range
+    depth = np.ones_like(z) if screen.orthographic else np.maximum(z, near)
+    (fx, fy), (cx, cy), (x0, y0, x1, y1) = screen.focal, screen.center, screen.window
+    size = np.cbrt(np.abs(np.linalg.det(matrices[:, :, :3])))[:, None]
+    reach = np.sqrt(2 * np.log(np.maximum(255 * cloud.opacities[part].astype(np.float64), 1)))
+    widest = np.sort(cloud.scales[part].astype(np.float64), axis=1)[:, :0:-1]
+    long, short = (
+        reach * np.sqrt((max(fx, fy) * size / depth * widest[:, i]) ** 2 + project.LOW_PASS)
+        for i in (0, 1)
+    )
+    u, v = fx * x / depth + cx, fy * y / depth + cy
+    seen = (z > near) & (z < far) & (reach > 0)
+    seen &= (u + long > x0) & (u - long < x1) & (v + long > y0) & (v - long < y1)
+    # Mean tiles that an ellipse at a random place touches: area, half its outline, and itself.
+    tile = bins.TILE
+    touched = 1 + 4 / np.pi * (long + short) / tile + np.pi * long * short / tile**2
+    touched = np.minimum(touched, (1 + (x1 - x0) / tile) * (1 + (y1 - y0) / tile))
+    return int(step * seen.sum()), int(step * touched[seen].sum())
