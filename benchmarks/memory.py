@@ -1,10 +1,11 @@
-"""The highest memory of a frame, each in a process of its own.
+"""The highest memory of a frame, each in a process of its own, beside what was said before.
 
     python -m benchmarks.memory
 
 A frame is taken band by band and thrown away, as a file writer takes it. Beside the peak stand what
-the process holds before it draws (Python, the libraries, the splats) and what the whole picture
-would take, which is never held.
+the process holds before it draws (Python, the libraries, the splats), what `delegate.memory`
+estimates, without a limit and with one in the middle between its largest and its smallest bands,
+and what the whole picture would take, which is never held.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.scenes import CAPTURES, capture, garden, lens_of, scaled, scene_of, view_of
+from usdsplat.delegate.memory import Estimate
 
-SIZES = ((960, 720), (1920, 1080), (3840, 2160))
+SIZES = ((1920, 1080), (3840, 2160), (7680, 4320))
 AOVS = ("color", "depth", "primId", "elementId")
+SCENES = ("garden 1", "garden 7", *CAPTURES)
 
 
 def resident(kind: str) -> float:
@@ -30,10 +33,12 @@ def resident(kind: str) -> float:
     raise LookupError(kind)
 
 
-def one(name: str, size: tuple[int, int]) -> None:
-    """Draw one frame in this process and print what it held before and at most [MiB]."""
+def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
+    """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
+    from usdsplat.delegate.memory import estimate, fitting
     from usdsplat.delegate.render_settings import RenderSettings
-    from usdsplat.delegate.renderer import Renderer
+    from usdsplat.delegate.renderer import BAND_PIXELS, Renderer
+    from usdsplat.kernels.bins import TILE
     from usdsplat.kernels.device import open_device
 
     if name in CAPTURES:
@@ -46,32 +51,47 @@ def one(name: str, size: tuple[int, int]) -> None:
     before = resident("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
     settings = RenderSettings(sorting="zDepth", color_mode="scene")
-    for _ in renderer.render(scene, view, settings, AOVS):
+
+    def needed(tiles: int) -> Estimate:
+        return estimate(scene, view, settings, AOVS, band_pixels=tiles * TILE * size[0])
+
+    tiles = max(1, min(BAND_PIXELS // size[0] // TILE, -(-size[1] // TILE)))
+    said, limit = needed(tiles), 0.0
+    if is_limited:
+        limit = (said.total + needed(1).total) / 2
+        tiles, said = fitting(needed, tiles, int(limit))
+    for _ in renderer.render(scene, view, settings, AOVS, band_pixels=tiles * TILE * size[0]):
         pass
-    print(f"{scene.splat_count} {before} {resident('VmHWM')}")
+    mib = 1 << 20
+    peak = resident("VmHWM")
+    print(f"{scene.splat_count} {before} {said.total / mib} {limit / mib} {peak}")
 
 
 def main() -> None:
     """Print the table."""
     table = Table(title="highest memory of a frame with depth and ids [MiB]")
-    for column in ("scene", "size", "splats", "before", "peak", "frame", "whole picture"):
+    titles = ("scene", "size", "splats", "before", "limit", "said", "peak", "said/peak", "picture")
+    for column in titles:
         table.add_column(column, justify="right")
-    for name in ("garden 1", "garden 7", *CAPTURES):
+    for name in SCENES:
         for size in SIZES:
-            text = f"{size[0]}x{size[1]}"
-            command = [sys.executable, "-m", "benchmarks.memory", name, text]
-            run = subprocess.run(command, capture_output=True, text=True, check=True)
-            splats, before, peak = run.stdout.split()
-            table.add_row(
-                name, text, f"{int(splats):,}", f"{float(before):.0f}", f"{float(peak):.0f}",
-                f"{float(peak) - float(before):.0f}", f"{size[0] * size[1] * 28 / 2**20:.0f}",
-            )  # fmt: skip
+            for words in ((), ("limited",)):
+                text = f"{size[0]}x{size[1]}"
+                command = [sys.executable, "-m", "benchmarks.memory", name, text, *words]
+                run = subprocess.run(command, capture_output=True, text=True, check=True)
+                splats, *numbers = run.stdout.split()
+                before, said, limit, peak = map(float, numbers)
+                table.add_row(
+                    name, text, f"{int(splats):,}", f"{before:.0f}",
+                    f"{limit:.0f}" if limit else "none", f"{said:.0f}", f"{peak:.0f}",
+                    f"{said / peak:.2f}", f"{size[0] * size[1] * 28 / 2**20:.0f}",
+                )  # fmt: skip
     Console(width=120).print(table)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3:
+    if len(sys.argv) > 2:
         width, _, height = sys.argv[2].partition("x")
-        one(sys.argv[1], (int(width), int(height)))
+        one(sys.argv[1], (int(width), int(height)), is_limited=len(sys.argv) == 4)
     else:
         main()

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from usdsplat.cli.request import Picture
 from usdsplat.cli.values import said_bytes
 from usdsplat.core.errors import UsageError
+from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.memory import Estimate
+from usdsplat.delegate.memory import Estimate, fitting
 from usdsplat.delegate.renderer import BAND_PIXELS
 from usdsplat.delegate.specs import View
 from usdsplat.images.aovs import AOVS
@@ -31,11 +32,10 @@ class Budget:
     def sentence(self) -> str:
         """What it needs, in words."""
         parts = self.estimate
-        rows = f"a band of {parts.rows} rows"
         return (
             f"needs about {said_bytes(parts.total)}: {said_bytes(parts.held)} for the program and "
             f"the scene, {said_bytes(parts.splats)} for what is seen of it, "
-            f"{said_bytes(parts.band)} for {rows}"
+            f"{said_bytes(parts.band)} for a band of {counted(parts.rows, 'row')}"
         )
 
 
@@ -53,34 +53,26 @@ def budget(engine: Engine, picture: Picture, view: View, *, limit: int | None) -
     width, usual = x1 - x0, DEEP_PIXELS if picture.deep else BAND_PIXELS
     names = tuple(AOVS[name].hydra for name in picture.aovs)
 
-    def found(tiles: int) -> Budget:
-        pixels = tiles * TILE * width
-        parts = engine.estimate(
+    def needed(tiles: int) -> Estimate:
+        return engine.estimate(
             view,
             picture.settings,
             names,
-            band_pixels=pixels,
+            band_pixels=tiles * TILE * width,
             holds_out=picture.holdout is not None,
             deep=picture.deep,
             baked=picture.is_baked,
             pictures=2 if picture.deep and picture.compare else 1,
         )
-        return Budget(band_pixels=pixels, estimate=parts)
 
-    most = max(1, min(usual // width, y1 - y0) // TILE)
-    best = found(most)
-    if limit is None or best.estimate.total <= limit:
-        return best
-    best, low, high = found(1), 1, most
-    if best.estimate.total > limit:
-        where, size = "--memory-limit", f"{width}x{y1 - y0}"
-        expected = f"{said_bytes(best.estimate.total)} or more for {size} pixels of this scene"
-        raise UsageError(where, said_bytes(limit), expected)
-    while high - low > 1:
-        middle = (low + high) // 2
-        tried = found(middle)
-        if tried.estimate.total <= limit:
-            best, low = tried, middle
-        else:
-            high = middle
-    return best
+    all_tiles = y1 // TILE - y0 // TILE + (y1 % TILE > 0)
+    most = max(1, min(usual // width // TILE, all_tiles))
+    if limit is None:
+        return Budget(band_pixels=most * TILE * width, estimate=needed(most))
+    tiles, estimate = fitting(needed, most, limit)
+    if estimate.total > limit:
+        expected = (
+            f"{said_bytes(estimate.total)} or more for {width}x{y1 - y0} pixels of this scene"
+        )
+        raise UsageError("--memory-limit", said_bytes(limit), expected)
+    return Budget(band_pixels=tiles * TILE * width, estimate=estimate)

@@ -80,7 +80,8 @@ def draw_frames(
     cameras = {picture: _framing_camera(engine, picture, frames) for picture, _, _ in jobs}
     budgets = _budgets(engine, jobs, cameras, memory_limit, tell)
     rows, total = 0, sum(picture.rows for picture, _, _ in jobs)
-    label = jobs[0][2].name if len(jobs) == 1 else f"{counted(len(jobs), 'picture')}, row"
+    what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
+    label = f"{what}, row"
     progress.step(label, 0, total)
     for picture, frame, path in jobs:
         started = time.perf_counter()

@@ -11,6 +11,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.framing import CONFORM
+from usdsplat.delegate.output import view_of
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
@@ -93,6 +94,7 @@ def _finished(request: Request, spec: ProductSpec, camera: str | None) -> Pictur
     settings = spec.settings
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
+    view_of(settings)  # refuses a view that is not there
     is_png = suited == COLOR_MODES[".png"]
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = Picture(

@@ -29,13 +29,13 @@ def why_sharp(picture: Picture, camera: CameraSpec) -> str:
     settings = picture.settings
     blurs = []
     if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
-        blurs.append("an open shutter")
+        blurs.append("shutter")
     if settings.depth_of_field and has_lens(camera):
-        blurs.append("a lens")
+        blurs.append("lens")
     if not blurs or settings.samples > 1 or picture.deep:
         return ""
     words = " and ".join(blurs)
-    return f"{camera.path}: it has {words}, but one sample is sharp; --samples 64 blurs"
+    return f"{camera.path}: one sample is sharp whatever the {words}; --samples 64 blurs"
 
 
 def what_is_forced(picture: Picture) -> str:

@@ -92,9 +92,10 @@ def bytes_of(text: str | None) -> int | None:
 
 
 def said_bytes(size: float) -> str:
-    """A number of bytes as people say it, three digits."""
-    unit, name = (UNITS["G"], "GiB") if size >= UNITS["G"] else (UNITS["M"], "MiB")
-    return f"{size / unit:.3g} {name}"
+    """A number of bytes as people say it."""
+    if size >= UNITS["G"]:
+        return f"{size / UNITS['G']:.2f} GiB"
+    return f"{size / UNITS['M']:.{1 if size < 10 * UNITS['M'] else 0}f} MiB"
 
 
 def _whole(text: str) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ against real peaks by `benchmarks/memory.py`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -26,8 +26,8 @@ from usdsplat.kernels import bins, cryptomatte, feature, peak, project, triangle
 
 MIB = 1 << 20
 BASE = 250 * MIB
-"""Python, the libraries and the machine code of all kernels."""
-KERNELS = 90 * MIB
+"""Python and the libraries, where the system does not say what they take."""
+KERNELS = 55 * MIB
 """What the kernels take once a picture is drawn that they do not take before."""
 PROBES = 100_000
 """Splats that are looked at to estimate how many are seen."""
@@ -52,8 +52,8 @@ SURFACE = 81
 """Bytes of a pixel of a `SurfaceBand`, its winner and what the splats let through."""
 HOLDOUT = 13
 """Bytes of a pixel of a holdout's depth, and what splats let through."""
-THROUGH_VIEW = 100
-"""Bytes of a pixel that goes through a view: straight colours, and the view's own buffers."""
+PLAIN_VIEW, OCIO_VIEW = 135, 60
+"""Bytes of a pixel that goes through a view: straight colours and copies, of float64 or float32."""
 LISTS = 1
 """Bytes of a pixel for counts and starts of the lists of tiles."""
 PER_PIXEL = {
@@ -132,6 +132,28 @@ def estimate(
     )
 
 
+def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, Estimate]:
+    """Return the tallest bands that keep a picture under a limit, and what it takes with them.
+
+    Args:
+        of: What the picture takes with bands of so many rows of tiles.
+        most: Rows of tiles of a band where there is no limit.
+        limit: [byte]. One row of tiles is returned even where that takes more.
+    """
+    found = of(most)
+    if found.total <= limit:
+        return most, found
+    low, high, found = 1, most, of(1)
+    while high - low > 1:
+        middle = (low + high) // 2
+        tried = of(middle)
+        if tried.total <= limit:
+            low, found = middle, tried
+        else:
+            high = middle
+    return low, found
+
+
 def resident() -> int:
     """Bytes of this process that are in memory now; 0 where the system does not say."""
     try:
@@ -143,12 +165,13 @@ def resident() -> int:
 
 
 def _held(scene: RenderScene) -> int:
-    """What there is before a picture: what can be counted, or more if the system says so."""
-    clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}
-    meshes = {id(mesh.spec): mesh.spec for _, mesh, _ in scene.drawn_meshes()}
-    counted = sum(_nbytes(cloud) for cloud in clouds.values())
-    counted += sum(_nbytes(mesh) for mesh in meshes.values())
-    return max(BASE + counted, resident() + KERNELS)
+    """What there is before a picture, and the kernels: as the system says, or counted."""
+    now = resident()
+    if not now:
+        clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}
+        meshes = {id(mesh.spec): mesh.spec for _, mesh, _ in scene.drawn_meshes()}
+        now = BASE + sum(_nbytes(each) for each in (*clouds.values(), *meshes.values()))
+    return now + KERNELS
 
 
 def _nbytes(thing: SplatCloud | MeshSpec) -> int:
@@ -191,7 +214,10 @@ def _per_pixel(
     size += SURFACE * meshes + HOLDOUT * holds_out
     if settings.samples > 1:
         size += 16 * ("color" in wanted) + 12 * ("albedo" in wanted)
-    return size + THROUGH_VIEW * (baked or settings.color_mode == "inverseView")
+    if not baked and settings.color_mode != "inverseView":
+        return size
+    names = (settings.ocio_config, settings.ocio_display, settings.ocio_view, settings.ocio_look)
+    return size + (OCIO_VIEW if any(names) else PLAIN_VIEW)
 
 
 def _seen(scene: RenderScene, screen: Screen) -> tuple[int, int]:
