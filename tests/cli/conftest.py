@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,14 @@ from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import AOVS
+
+SCENE = RenderSettings(color_mode="scene")
+
+
+def nothing_held_out(x0, y0, x1, y1):
+    """A flat holdout without anything in it."""
+    return np.full((y1 - y0, x1 - x0), np.inf, np.float32)
 
 
 def ball(count=300, seed=0):
@@ -92,3 +101,10 @@ def compiled():
         view = engine.view(resolution=(16, 16))
         for mode in ("scene", "display"):
             engine.picture(view, RenderSettings(color_mode=mode), ("color", "depth", "primId"))
+        engine.picture(view, RenderSettings(color_mode="scene", samples=2), AOVS)
+        matte = replace(view, matte=(("/Ball", True),))
+        for seen in (view, matte):
+            for _ in engine.render(seen, SCENE, AOVS, holdout=nothing_held_out):
+                pass
+        for _ in engine.render_deep(view, SCENE):
+            pass

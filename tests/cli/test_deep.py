@@ -1,0 +1,134 @@
+"""`usdsplat render --deep`, from the command line to the samples in the file."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdRender
+
+from tests.cli.test_render import SMALL, header, read
+from usdsplat.cli.deep import DeepReport, flattened
+from usdsplat.delegate.layer import DeepSamples
+from usdsplat.images.deep_reader import read_deep
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+
+def over(counts, color):
+    """Samples over one another, in plain loops and float64."""
+    image = np.zeros((counts.size, 4))
+    at = 0
+    for pixel, count in enumerate(counts.ravel()):
+        for sample in color[at : at + count].astype(np.float64):
+            image[pixel] += (1 - image[pixel, 3]) * sample
+        at += count
+    return image.reshape(*counts.shape, 4)
+
+
+def test_samples_flatten_near_over_far():
+    """Oracle: loops in float64; pixels without a sample are 0."""
+    rng = np.random.default_rng(0)
+    counts = rng.integers(0, 9, (5, 7)).astype(np.uint32)
+    n = int(counts.sum())
+    alpha = rng.uniform(0, 1, (n, 1)).astype(np.float32)
+    color = np.concatenate([rng.uniform(0, 2, (n, 3)).astype(np.float32) * alpha, alpha], axis=1)
+    depth = np.zeros(n, np.float32)
+    samples = DeepSamples(counts, depth, depth, color)
+    np.testing.assert_allclose(flattened(samples), over(counts, color), atol=1e-6)
+
+
+def test_decibels_are_of_a_peak_of_one():
+    """Oracle: 0.1 everywhere is 20 dB."""
+    report = DeepReport(pixels=12)
+    report.add(np.full((3, 4, 3), -0.1, np.float32))
+    assert report.decibels == pytest.approx(20, abs=1e-4)
+    assert report.worst == pytest.approx(0.1)
+
+
+def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):
+    """Oracle: the flat picture that is blended linearly; stderr says what is forced, and how far
+    from the one that is not, by the two flat files themselves."""
+    pictures = {"deep.exr": ("--deep", "--float"), "flat.exr": ("--float",)}
+    pictures["linear.exr"] = ("--float", "--blend-space", "linear")
+    said = {}
+    for name, flags in pictures.items():
+        status, _, said[name] = run("render", shot, "-o", tmp_path / name, *flags, *SMALL)
+        assert status == 0
+    band = read_deep(tmp_path / "deep.exr")
+    flat, linear = read(tmp_path / "flat.exr"), read(tmp_path / "linear.exr")
+    counts = np.diff(band.offsets).reshape(32, 48)
+    found = over(counts, band.color)
+    np.testing.assert_allclose(found, linear, atol=1e-3)
+    first, second = said["deep.exr"].splitlines()
+    assert "deep samples are linear, in lin_rec709_scene, and are blended so" in first
+    decibels = -10 * np.log10(np.mean((found - flat)[..., :3] ** 2))
+    told = re.search(r"([\d,]+) samples.* is ([\d.]+) dB \(at most ([\d.]+)\)", second)
+    assert int(told[1].replace(",", "")) == counts.sum()
+    assert float(told[2]) == pytest.approx(decibels, abs=0.06)
+    assert float(told[3]) == pytest.approx(np.abs(found - flat)[..., :3].max(), rel=0.05)
+
+
+def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
+    """Oracle: the files; a frame that is there stays, and no flat picture is spoken of."""
+    (tmp_path / "a.1.exr").write_bytes(b"here already")
+    flags = ("--deep", "--no-compare", "--deep-compression", "zips", "--resume", *SMALL)
+    output = ("-o", tmp_path / "a.#.exr", "--frames", "1-4x2,2", "--json")
+    status, out, err = run("render", shot, *output, *flags)
+    assert (status, "flattened" in err) == (0, False)
+    assert [item["frame"] for item in json.loads(out)] == [3, 2]
+    assert all(item["samples"] > 1000 for item in json.loads(out))
+    assert (tmp_path / "a.1.exr").read_bytes() == b"here already"
+    assert header(tmp_path / "a.2.exr").getattribute("compression") == "zips"
+
+
+def test_a_product_may_be_deep(run, shot, tmp_path):
+    """Oracle: the prims; what a deep file cannot hold is said, and left out."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    product = UsdRender.Product.Define(stage, "/Render/deep")
+    product.GetProductTypeAttr().Set("deepRaster")
+    product.GetProductNameAttr().Set(str(tmp_path / "d.exr"))
+    settings.GetProductsRel().AddTarget(product.GetPath())
+    for name in ("Ci", "P"):
+        var = UsdRender.Var.Define(stage, f"/Render/{name}")
+        var.GetSourceNameAttr().Set(name)
+        product.GetOrderedVarsRel().AddTarget(var.GetPath())
+    stage.GetRootLayer().Save()
+    status, _, err = run("render", shot, *SMALL, "--no-compare", "--frames", 1)
+    assert status == 0
+    assert header(tmp_path / "d.exr").deep
+    assert "usdsplat: /Render/deep: a deep picture holds color and Z, P is left out\n" in err
+
+
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        (["-o", "a.png", "--deep"], "a.png: found a deep picture, expected the suffix .exr"),
+        (["-o", "a.exr", "--deep", "--aovs", "color,P"], "--aovs: found P, expected color or Z"),
+        (["-o", "a.exr", "--deep", "--bake-view"], "--bake-view: found a deep picture, expected"),
+        (["-o", "a.exr", "--deep", "--deep-compression", "x"], "a.exr: found compression 'x'"),
+        (["-o", "a.exr", "--deep-compression", "zips"], "--deep-compression: found no deep"),
+        (["-o", "a.exr", "--deep", "--deep-error", "2"], "--deep-error: found 2.0, expected 0 to"),
+    ],
+)
+def test_what_cannot_be_deep_is_one_sentence(run, shot, monkeypatch, argv, sentence):
+    """Oracle: where: found X, expected Y; status 2; no file is left."""
+    monkeypatch.chdir(shot.parent)
+    before = sorted(shot.parent.iterdir())
+    status, out, err = run("render", shot, *argv, *SMALL)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usdsplat: {sentence}")
+    assert len(err.splitlines()) == 1
+    assert sorted(shot.parent.iterdir()) == before
+
+
+def test_deep_needs_an_order_of_planar_depths(run, shot, tmp_path):
+    """Oracle: the orders in which a deep picture can be kept; no file is left."""
+    flags = ("--deep", "--sorting", "cameraDistance", *SMALL)
+    status, _, err = run("render", shot, "-o", tmp_path / "a.exr", *flags)
+    assert status == 2
+    assert err.splitlines()[-1].startswith("usdsplat: --sorting: found cameraDistance, expected z")
+    assert not (tmp_path / "a.exr").exists()
