@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import pytest
 from tyro.conf import Positional, arg
 
 from usdsplat.cli.parsing import flags_of, given, option, parse
+from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import checked, knob, knobs
 
 
@@ -47,6 +48,29 @@ def test_flags_that_are_given_are_values_of_the_knobs():
     values = given(parse(Options, "try", "Try.", argv).settings)
     assert values == {"mode": "b", "level": 0, "size": 2.0, "strict": False}
     assert checked("try", Settings, values) == Settings(**values)
+
+
+def test_what_is_on_or_off_can_be_said_either_way(capsys):
+    """Oracle: the two flags; both at once are one sentence."""
+    assert given(parse(Options, "try", "Try.", ["x", "--strict"]).settings) == {"strict": True}
+    both = parse(Options, "try", "Try.", ["x", "--strict", "--no-strict"]).settings
+    with pytest.raises(UsageError, match=r"^--strict: found --no-strict too, expected one of"):
+        given(both)
+
+
+def test_flags_may_be_some_of_the_knobs_and_have_others_beside_them():
+    """Oracle: the names that are asked for; what is no knob is not given."""
+    some: Any = flags_of(Settings, ("size", "strict"))
+
+    @dataclass(frozen=True, kw_only=True)
+    class More(some):
+        """With a flag of another kind."""
+
+        other: bool = False
+        """something else"""
+
+    assert [item.name for item in fields(some)] == ["size", "strict", "no_strict"]
+    assert given(More(size=2.0, no_strict=True, other=True)) == {"size": 2.0, "strict": False}
 
 
 def test_help_comes_from_the_knobs(capsys):

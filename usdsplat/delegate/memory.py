@@ -170,7 +170,7 @@ def _held(scene: RenderScene) -> int:
     if not now:
         clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}
         meshes = {id(mesh.spec): mesh.spec for _, mesh, _ in scene.drawn_meshes()}
-        now = BASE + sum(_nbytes(each) for each in (*clouds.values(), *meshes.values()))
+        now = BASE + sum(map(_nbytes, clouds.values())) + sum(map(_nbytes, meshes.values()))
     return now + KERNELS
 
 
