@@ -226,3 +226,26 @@ def test_what_cannot_be_asked_for_is_one_sentence(run, shot, monkeypatch, argv, 
     assert err.startswith(f"usdsplat: {sentence}")
     assert len(err.splitlines()) == 1
     assert sorted(shot.parent.iterdir()) == before
+
+
+def test_vars_say_how_precise_an_exr_is_and_nothing_of_a_png(run, shot, tmp_path):
+    """Oracle: the prims: float, unless a flag says half; a PNG has 8 bits whatever they say."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    var = UsdRender.Var.Define(stage, "/Render/color")
+    var.GetDataTypeAttr().Set("color4f")
+    for suffix in ("exr", "png"):
+        product = UsdRender.Product.Define(stage, f"/Render/{suffix}")
+        product.GetProductNameAttr().Set(str(tmp_path / f"a.{suffix}"))
+        product.GetOrderedVarsRel().AddTarget(var.GetPath())
+        settings.GetProductsRel().AddTarget(product.GetPath())
+    var.GetSourceNameAttr().Set("Ci")
+    stage.GetRootLayer().Save()
+    assert run("render", shot, "--frames", 1, *SMALL)[0] == 0
+    assert (header(tmp_path / "a.exr").format, header(tmp_path / "a.png").format) == (
+        "float",
+        "uint8",
+    )
+    flags = ("--product", "/Render/exr", "--half", "--frames", 1)
+    assert run("render", shot, *flags, *SMALL)[0] == 0
+    assert header(tmp_path / "a.exr").format == "half"

@@ -40,8 +40,10 @@ DEEP_SAMPLE = 80
 WRITER, WRITER_ROWS = 4, 64
 """Copies and number of the rows that are on their way to a file at a time."""
 
-PER_SPLAT = 4 * (2 * project.RECORD + 3 + 4)
-"""Bytes of a splat that is seen: records and ordered records; key, source and place; sorting."""
+PER_SLOT = 10
+"""Bytes of a splat, seen or not: its key and source, whose pages its neighbours touch."""
+PER_SPLAT = 4 * (2 * project.RECORD + 1 + 4)
+"""Bytes more of one that is seen: records and ordered records, its place, and sorting."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes of a corner and of a triangle on the screen."""
 MEDIAN = 24
@@ -118,6 +120,7 @@ def estimate(
     begin, end = next(screen.bands(band_pixels))
     wanted, meshes = set(aovs), bool(scene.drawn_meshes())
     seen, pairs = _seen(scene, screen)
+    slots = scene.draw_list().slots
     peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
     per_splat = _per_splat(wanted, peaks=peaks, labels=bool(view.matte))
     per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
@@ -126,7 +129,7 @@ def estimate(
     writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
     return Estimate(
         held=_held(scene),
-        splats=pictures * (seen * per_splat + _of_meshes(scene)),
+        splats=pictures * (PER_SLOT * slots + seen * per_splat + _of_meshes(scene)),
         band=int(pictures * (pixels * per_pixel + 4 * share * pairs)) + pixels * kept + writing,
         rows=end - begin,
     )
