@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,9 +59,8 @@ def box_of(stage: Usd.Stage, time: float) -> tuple[Gf.Vec3d, float]:
 
 def with_capture(path: Path, capture: Path, time: float) -> Usd.Stage:
     """The stage, and a capture that stands in front of it to the right, upright."""
-    layer = Usd.Stage.CreateInMemory().GetRootLayer()
-    layer.subLayerPaths.append(str(path))
-    stage = Usd.Stage.Open(layer)
+    stage = Usd.Stage.CreateInMemory()
+    stage.GetRootLayer().subLayerPaths.append(str(path))
     source = Usd.Stage.Open(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(source))
     stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
@@ -86,18 +86,12 @@ def picture(path: Path, capture: Path, time: float) -> np.ndarray:
         samples = 16
         if path.name == "motionBlur.usda":
             camera = engine.framing_camera([time], framing=view.framing)
-            view, samples = View(camera=replace_shutter(camera), framing=view.framing), 32
+            camera = replace(camera, shutter=(-0.5, 0.5))
+            view, samples = View(camera=camera, framing=view.framing), 32
         for warning in engine.warnings:
             print(f"  {path.name}: {warning[:150]}")
         color = engine.picture(view, RenderSettings(color_mode="display", samples=samples))["color"]
     return color[..., :3] + (1 - color[..., 3:]) * np.float32(BACKGROUND)
-
-
-def replace_shutter(camera: object) -> object:
-    """A camera whose shutter is open for a whole frame."""
-    from dataclasses import replace
-
-    return replace(camera, shutter=(-0.5, 0.5))  # type: ignore[type-var]
 
 
 def main(sheet: Path) -> None:
@@ -116,7 +110,9 @@ def main(sheet: Path) -> None:
         y, x = i // COLUMNS * height, i % COLUMNS * width
         text = f"{path.stem}: {what}"
         oiio.ImageBufAlgo.render_text(buffer, x + 10, y + height - 12, text, 16)
-    half = oiio.ImageBufAlgo.resize(buffer, roi=oiio.ROI(0, image.shape[1] * 3 // 4, 0, image.shape[0] * 3 // 4, 0, 1, 0, 3))
+    half = oiio.ImageBufAlgo.resize(
+        buffer, roi=oiio.ROI(0, image.shape[1] * 3 // 4, 0, image.shape[0] * 3 // 4, 0, 1, 0, 3)
+    )
     half.set_write_format("uint8")
     half.specmod().attribute("Compression", "jpeg:80")
     half.write(str(sheet))

@@ -141,6 +141,7 @@ def _draw(
 
 def _go_to(engine: Engine, picture: Picture, frame: float, camera: CameraSpec | None) -> View:
     """Bring the engine to a frame; return what the picture looks at there."""
+    engine.set_refinement(picture.settings.refinement)
     engine.set_time(frame)
     engine.set_purposes(picture.purposes)
     if camera is None:
