@@ -230,10 +230,7 @@ class RenderScene:
         return self._union("local", _extent)
 
     def subject(self) -> Box | None:
-        """Like `bounds`, with centres for splats and without the few that lie far from the others.
-
-        Where there are splats they are the subject, and surfaces are only around it.
-        """
+        """Like `bounds`, with centres for splats and without the few that lie far from the others."""
         return self._union("subject", _subject)
 
     # --- private ---------------------------------------------------------------------------
@@ -243,9 +240,8 @@ class RenderScene:
 
     def _union(self, name: str, measure: Any) -> Box | None:
         boxes = []
-        things: list[Any] = list(self.visible_fields())
-        if name == "local" or not things:
-            things += [mesh for mesh in self._meshes.values() if mesh.is_drawn]
+        meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
+        things: list[Any] = [*self.visible_fields(), *meshes]
         for thing in things:
             if getattr(thing, name) is None:
                 setattr(thing, name, measure(thing.spec))
