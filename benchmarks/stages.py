@@ -30,6 +30,11 @@ USDWG, OPENUSD = DATA / "usd" / "usdwg", DATA / "usd" / "openusd"
 VEHICLES = USDWG / "Vehicles" / "assets" / "vehicles"
 BACKGROUND = (0.09, 0.1, 0.12)
 
+SHIFT, SCALE = 0.4, 0.2
+"""How far to the right of what is there a capture stands, and how large it is, as parts of it."""
+ELSEWHERE = {"Creases_SpinningPyramids": (0.12, 0.1), "renderSettingsEdits": (0.05, 0.12)}
+"""Where the stage's own camera would not see it there."""
+
 STAGES = (
     (USDWG / "CesiumMan.usdz", 24.0, "skinned, textured"),
     (USDWG / "RiggedFigure.usdz", 20.0, "skinned"),
@@ -68,12 +73,13 @@ def with_capture(path: Path, capture: Path, time: float) -> Usd.Stage:
     scan = UsdGeom.Xform.Define(stage, "/Scan")
     scan.GetPrim().GetReferences().AddReference(str(capture))
     up = UsdGeom.GetStageUpAxis(stage)
-    shift = Gf.Vec3d(0.45, 0, 0.35) if up == "Y" else Gf.Vec3d(0.45, -0.35, 0)
+    right, scale = ELSEWHERE.get(path.stem, (SHIFT, SCALE))
+    shift = Gf.Vec3d(right, 0, 0.35) if up == "Y" else Gf.Vec3d(right, -0.35, 0)
     scan.ClearXformOpOrder()
     scan.AddTranslateOp().Set(middle + shift * size)
     if up == "Z":
         scan.AddRotateXOp().Set(90.0)
-    scan.AddScaleOp().Set(Gf.Vec3f(size * 0.3))
+    scan.AddScaleOp().Set(Gf.Vec3f(size * scale))
     return stage
 
 

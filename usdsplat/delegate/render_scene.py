@@ -230,7 +230,7 @@ class RenderScene:
         return self._union("local", _extent)
 
     def subject(self) -> Box | None:
-        """Like `bounds`, with centres for splats and without the few that lie far from the others."""
+        """Like `bounds`, with centres for splats, and without the few far from all others."""
         return self._union("subject", _subject)
 
     # --- private ---------------------------------------------------------------------------

@@ -242,6 +242,14 @@ def test_a_texture_that_cannot_be_read_is_a_warning_and_its_fallback(stage, file
         assert mesh_at(engine, "/M").materials[0].diffuse == (0.25, 0.5, 1.0)
 
 
+def test_a_texture_that_is_missing_and_has_no_fallback_is_grey(stage):
+    """Oracle: the grey of what has no material; black would be a claim about the picture."""
+    add_texture(stage, "/Looks/Mat", "missing.png")
+    with Engine(stage) as engine:
+        assert len(engine.warnings) == 1
+        assert mesh_at(engine, "/M").materials[0].diffuse == (0.18, 0.18, 0.18)
+
+
 def test_a_texture_is_read_once_for_all_that_show_it(stage, picture):
     """Oracle: the identity of the pixels; another path brings others."""
     texture = add_texture(stage, "/Looks/Mat", picture)

@@ -40,8 +40,20 @@ def test_polygons_become_triangles_of_the_authored_faces(stage):
         a, b, c = (spec.points[spec.triangles[:, i]] for i in range(3))
         assert np.allclose(np.cross(b - a, c - a), (0, 0, 1))
         assert spec.normals is None and spec.colors is None and spec.uvs is None
-        assert not spec.double_sided and engine.warnings == ()
+        assert engine.warnings == ()
         assert [material.diffuse for material in spec.materials] == [(0.18, 0.18, 0.18)]
+
+
+@pytest.mark.parametrize(("authored", "both"), [(None, True), (False, False), (True, True)])
+def test_only_what_says_so_is_single_sided(
+    stage: Usd.Stage, authored: bool | None, both: bool
+) -> None:
+    """A mesh without an opinion shows both of its sides. Oracle: what usdview does."""
+    mesh = add_mesh(stage, "/M", faces=2)
+    if authored is not None:
+        UsdGeom.Gprim(mesh).CreateDoubleSidedAttr(authored)
+    with Engine(stage) as engine:
+        assert mesh_at(engine, "/M").double_sided == both
 
 
 def test_a_left_handed_mesh_faces_the_other_way_and_double_sides_are_told(stage):

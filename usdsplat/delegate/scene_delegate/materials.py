@@ -122,8 +122,10 @@ class MaterialReader:
         try:
             pixels = self._pixels(node, scale, bias)
         except UsdSplatError as error:
+            # a picture that is missing says nothing about the colour: black would be a claim
+            authored = node.GetAttribute("inputs:fallback").HasAuthoredValue()
             self.problems.append(error)
-            return Look(spec=MaterialSpec(diffuse=fallback))
+            return Look(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
         wrap = (self._wrap(node, "wrapS"), self._wrap(node, "wrapT"))
         diffuse = (1.0, 1.0, 1.0) if any(bias) else scale
         spec = MaterialSpec(diffuse=diffuse, texture=TextureSpec(pixels=pixels, wrap=wrap))

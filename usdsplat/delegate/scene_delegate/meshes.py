@@ -142,7 +142,9 @@ class MeshReader:
         }
         for gone in self._primvar_problems.keys() - wanted:
             del self._primvar_problems[gone], self._primvars[gone]
-        doubled = value(prim.GetAttribute("doubleSided"), context.time)
+        sided = prim.GetAttribute("doubleSided")
+        # USD's fallback is single-sided, and yet usdview shows both sides of what says nothing
+        doubled = not sided.HasAuthoredValue() or value(sided, context.time)
         assert self._look_of is not None
         return MeshSpec(
             points=geometry.points,
