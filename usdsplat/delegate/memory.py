@@ -27,7 +27,7 @@ from usdsplat.kernels import bins, cryptomatte, feature, peak, project, triangle
 MIB = 1 << 20
 BASE = 250 * MIB
 """Python and the libraries, where the system does not say what they take."""
-KERNELS = 55 * MIB
+KERNELS = 85 * MIB
 """What the kernels take once a picture is drawn that they do not take before."""
 PROBES = 100_000
 """Splats that are looked at to estimate how many are seen."""
