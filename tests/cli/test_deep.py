@@ -36,7 +36,7 @@ def test_samples_flatten_near_over_far():
     alpha = rng.uniform(0, 1, (n, 1)).astype(np.float32)
     color = np.concatenate([rng.uniform(0, 2, (n, 3)).astype(np.float32) * alpha, alpha], axis=1)
     depth = np.zeros(n, np.float32)
-    samples = DeepSamples(counts, depth, depth, color)
+    samples = DeepSamples(counts, depth, depth, color, np.ones(counts.shape, np.float32))
     np.testing.assert_allclose(flattened(samples), over(counts, color), atol=1e-6)
 
 

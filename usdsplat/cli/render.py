@@ -11,8 +11,8 @@ examples:
       with motion blur and depth of field as the camera has them, and pixels around the picture
   usdsplat render shot.usd -o shot.exr --deep --holdout cg.exr
       every contribution to each pixel, without what another renderer's picture hides
-  usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://default --view Raw
-      colours that the studio's own view shows as they were captured
+  usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://studio-config-latest
+      colours that the config's first view, there ACES 2.0, shows as they were captured
   usdsplat render shot.usd
       everything that the stage's RenderSettings ask for, where they say
   usdsplat render shot.usd -o a.png --variant /World/Tree:season=autumn --mute proxy
