@@ -8,7 +8,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.delegate.rendering import lens, picture, random_cloud, random_transform, view_of
+from tests.delegate.rendering import (
+    lens,
+    picture,
+    random_cloud,
+    random_transform,
+    scene_of,
+    view_of,
+)
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.crop_volumes import volumes
 from usdsplat.delegate.cropping import inside
@@ -114,3 +121,15 @@ def test_the_picture_is_that_of_the_splats_that_are_left(sorting) -> None:
     expected = picture(parts, view, sorting=sorting, aovs=aovs)
     for name in aovs:
         np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
+
+
+def test_what_is_cropped_away_is_not_the_subject() -> None:
+    """A camera frames what the volumes leave. Oracle: the volume's own box."""
+    cloud = random_cloud(5, n=4000)
+    scene = scene_of((cloud, np.eye(4)))
+    half = np.diag([2.0, 2.0, 2.0, 1.0])
+    crop = CropSpec(shape="cube", world_to_shape=tuple(half.ravel()), keeps=True)
+    scene.set_crops("/field0", (crop,))
+    box = scene.subject()
+    assert box is not None
+    assert np.allclose(box[0], -0.5, atol=0.05) and np.allclose(box[1], 0.5, atol=0.05)

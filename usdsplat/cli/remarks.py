@@ -14,8 +14,8 @@ from usdsplat.delegate.specs import CameraSpec
 
 
 def why_nothing(engine: Engine, stats: FrameStats) -> str:
-    """Say why there is no splat in a picture, at the engine's time; "" if there is one."""
-    if stats.visible:
+    """Say why there is nothing in a picture, at the engine's time; "" if there may be something."""
+    if stats.visible or engine.render_scene.drawn_meshes():
         return ""
     if not engine.fields():
         return "the stage has no splats"

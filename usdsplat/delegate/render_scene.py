@@ -9,11 +9,15 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.extent import extent
+from usdsplat.delegate.cropping import inside
 from usdsplat.delegate.draw_list import DrawList, draw_list
 from usdsplat.delegate.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 
 SUBJECT = 0.004
 """Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
+
+FEW = 100_000
+"""Splats that are looked at, about, to find the subject."""
 
 Box = tuple[F64, F64]
 Drawn = tuple[str, "Field", InstanceSpec]
@@ -93,14 +97,30 @@ def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
     """Bounds of a mesh, or of nearly all centres of a cloud, strays left out."""
     if isinstance(spec, MeshSpec):
         return _box_of(spec.points)
-    positions = spec.cloud.positions
+    return _most_of(spec.cloud.positions)
+
+
+def _most_of(positions: F32 | F64) -> Box | None:
+    """The box around nearly all positions that are finite."""
     positions = positions[np.isfinite(positions).all(axis=1)]
     if len(positions) == 0:
         return None
-    low, high = np.quantile(
-        positions[:: max(1, len(positions) // 100_000)], (SUBJECT, 1 - SUBJECT), axis=0
-    )
+    few = positions[:: max(1, len(positions) // FEW)]
+    low, high = np.quantile(few, (SUBJECT, 1 - SUBJECT), axis=0)
     return low.astype(np.float64), high.astype(np.float64)
+
+
+def _left_by_crops(field: Field) -> list[Box]:
+    """Boxes in the world of nearly all centres that the field's volumes leave, by instance."""
+    positions = field.spec.cloud.positions
+    few = positions[:: max(1, len(positions) // FEW)].astype(np.float64)
+    boxes = []
+    for instance in field.instances:
+        world = few @ matrix(instance.transform)[:3, :3].T + matrix(instance.transform)[:3, 3]
+        box = _most_of(world[inside(field.crops, world)])
+        if box is not None:
+            boxes.append(box)
+    return boxes
 
 
 class RenderScene:
@@ -243,6 +263,9 @@ class RenderScene:
         meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
         things: list[Any] = [*self.visible_fields(), *meshes]
         for thing in things:
+            if name == "subject" and isinstance(thing, Field) and thing.crops:
+                boxes += _left_by_crops(thing)
+                continue
             if getattr(thing, name) is None:
                 setattr(thing, name, measure(thing.spec))
             box = getattr(thing, name)
