@@ -21,4 +21,4 @@ def test_example(path, tmp_path):
 
 def test_there_are_examples():
     """Oracle: a glob that finds nothing would test nothing."""
-    assert len(EXAMPLES) >= 3
+    assert len(EXAMPLES) >= 7

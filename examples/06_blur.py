@@ -1,0 +1,68 @@
+"""A capture that moves, as a camera with a shutter sees it, and how far each pixel moves.
+
+python examples/06_blur.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.interchange.procedural import capture
+
+STEP = 0.25
+"""[scene unit] that the capture moves to the right from each frame to the next."""
+PIXELS = 80
+"""[pixel] of a scene unit: 320 across an orthographic camera that is 4 units wide."""
+
+
+def main(folder: Path) -> Path:
+    """Author blur.usda and save pictures of its frame 2, sharp and blurred; returns the file."""
+    stage = Usd.Stage.CreateNew(str(folder / "blur.usda"))
+    field = schema.author(stage, "/World/Capture", capture(20_000))
+    move = UsdGeom.Xformable(field).AddTranslateOp()
+    for frame in (1, 4):
+        move.Set((STEP * (frame - 2), 0.0, 0.0), frame)
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.AddTranslateOp().Set((0.0, 0.4, 5.0))
+    camera.GetProjectionAttr().Set(UsdGeom.Tokens.orthographic)
+    camera.GetHorizontalApertureAttr().Set(40.0)  # in tenths of a unit
+    camera.GetVerticalApertureAttr().Set(30.0)
+    camera.GetShutterOpenAttr().Set(0.0)
+    camera.GetShutterCloseAttr().Set(0.5)
+    stage.Save()
+    with Engine(stage, time=2) as engine:
+        view = engine.view("/World/Camera", resolution=(320, 240))
+        # Still things at the same 32 points of a pixel, so that only the shutter differs.
+        blur = RenderSettings(samples=32)
+        still = RenderSettings(samples=32, motion_blur=False)
+        blurred = engine.picture(view, blur, ("color", "motionForward", "motionBackward"))
+        target = folder / "blur.npz"
+        np.savez(target, **blurred, still=engine.picture(view, still)["color"])
+    return target
+
+
+def check(target: Path) -> None:
+    """Vectors say how far it moves; blur keeps what there is, and moves its middle half as far."""
+    picture = np.load(target)
+    for name in ("motionForward", "motionBackward"):
+        moves = picture[name][picture[name].any(axis=-1)]
+        np.testing.assert_allclose(moves, [[STEP * PIXELS, 0]] * len(moves), atol=1e-3)
+    blurred, still = (np.sum(picture[name][..., 3], axis=0) for name in ("color", "still"))
+    np.testing.assert_allclose(blurred.sum(), still.sum(), rtol=1e-3)
+    columns = np.arange(320)
+    moved = np.average(columns, weights=blurred) - np.average(columns, weights=still)
+    print(f"{moved:.2f} pixels, {0.25 * STEP * PIXELS:g} until the middle of the shutter")
+    assert abs(moved - 0.25 * STEP * PIXELS) < 0.1
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    place.mkdir(parents=True, exist_ok=True)
+    check(main(place))

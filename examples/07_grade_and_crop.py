@@ -1,0 +1,74 @@
+"""A grade and a garbage matte, in a layer of their own: the capture's arrays are never touched.
+
+python examples/07_grade_and_crop.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from usdsplat import schema
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.interchange.procedural import capture
+
+RADIUS = 0.6
+LOOK = f"""#usda 1.0
+over "World"
+{{
+    over "Capture" (prepend apiSchemas = ["SplatGradeAPI", "SplatCropAPI"])
+    {{
+        float splat:grade:exposure = -1
+        rel collection:cropInclude:includes = </World/Keep>
+    }}
+    def Sphere "Keep"
+    {{
+        double radius = {RADIUS}
+    }}
+}}
+"""
+LINEAR = RenderSettings(blend_space="linear", color_mode="scene")
+
+
+def main(folder: Path) -> Path:
+    """Write capture.usdc, look.usda and shot.usda, which puts one over the other; returns it."""
+    base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
+    schema.author(base, "/World/Capture", capture(20_000))
+    base.Save()
+    look = Sdf.Layer.CreateNew(str(folder / "look.usda"))
+    look.ImportFromString(LOOK)
+    look.Save()
+    shot = Usd.Stage.CreateNew(str(folder / "shot.usda"))
+    shot.GetRootLayer().subLayerPaths = ["look.usda", "capture.usdc"]
+    shot.Save()
+    return folder / "shot.usda"
+
+
+def check(path: Path) -> None:
+    """Only splats in the sphere are drawn, and in linear light they are half as bright."""
+    shot = Usd.Stage.Open(str(path))
+    field = shot.GetPrimAtPath("/World/Capture")
+    positions = schema.fetch(field).positions
+    with Engine(shot) as engine:
+        view = engine.view(resolution=(320, 240))
+        picture = engine.picture(view, LINEAR, ("color", "elementId"))
+        seen = np.unique(picture["elementId"][picture["elementId"] >= 0])
+        assert len(seen) > 100
+        assert np.linalg.norm(positions[seen], axis=1).max() <= RADIUS
+        schema.author_grade(field, exposure=0.0)  # the edit is noticed, and is not saved
+        plain = engine.picture(view, LINEAR)["color"]
+        np.testing.assert_allclose(picture["color"][..., :3], plain[..., :3] / 2, atol=1e-6)
+        shot.MuteLayer(shot.ResolveIdentifierToEditTarget("look.usda"))
+        whole = engine.picture(view, LINEAR)["color"]
+        print(f"{plain[..., 3].sum():.0f} of {whole[..., 3].sum():.0f} pixels are kept")
+        assert plain[..., 3].sum() < 0.8 * whole[..., 3].sum()
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    place.mkdir(parents=True, exist_ok=True)
+    check(main(place))
