@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from pxr import Usd, UsdGeom
 
 from tests.delegate.stages import add_camera, random_cloud, two_fields
 from usdsplat import schema
-from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.core.errors import BackendError, StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
@@ -159,3 +160,42 @@ def test_a_prim_that_is_left_out_is_logged_once(caplog):
         assert engine.drawn_paths() == ("/World/B",)
     (record,) = caplog.records
     assert record.name == "usdsplat" and "left out: /World/A" in record.getMessage()
+
+
+@pytest.mark.parametrize(
+    ("settings", "aovs"),
+    [(RenderSettings(samples=2), ("color",)), (RenderSettings(), ("motionForward",))],
+)
+def test_a_picture_that_fails_at_another_time_leaves_the_time_as_it_was(
+    settings: RenderSettings, aovs: tuple[str, ...]
+) -> None:
+    """A picture that fails at another time leaves the engine where it was: the camera has no focal
+    length a frame later. Oracle: the time before."""
+    stage = Usd.Stage.CreateInMemory()
+    camera = UsdGeom.Camera.Define(stage, "/Camera")
+    camera.CreateShutterCloseAttr(1.5)
+    camera.CreateFocalLengthAttr().Set(50.0, 0.0)
+    camera.GetFocalLengthAttr().Set(0.0, 0.5)
+    with Engine(stage, time=0.0) as engine:
+        view = engine.view("/Camera", resolution=(8, 8))
+        with pytest.raises(StageError, match="focal length"):
+            engine.picture(view, settings, aovs)
+        assert engine.time == 0.0
+
+
+def test_what_was_replaced_of_a_camera_stays_at_other_times() -> None:
+    """What was replaced of a camera stays at other times, the rest follows the stage: a wider
+    window and a camera that moves by a unit. Oracle: the same window drawn without any time, and
+    similar triangles."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Ball")
+    camera = UsdGeom.Camera.Define(stage, "/Camera")
+    camera.CreateClippingRangeAttr((0.1, 100.0))
+    move = camera.AddTranslateOp()
+    move.Set((0.0, 0.0, 11.0), 0.0)
+    move.Set((1.0, 0.0, 11.0), 1.0)
+    with Engine(stage, time=0.0) as engine:
+        view = engine.view("/Camera", resolution=(65, 65))
+        view = replace(view, camera=replace(view.camera, window=(-1.0, -1.0, 1.0, 1.0)))
+        found = engine.picture(view, aovs=("motionForward",))["motionForward"]
+        assert found[32, 32] == pytest.approx((-65 / 2 / 10, 0.0), abs=1e-4)

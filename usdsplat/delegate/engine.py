@@ -10,7 +10,7 @@ Pictures follow edits of the stage by themselves.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import TracebackType
 from typing import Any
 
@@ -234,7 +234,8 @@ class Engine:
         The scene must not be edited before the last band is taken.
 
         Args:
-            view: What to look at. A camera of the stage moves with time where samples ask for it.
+            view: What to look at. A camera of the stage moves with time where samples ask for it;
+                what was replaced of it stays as it is.
             settings: How to draw it.
             aovs: Which of `renderer.AOVS`.
             holdout: What else hides, given the pixels x0, y0, x1, y1; see `images.holdout`.
@@ -343,19 +344,21 @@ class Engine:
     # --- private ---------------------------------------------------------------------------
 
     def _moments(self, view: View) -> Moments:
-        """The scene and what `view` sees at other times; all else about a view stays."""
-        frame = self.time
-        follows = view.camera.path in self._index.cameras
+        """The scene and what `view` sees at other times; all that is not the stage's stays."""
+        frame, camera = self.time, view.camera
+        prim = self._index.cameras.get(camera.path)
+        spec = prim.spec if prim else None
+        own = {k: v for k, v in asdict(camera).items() if spec and v != getattr(spec, k)}
 
         def at(time: float) -> tuple[RenderScene, View]:
             if frame is None:
                 return self._param.scene, view
             self.set_time(frame + time)
             self.sync()
-            camera = view.camera
-            if follows and time != 0.0:
-                camera = self._camera(view.camera.path, view.framing)
-            return self._param.scene, replace(view, camera=camera)
+            if spec is None or time == 0.0:
+                return self._param.scene, view
+            there = replace(self._camera(camera.path, view.framing), **own)
+            return self._param.scene, replace(view, camera=there)
 
         return at
 

@@ -72,12 +72,14 @@ class Motion:
         """Look at a frame and at both of its neighbours.
 
         Args:
-            moments: As the renderer takes it; left at `time`.
+            moments: As the renderer takes it; left at `time`, also where another cannot be seen.
             time: Of the frame [time code], relative to that of the picture.
             screen: Of the frame.
         """
-        others = {name: _Pose.of(*moments(time + step)) for name, step in FRAMES.items()}
-        scene, view = moments(time)
+        try:
+            others = {name: _Pose.of(*moments(time + step)) for name, step in FRAMES.items()}
+        finally:
+            scene, view = moments(time)
         here = _Pose.of(scene, view)
         return cls(
             splats=len(scene.drawn()),

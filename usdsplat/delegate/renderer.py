@@ -211,32 +211,48 @@ class Renderer:
         plan = sampling.samples(shot.settings, view.camera)
         center = sampling.center(shot.settings, view.camera)
         painter = Painter(shot)
-        x0, _, x1, _ = screen.window
         if len(plan) == 1:
             prepared = shot.prepare(center, screen.window)
             motion = self._motion(shot, prepared, center)
             for y0, y1 in screen.bands(band_pixels):
                 yield y0, y1, painter.draw(prepared, motion, y0, y1, shot.aovs)
             return
+        for y0, y1 in screen.bands(band_pixels):
+            try:
+                arrays = self._averaged(shot, painter, plan, center, screen, y0, y1)
+            finally:  # also from a time at which something cannot be drawn
+                shot.moments(0.0)
+            yield y0, y1, arrays
+
+    def _averaged(
+        self,
+        shot: Shot,
+        painter: Painter,
+        plan: tuple[sampling.Sample, ...],
+        center: sampling.Sample,
+        screen: Screen,
+        y0: int,
+        y1: int,
+    ) -> dict[str, npt.NDArray[Any]]:
+        """One band of many samples; leaves the scene at the last one's time."""
         averaged = tuple(name for name in shot.aovs if name in AVERAGED)
         read = tuple(name for name in shot.aovs if name not in AVERAGED)
-        for y0, y1 in screen.bands(band_pixels):
-            window = x0, y0, x1, y1
-            arrays: dict[str, npt.NDArray[Any]] = {}
-            if read:
-                prepared = shot.prepare(center, window)
-                motion = self._motion(shot, prepared, center)
-                arrays |= painter.draw(prepared, motion, y0, y1, read)
-            if averaged:
-                sums = Sums(self._device, shot.scratch, (y1 - y0, x1 - x0), averaged)
-                for sample in plan:
-                    prepared = shot.prepare(sample, window)
-                    arrays_of_one = painter.draw(prepared, None, y0, y1, averaged, raw=True)
-                    sums.add(arrays_of_one, prepared.seen.layout.prims)
-                    shot.clock.lap("sums")
-                arrays |= sums.finish()
-            shot.moments(0.0)
-            yield y0, y1, arrays
+        x0, _, x1, _ = screen.window
+        window = x0, y0, x1, y1
+        arrays: dict[str, npt.NDArray[Any]] = {}
+        if read:
+            prepared = shot.prepare(center, window)
+            motion = self._motion(shot, prepared, center)
+            arrays |= painter.draw(prepared, motion, y0, y1, read)
+        if averaged:
+            sums = Sums(self._device, shot.scratch, (y1 - y0, x1 - x0), averaged)
+            for sample in plan:
+                prepared = shot.prepare(sample, window)
+                arrays_of_one = painter.draw(prepared, None, y0, y1, averaged, raw=True)
+                sums.add(arrays_of_one, prepared.seen.layout.prims)
+                shot.clock.lap("sums")
+            arrays |= sums.finish()
+        return arrays
 
     def _motion(self, shot: Shot, prepared: Prepared, center: sampling.Sample) -> Motion | None:
         """Where everything is in the neighbouring frames, if somebody asks."""
