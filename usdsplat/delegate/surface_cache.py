@@ -50,6 +50,10 @@ class SurfaceCache:
         self._specs: tuple[MeshSpec, ...] = ()
         self._packed: PackedMeshes | None = None
 
+    def clear(self) -> None:
+        """Let go of it."""
+        self._packed, self._specs = None, ()
+
     def packed(self, device: CpuDevice, specs: Sequence[MeshSpec]) -> PackedMeshes:
         """The layout of `specs`, each of which is there once."""
         same = len(specs) == len(self._specs) and all(map(_is, specs, self._specs))

@@ -87,10 +87,12 @@ class Surfaces:
             UsageError: If there are 2**31 triangles or more.
         """
         drawn = scene.drawn_meshes()
+        cache = cache or SurfaceCache()
         if not drawn:
+            cache.clear()
             return None
         specs, which = _distinct(drawn)
-        packed = (cache or SurfaceCache()).packed(device, specs)
+        packed = cache.packed(device, specs)
         firsts = _running(packed.triangles_of[which])
         vertex_firsts = _running(packed.points_of[which])
         if firsts[-1] > np.iinfo(np.int32).max:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, MutableMapping
+from weakref import WeakValueDictionary
+
 import numpy as np
 from pxr import Ar, Sdf
 
@@ -13,19 +16,21 @@ Color = tuple[float, float, float]
 
 
 class Textures:
-    """Resolved path, encoding, scale and bias -> pixels, for the life of one engine.
+    """Resolved path, encoding, scale and bias -> pixels, for as long as some mesh shows them.
 
-    A file that was read is not looked at again: what changes on disk shows in the next engine.
+    So textures that are other ones in each frame do not pile up. A file that is in use is not
+    looked at again, nor is one that could not be read: what changes on disk shows in the next
+    engine.
     """
 
     def __init__(self) -> None:
-        self._found: dict[tuple[str, Encoding], F32 | UsdSplatError] = {}
-        self._biased: dict[tuple[str, Encoding, Color, Color], F32] = {}
+        self._found: MutableMapping[Hashable, F32] = WeakValueDictionary()
+        self._errors: dict[Hashable, UsdSplatError] = {}
 
     def clear(self) -> None:
         """Let go of all pixels."""
         self._found.clear()
-        self._biased.clear()
+        self._errors.clear()
 
     def read(self, asset: Sdf.AssetPath, encoding: Encoding) -> F32:
         """Return the pixels of a texture, as `images.texture` has them.
@@ -34,15 +39,16 @@ class Textures:
             FormatError: If it is not there, or no picture.
         """
         key = (asset.resolvedPath or asset.path, encoding)
-        if key not in self._found:
+        if why := self._errors.get(key):
+            raise why
+        pixels = self._found.get(key)
+        if pixels is None:
             try:
-                self._found[key] = _read(asset, encoding)
+                pixels = self._found[key] = _read(asset, encoding)
             except UsdSplatError as error:
-                self._found[key] = error
-        found = self._found[key]
-        if isinstance(found, UsdSplatError):
-            raise found
-        return found
+                self._errors[key] = error
+                raise
+        return pixels
 
     def read_biased(
         self, asset: Sdf.AssetPath, encoding: Encoding, *, scale: Color, bias: Color
@@ -52,11 +58,13 @@ class Textures:
         Raises:
             FormatError: If it is not there, or no picture.
         """
-        pixels = self.read(asset, encoding)
         key = (asset.resolvedPath or asset.path, encoding, scale, bias)
-        if key not in self._biased:
-            self._biased[key] = pixels * np.array(scale, np.float32) + np.array(bias, np.float32)
-        return self._biased[key]
+        pixels = self._found.get(key)
+        if pixels is None:
+            found = self.read(asset, encoding)
+            pixels = found * np.array(scale, np.float32) + np.array(bias, np.float32)
+            self._found[key] = pixels
+        return pixels
 
 
 def _read(asset: Sdf.AssetPath, encoding: Encoding) -> F32:
