@@ -27,7 +27,7 @@ def vectors(where: str, found: Any, width: int) -> F32:
     nothing at all is none.
 
     Raises:
-        StageError: If it is something else, or not all of it is finite.
+        StageError: If it is something else, or not all of it is finite in single precision.
     """
     if found is None:
         return np.empty((0, width), np.float32)
@@ -37,9 +37,11 @@ def vectors(where: str, found: Any, width: int) -> F32:
         return np.empty((0, width), np.float32)
     if array.reshape(len(array), -1).shape[1] != width or array.ndim > 2:
         raise StageError(where, f"an array of shape {array.shape}", expected)
-    if not np.isfinite(array).all():
+    with np.errstate(over="ignore"):
+        numbers = array.reshape(-1, width).astype(np.float32)
+    if not np.isfinite(numbers).all():
         raise StageError(where, "numbers that are not finite", "finite ones")
-    return array.reshape(-1, width).astype(np.float32)
+    return numbers
 
 
 def integers(where: str, found: Any) -> I32:
@@ -55,7 +57,11 @@ def integers(where: str, found: Any) -> I32:
         return np.empty(0, np.int32)
     if array.ndim != 1 or array.dtype.kind not in "iu":
         raise StageError(where, f"an array of {array.dtype}", "an array of integers")
-    return array.astype(np.int32)
+    numbers = array.astype(np.int32)
+    wrong = array[numbers != array]
+    if len(wrong):
+        raise StageError(where, f"the number {wrong[0]}", "one of 32 bits")
+    return numbers
 
 
 def _array(where: str, found: Any, expected: str) -> npt.NDArray[Any]:
