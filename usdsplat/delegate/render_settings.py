@@ -67,9 +67,9 @@ class RenderSettings:
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:
         """Decide what is left to the scene.
 
-            Args:
-        hints: The orders that the visible fields ask for. Where all ask for one, `auto` is that
-                    one, else zDepth.
+        Args:
+            hints: The orders that the visible fields ask for. Where all ask for one, `auto` is that
+                one, else zDepth.
         """
         sorting, color_mode = self.sorting, self.color_mode
         if sorting == "auto":

@@ -6,10 +6,8 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar
+from .shade import DRAWN, MATTE
 from .walk import held_through
-
-DRAWN, MATTE = 1, 2
-"""Of a surface at a pixel: it is in the picture, or only hides what is behind it."""
 
 
 @scalar
