@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdLux
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from tests.delegate.surface_stages import add_light
 from usdsplat.delegate.engine import Engine
@@ -89,4 +89,26 @@ def test_time_and_edits_move_a_light(light) -> None:
             assert found.irradiance[0] == pytest.approx(time / math.pi)
         assert engine.pulls["light"] == 3
         light.GetPrim().SetActive(False)
+        assert engine.render_scene.lights == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "held"),
+    [
+        ("inputs:colorTemperature", Sdf.ValueTypeNames.Float, math.nan),
+        ("inputs:angle", Sdf.ValueTypeNames.String, "wide"),
+        ("inputs:color", Sdf.ValueTypeNames.String, "red"),
+    ],
+)
+def test_a_light_of_what_is_no_number_is_dark_and_a_warning(name, kind, held) -> None:
+    """A light of what is no number is dark and a warning; of a temperature that is none USD itself
+    would crash. Oracle: the sentence."""
+    stage = Usd.Stage.CreateInMemory()
+    light = UsdLux.DistantLight.Define(stage, "/Light")
+    light.CreateEnableColorTemperatureAttr(True)
+    spec = stage.GetRootLayer().GetPrimAtPath(light.GetPath())
+    Sdf.AttributeSpec(spec, name, kind).default = held
+    with Engine(stage) as engine:
+        (warning,) = engine.warnings
+        assert warning.startswith(f"{light.GetPath()}.{name}: found {held!r}, expected ")
         assert engine.render_scene.lights == ()

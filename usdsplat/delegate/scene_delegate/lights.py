@@ -7,6 +7,7 @@ import math
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
+from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.delegate.specs import LightSpec
@@ -24,15 +25,20 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
     """
     where = str(prim.GetPath())
     light = UsdLux.DistantLight(prim)
-    color = np.array(light.GetColorAttr().Get(time), np.float64)
+
+    def number(attribute: Usd.Attribute) -> float:
+        return float(_numbers(attribute, time, 1)[0])
+
+    color = _numbers(light.GetColorAttr(), time, 3)
     if light.GetEnableColorTemperatureAttr().Get(time):
-        kelvin = light.GetColorTemperatureAttr().Get(time)
+        # of what is not a number, USD would read memory that is not its own
+        kelvin = number(light.GetColorTemperatureAttr())
         color = color * np.array(UsdLux.BlackbodyTemperatureAsRgb(kelvin), np.float64)
-    angle = math.radians(light.GetAngleAttr().Get(time))
+    angle = math.radians(number(light.GetAngleAttr()))
     with np.errstate(all="ignore"):
-        strength = np.float64(light.GetIntensityAttr().Get(time))
-        strength *= np.exp2(np.float64(light.GetExposureAttr().Get(time)))
-        strength *= light.GetDiffuseAttr().Get(time)
+        strength = np.float64(number(light.GetIntensityAttr()))
+        strength *= np.exp2(number(light.GetExposureAttr()))
+        strength *= number(light.GetDiffuseAttr())
         if angle != 0 and not light.GetNormalizeAttr().Get(time):
             strength *= math.pi * math.sin(min(abs(angle), math.pi) / 2) ** 2
         found = strength * color / math.pi
@@ -45,3 +51,16 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
     x, y, z = (ray / length).tolist()
     red, green, blue = found.tolist()
     return LightSpec(direction=(x, y, z), irradiance=(red, green, blue))
+
+
+def _numbers(attribute: Usd.Attribute, time: Usd.TimeCode, width: int) -> F64:
+    """One number, or three, shape (width,)."""
+    found = attribute.Get(time)
+    try:
+        numbers = np.array(found, np.float64).ravel()
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if len(numbers) != width or not np.isfinite(numbers).all():
+        expected = "a finite number" if width == 1 else f"{width} finite numbers"
+        raise StageError(str(attribute.GetPath()), repr(found), expected)
+    return numbers
