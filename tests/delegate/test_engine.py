@@ -199,3 +199,21 @@ def test_what_was_replaced_of_a_camera_stays_at_other_times() -> None:
         view = replace(view, camera=replace(view.camera, window=(-1.0, -1.0, 1.0, 1.0)))
         found = engine.picture(view, aovs=("motionForward",))["motionForward"]
         assert found[32, 32] == pytest.approx((-65 / 2 / 10, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("holdout", "found"),
+    [
+        (np.ones((2, 2), np.float32), "depths of shape"),
+        ((np.zeros(3, np.int64), np.empty(0), np.empty(0)), "3 offsets"),
+        ((np.full(65, 9, np.int64), np.ones(9), np.ones(9)), "offsets of other samples"),
+        ((np.zeros(65, np.int64), np.empty(0), np.ones(1)), "1 transmittances"),
+    ],
+)
+def test_a_holdout_of_another_shape_is_refused(holdout, found: str) -> None:
+    """A holdout of another shape is refused: kernels would read what is not there. Oracle: the
+    sentence."""
+    with Engine(two_fields()) as engine:
+        view = engine.view(resolution=(8, 8))
+        with pytest.raises(UsageError, match=f"holdout: found {found}"):
+            list(engine.render(view, holdout=lambda *_: holdout))

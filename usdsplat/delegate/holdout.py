@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F32
+from usdsplat.core.errors import UsageError
 from usdsplat.delegate.layer import Behind, Holdout
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import CpuDevice
@@ -13,11 +14,20 @@ HoldoutRows = F32 | Holdout
 """Of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
 
 
-def hold_back(device: CpuDevice, behind: Behind, rows: HoldoutRows) -> Behind:
+def hold_back(
+    device: CpuDevice, behind: Behind, rows: HoldoutRows, shape: tuple[int, int]
+) -> Behind:
     """Return what is behind the splats once a holdout is there too.
 
     A flat one hides what is behind it wholly, a deep one as much as its samples cover.
+
+    Args:
+        shape: Rows and columns that were asked for.
+
+    Raises:
+        UsageError: If the holdout has others.
     """
+    _check(rows, shape)
     if isinstance(rows, tuple):
         return Behind(behind.stops, behind.covered, rows)
     if behind.stops.size == 0:
@@ -25,3 +35,19 @@ def hold_back(device: CpuDevice, behind: Behind, rows: HoldoutRows) -> Behind:
         behind = Behind(stops, np.zeros(rows.shape, np.uint8))
     device.run(surface.hold_back, behind.stops, behind.covered, rows)
     return behind
+
+
+def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
+    """Refuse what kernels would read beyond."""
+    if not isinstance(rows, tuple):
+        if rows.shape != shape:
+            raise UsageError("holdout", f"depths of shape {rows.shape}", str(shape))
+        return
+    offsets, depths, through = rows
+    pixels = shape[0] * shape[1]
+    if len(offsets) != pixels + 1:
+        raise UsageError("holdout", f"{len(offsets)} offsets", f"{pixels + 1}")
+    if offsets[0] != 0 or (np.diff(offsets) < 0).any() or offsets[-1] != len(depths):
+        raise UsageError("holdout", "offsets of other samples", f"0 to {len(depths)}, ascending")
+    if len(through) != len(depths):
+        raise UsageError("holdout", f"{len(through)} transmittances", f"{len(depths)}")

@@ -81,7 +81,8 @@ class Shot:
             behind = Behind(drawn.depth, drawn.covered)
             self.clock.lap("surfaces")
         if self.holdout is not None:
-            behind = hold_back(self.device, behind, self.holdout(x0, y0, x1, y1))
+            rows = self.holdout(x0, y0, x1, y1)
+            behind = hold_back(self.device, behind, rows, (y1 - y0, x1 - x0))
         layer = Layer(
             self.device,
             self.scratch,
