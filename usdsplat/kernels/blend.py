@@ -24,7 +24,7 @@ from numba import prange
 
 from .bins import SLACK, TILE, span
 from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
+from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
 
 CHANNELS = 4
@@ -98,8 +98,7 @@ def blend_row_before(state, stop, row, u, a, slope, rest, r, g, b, peak, dy, is_
     """`blend_row`, but for the pixels where the splat peaks behind `stop`: those it leaves."""
     at = np.uint64(row * ROW)
     behind = np.uint64(row * TILE)
-    first = np.float32(1) + peak[HX] * dy
-    second, third = peak[HY] * dy, peak[HZ] * dy
+    first, second, third = row_at(peak[HX], peak[HY], peak[HZ], dy)
     gx, gy, center, reach = peak[GX], peak[GY], peak[CENTER], peak[REACH]
     for x in range(TILE):
         j = at + np.uint64(x)

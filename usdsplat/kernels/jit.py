@@ -71,6 +71,12 @@ def scalar(function: Callable[..., Any]) -> Any:
     return numba.njit(forceinline=True, **FLAGS)(function)
 
 
+def exact(function: Callable[..., Any]) -> Any:
+    """`scalar` without contraction: the same bits in every loop that it is inlined into, and
+    whether the loop was compiled by this process or loaded; for what decisions hang on."""
+    return numba.njit(forceinline=True, error_model="numpy", fastmath={"nsz"})(function)
+
+
 def serial(function: Callable[..., Any]) -> Any:
     """A loop for one thread. It does not hold the GIL."""
     return _compile(function, {"nogil": True})

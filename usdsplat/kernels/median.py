@@ -15,7 +15,7 @@ from numba import prange
 from .bins import TILE
 from .blend import END, FIELDS, LOOK, alpha_at, load_batch, load_stops, look
 from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
+from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
 
 ROW = 3 * TILE
@@ -49,8 +49,7 @@ def pass_row_before(state, stop, row, u, a, slope, rest, place, peak, dy, is_par
     """`pass_row`, but for the pixels where the splat peaks behind `stop`: those it leaves."""
     at = np.uint64(row * ROW)
     behind = np.uint64(row * TILE)
-    first = np.float32(1) + peak[HX] * dy
-    second, third = peak[HY] * dy, peak[HZ] * dy
+    first, second, third = row_at(peak[HX], peak[HY], peak[HZ], dy)
     gx, gy, center, reach = peak[GX], peak[GY], peak[CENTER], peak[REACH]
     for x in range(TILE):
         j = at + np.uint64(x)

@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numba import prange
 
-from .jit import parallel, scalar
+from .jit import exact, parallel, scalar
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
 PEAK = 8
@@ -107,7 +107,13 @@ def peak_one(cam, m, inverse, position, q, s, log_opacity, peak):
     peak[HZ] = np.float32(math.sqrt(hx * hx + hy * hy + hz * hz))
 
 
-@scalar
+@exact
+def row_at(hx, hy, hz, dy):
+    """d at dx = 0 of a row."""
+    return np.float32(1) + hx * dy, hy * dy, hz * dy
+
+
+@exact
 def peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
     """Depth of the peak at offset dx along a row; (first, second, third) is d at dx = 0."""
     one = np.float32(1)

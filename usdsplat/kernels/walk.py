@@ -22,7 +22,7 @@ from numba import prange
 from .bins import TILE
 from .blend import END, FIELDS, LOOK, alpha_at, load_batch
 from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
+from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
 
 PAINT, MEDIAN, WEIGH, COUNT, FILL = range(5)
@@ -203,8 +203,9 @@ def walk(
                     for x in range(TILE):
                         alphas[np.uint64(x)] = alpha_at(np.float32(x) - u, a, slope, rest)
                     if by_ray or has_stops:
-                        first = np.float32(1) + peaks[rank, HX] * dy
-                        second, third = peaks[rank, HY] * dy, peaks[rank, HZ] * dy
+                        first, second, third = row_at(
+                            peaks[rank, HX], peaks[rank, HY], peaks[rank, HZ], dy
+                        )
                         gx, gy = peaks[rank, GX], peaks[rank, GY]
                         center, reach = peaks[rank, CENTER], peaks[rank, REACH]
                         for x in range(TILE):
