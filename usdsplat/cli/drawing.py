@@ -42,7 +42,7 @@ class Drawn:
     """Those that may touch the picture."""
     seconds: float
     """Time it took, file included."""
-    samples: int | None = None
+    deep_samples: int | None = None
     """Of all pixels of a deep picture."""
 
 
@@ -110,7 +110,7 @@ def draw_frames(
             splats=stats.splats,
             visible=stats.visible,
             seconds=seconds,
-            samples=None if report is None else report.samples,
+            deep_samples=None if report is None else report.samples,
         )
 
 
