@@ -79,7 +79,7 @@ def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
     status, out, err = run("render", shot, *output, *flags)
     assert (status, "flattened" in err) == (0, False)
     assert [item["frame"] for item in json.loads(out)] == [3, 2]
-    assert all(item["samples"] > 1000 for item in json.loads(out))
+    assert all(item["deep_samples"] > 1000 for item in json.loads(out))
     assert (tmp_path / "a.1.exr").read_bytes() == b"here already"
     assert header(tmp_path / "a.2.exr").getattribute("compression") == "zips"
 

@@ -17,6 +17,8 @@ from usdsplat.kernels.bins import TILE
 
 DEEP_PIXELS = 1 << 17
 """[pixel] of a band of a deep picture, whose pixels hold any number of samples."""
+TALLER = 4
+"""How much taller the bands of many samples are: each is projected anew for each band."""
 WORTH_SAYING = 1 << 30
 """[byte] from which on what a picture needs is said before it is drawn."""
 
@@ -51,6 +53,8 @@ def budget(engine: Engine, picture: Picture, view: View, *, limit: int | None) -
     """
     x0, y0, x1, y1 = view.framing.window
     width, usual = x1 - x0, DEEP_PIXELS if picture.deep else BAND_PIXELS
+    if picture.settings.samples > 1 and not picture.deep:
+        usual *= TALLER
     names = tuple(AOVS[name].hydra for name in picture.aovs)
 
     def needed(tiles: int) -> Estimate:

@@ -9,6 +9,7 @@ from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.framing import conform
 from usdsplat.delegate.output import view_of
+from usdsplat.delegate.renderer import blend_space_of
 from usdsplat.delegate.specs import View
 from usdsplat.images import cryptomatte
 from usdsplat.images.camera import camera_metadata
@@ -69,6 +70,8 @@ def _drawing(engine: Engine, picture: Picture, view: View) -> Metadata:
     """How it was drawn, and what the ids and mattes in it stand for."""
     fields = [field.spec for _, field, _ in engine.render_scene.drawn()]
     settings = picture.settings.resolved(field.sorting_mode for field in fields)
+    if picture.deep:
+        settings = replace(settings, color_mode="scene", blend_space="linear")
     modes = {field.rasterize_mode for field in fields}
     if settings.rasterize_mode != "auto":
         modes = {settings.rasterize_mode}
@@ -76,8 +79,10 @@ def _drawing(engine: Engine, picture: Picture, view: View) -> Metadata:
         "usdsplat:camera": view.camera.path or "framing the scene",
         "usdsplat:sorting": settings.sorting,
         "usdsplat:rasterizeMode": " and ".join(sorted(modes)),
-        "usdsplat:colorMode": "scene" if picture.deep else settings.color_mode,
-        "usdsplat:blendSpace": "linear" if picture.deep else settings.blend_space,
+        "usdsplat:colorMode": settings.color_mode,
+        "usdsplat:blendSpace": settings.working_space
+        if picture.deep
+        else blend_space_of(engine.render_scene, settings),
     }
     through = view_of(settings)
     if not through.is_plain and (picture.is_baked or settings.color_mode != "scene"):

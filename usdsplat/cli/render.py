@@ -45,7 +45,7 @@ from usdsplat.cli.render_options import (
     SamplingFlags,
 )
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.cli.values import bytes_of, crop_of, names_of, overscan_of, resolution_of
+from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.frames import has_place, parse_frames
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from usdsplat.cli.request import Picture, Request
     from usdsplat.delegate.engine import Engine
 
-AOV_HELP = f"of {', '.join(AOVS)}, commas between; default: the product's, or color"
+AOV_HELP = f"all, or of {', '.join(AOVS)}, commas between; default: the product's, or color"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +162,7 @@ def _request(options: Options) -> Request:
         pixel_aspect=framing.pixel_aspect,
         crop=crop_of(framing.crop),
         overscan=overscan_of(framing.overscan),
-        aovs=names_of(options.aovs),
+        aovs=aovs_of(options.aovs),
         purposes=names_of(framing.purposes),
         matte=names_of(framing.matte) or (),
         holdout=framing.holdout,

@@ -6,6 +6,7 @@ import math
 import re
 
 from usdsplat.core.errors import UsageError
+from usdsplat.images.aovs import AOVS
 
 UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 MOST_PIXELS = 65536
@@ -42,6 +43,11 @@ def resolution_of(text: str | None) -> tuple[int, int] | None:
 def names_of(text: str | None) -> tuple[str, ...] | None:
     """A list with commas between."""
     return None if text is None else tuple(name.strip() for name in text.split(","))
+
+
+def aovs_of(text: str | None) -> tuple[str, ...] | None:
+    """The value of `--aovs`: a list with commas between, or all of them."""
+    return tuple(AOVS) if text == "all" else names_of(text)
 
 
 def crop_of(text: str | None) -> Window | None:

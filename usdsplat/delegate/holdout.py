@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from usdsplat.core.cloud import F32
@@ -51,3 +53,19 @@ def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
         raise UsageError("holdout", "offsets of other samples", f"0 to {len(depths)}, ascending")
     if len(through) != len(depths):
         raise UsageError("holdout", f"{len(through)} transmittances", f"{len(depths)}")
+
+
+def remembering(
+    read: Callable[[int, int, int, int], HoldoutRows],
+) -> Callable[[int, int, int, int], HoldoutRows]:
+    """Return `read`, which all samples of a band ask for the same rows, reading them once."""
+    last: dict[tuple[int, int, int, int], HoldoutRows] = {}
+
+    def rows(x0: int, y0: int, x1: int, y1: int) -> HoldoutRows:
+        window = x0, y0, x1, y1
+        if window not in last:
+            last.clear()
+            last[window] = read(*window)
+        return last[window]
+
+    return rows

@@ -56,6 +56,7 @@ class RenderSettings:
     motion_blur: bool = knob(True, "whether samples are spread over the camera's shutter")
     depth_of_field: bool = knob(True, "whether samples are spread over the camera's lens")
     refinement: int = knob(2, "how often subdivision surfaces are refined", range=(0, 5))
+    """For commands to hand to `Engine.set_refinement`: a scene has one level at a time."""
     multipart: bool = knob(False, "whether each AOV is an EXR part of its own")
     deep_error: float = knob(
         0.0,

@@ -22,6 +22,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate import sampling
 from usdsplat.delegate.band import Band
 from usdsplat.delegate.frame_stats import Clock, FrameStats
+from usdsplat.delegate.holdout import remembering
 from usdsplat.delegate.layer import DeepSamples
 from usdsplat.delegate.motion import Motion
 from usdsplat.delegate.output import DISPLAY_SPACE, Output
@@ -109,7 +110,7 @@ class Renderer:
             if name not in AOVS:
                 raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
         screen = Screen.of(view)
-        blend_space = _blend_space(scene, settings)
+        blend_space = blend_space_of(scene, settings)
         output = Output(self._device, settings, blend_space, view.camera.exposure)
 
         def still(_: float) -> Moment:
@@ -125,7 +126,7 @@ class Renderer:
                 aovs=aovs,
                 blend_space=blend_space,
                 output=output,
-                holdout=holdout,
+                holdout=None if holdout is None else remembering(holdout),
                 scratch=scratch,
                 stats=stats,
                 clock=Clock(stats),
@@ -172,12 +173,12 @@ class Renderer:
                 aovs=(),
                 blend_space=blend_space,
                 output=output,
-                holdout=holdout,
+                holdout=None if holdout is None else remembering(holdout),
                 scratch=scratch,
                 stats=stats,
                 clock=Clock(stats),
             )
-            prepared = shot.prepare(sampling.Sample(), screen.window)
+            prepared = shot.prepare(sampling.Sample(), screen.window, ())
             for y0, y1 in screen.bands(band_pixels):
                 layer, _, drawn = shot.layer(prepared, y0, y1)
                 samples = layer.deep(settings.deep_error)
@@ -212,7 +213,7 @@ class Renderer:
         center = sampling.center(shot.settings, view.camera)
         painter = Painter(shot)
         if len(plan) == 1:
-            prepared = shot.prepare(center, screen.window)
+            prepared = shot.prepare(center, screen.window, shot.aovs)
             motion = self._motion(shot, prepared, center)
             for y0, y1 in screen.bands(band_pixels):
                 yield y0, y1, painter.draw(prepared, motion, y0, y1, shot.aovs)
@@ -241,13 +242,13 @@ class Renderer:
         window = x0, y0, x1, y1
         arrays: dict[str, npt.NDArray[Any]] = {}
         if read:
-            prepared = shot.prepare(center, window)
+            prepared = shot.prepare(center, window, read)
             motion = self._motion(shot, prepared, center)
             arrays |= painter.draw(prepared, motion, y0, y1, read)
         if averaged:
             sums = Sums(self._device, shot.scratch, (y1 - y0, x1 - x0), averaged)
             for sample in plan:
-                prepared = shot.prepare(sample, window)
+                prepared = shot.prepare(sample, window, averaged)
                 arrays_of_one = painter.draw(prepared, None, y0, y1, averaged, raw=True)
                 sums.add(arrays_of_one, prepared.seen.layout.prims)
                 shot.clock.lap("sums")
@@ -270,7 +271,7 @@ def depends_on_time(settings: RenderSettings, camera: CameraSpec, aovs: tuple[st
     return blurred or bool(MOTION & set(aovs))
 
 
-def _blend_space(scene: RenderScene, settings: RenderSettings) -> str:
+def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
     """The space in which splats are blended: the captures' own where they agree, or linear."""
     if settings.blend_space == "linear":
         return settings.working_space

@@ -52,8 +52,13 @@ class Shot:
     stats: FrameStats
     clock: Clock
 
-    def prepare(self, sample: sampling.Sample, window: tuple[int, int, int, int]) -> Prepared:
-        """What comes before any pixel of a sample, as far as it is seen in `window`."""
+    def prepare(
+        self,
+        sample: sampling.Sample,
+        window: tuple[int, int, int, int],
+        aovs: tuple[str, ...],
+    ) -> Prepared:
+        """What comes before any pixel of a sample, as far as `aovs` need it in `window`."""
         scene, view = self.moments(sample.time)
         screen = replace(Screen.of(view), window=window).through(
             sample.lens, view.camera.focus_distance, sample.offset
@@ -63,8 +68,8 @@ class Shot:
         by_ray = self.settings.sorting == "rayHitDistance"
         wanted = Wanted(
             peaks=by_ray or surfaces is not None or self.holdout is not None,
-            features=bool({"Neye", "albedo", "depthExpected"} & set(self.aovs)),
-            labels="cryptoObject" in self.aovs,
+            features=bool({"Neye", "albedo", "depthExpected"} & set(aovs)),
+            labels="cryptoObject" in aovs,
         )
         look = Look(self.device, self.scratch, scene, screen, self.settings, self.blend_space)
         return Prepared(screen, look.take(wanted, view.matte, self.stats, self.clock), surfaces)
