@@ -13,7 +13,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.visible import Visible
-from usdsplat.kernels import bins, blend, feature, median, project, walk
+from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
 from usdsplat.kernels.device import CpuDevice
 
 Holdout = tuple[I64, F32, F32]
@@ -178,17 +178,22 @@ class Layer:
     def deep(self, error: float) -> DeepSamples:
         """Every contribution, or runs of them; `Visible` must be in a linear blend space."""
         counts = np.empty(self.shape, np.uint32)
-        self._walk(walk.COUNT, error=error, counts=counts)
+        walks = self._walks or self._behind.stops.size > 0
+        if walks:
+            self._walk(walk.COUNT, error=error, counts=counts)
+        else:
+            self._deep(error, False, np.empty(0, np.int64), counts, NO_DEEP)
         ends = np.cumsum(counts, dtype=np.int64)
         total = int(ends[-1])
-        deep = (
-            np.empty(total, np.float32),
-            np.empty(total, np.float32),
-            np.empty((total, 4), np.float32),
-        )
+        near, color = np.empty(total, np.float32), np.empty((total, 4), np.float32)
+        far = near if error == 0 else np.empty(total, np.float32)
+        samples = near, far, color
         offsets, left = ends - counts.ravel(), np.ones(self.shape, np.float32)
-        self._walk(walk.FILL, error=error, offsets=offsets, through=left, deep=deep)
-        return DeepSamples(counts, *deep, left)
+        if walks:
+            self._walk(walk.FILL, error=error, offsets=offsets, through=left, deep=samples)
+        else:
+            self._deep(error, True, offsets, counts, samples)
+        return DeepSamples(counts, *samples, left)
 
     # --- private ---------------------------------------------------------------------------
 
@@ -206,6 +211,20 @@ class Layer:
         )  # fmt: skip
         self._stats.rows += int(work.sum())
         return image, None
+
+    def _deep(
+        self,
+        error: float,
+        writes: bool,
+        offsets: I64,
+        counts: npt.NDArray[np.uint32],
+        samples: tuple[F32, F32, F32],
+    ) -> None:
+        """Count samples, or write them."""
+        self._device.run(
+            deep.deep, self._seen.records, self._starts, self._lists, self._grid, project.RED,
+            np.float32(error), writes, offsets, counts, *samples,
+        )  # fmt: skip
 
     def _walk(
         self,

@@ -182,7 +182,8 @@ class Renderer:
             for y0, y1 in screen.bands(band_pixels):
                 layer, _, drawn = shot.layer(prepared, y0, y1)
                 samples = layer.deep(settings.deep_error)
-                samples.color[:, :3] *= np.float32(view.camera.exposure)
+                if view.camera.exposure != 1.0:
+                    samples.color[:, :3] *= np.float32(view.camera.exposure)
                 if drawn is not None:
                     samples = samples.with_surfaces(
                         drawn.depth, drawn.covered == surface.DRAWN, output.surfaces(drawn.color)

@@ -1,0 +1,219 @@
+"""What each thing costs beside the plain colour picture, and a deep file beside the flat one.
+
+    python -m benchmarks.passes [deep]
+
+1920x1080, all in one run, each picture in turns with the others; medians. Times are those of whole
+pictures, everything included: splats are projected anew for each. `deep` prints the second table
+only.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.scenes import capture, garden, scaled, scene_of, view_of
+from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.specs import InstanceSpec, MeshSpec, View
+from usdsplat.images import open_writer
+from usdsplat.images.deep import DeepBand, DeepWriter
+from usdsplat.images.layout import ImageLayout
+from usdsplat.kernels.device import open_device
+
+SIZE = (1920, 1080)
+SCENES = ("garden", "statue_angel.sog", "playbot_lod2.sog")
+REPEATS = 3
+PLAIN = RenderSettings(sorting="zDepth", color_mode="scene")
+ERRORS = (0.0, 0.001, 0.01)
+LAYOUT = ImageLayout(resolution=SIZE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spent:
+    """What a picture took [ms]."""
+
+    wall: float
+    cpu: float
+
+
+def measured(actions: dict[str, Callable[[], object]]) -> dict[str, Spent]:
+    """Medians of actions that take turns; each is done once before."""
+    spent: dict[str, list[tuple[float, float]]] = {name: [] for name in actions}
+    for turn in range(REPEATS + 1):
+        for name, action in actions.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            action()
+            if turn:
+                passed = time.perf_counter() - wall, time.process_time() - cpu
+                spent[name].append(passed)
+    medians = {name: 1e3 * np.median(times, axis=0) for name, times in spent.items()}
+    return {name: Spent(wall=float(wall), cpu=float(cpu)) for name, (wall, cpu) in medians.items()}
+
+
+def opened(name: str) -> tuple[RenderScene, View]:
+    """One of SCENES and what is seen of it."""
+    if name == "garden":
+        cloud, matrix, k = garden()
+        return scene_of(cloud), view_of(matrix, k, SIZE)
+    scene, matrix, k = capture(name)
+    return scene, view_of(matrix, scaled(k, SIZE[1] / 480), SIZE)
+
+
+def add_wall(scene: RenderScene, view: View, renderer: Renderer) -> None:
+    """Put a wall of 20,000 triangles through the middle of what is seen."""
+    depth = np.concatenate(
+        [band.arrays["depth"].copy() for band in renderer.render(scene, view, PLAIN, ("depth",))]
+    )
+    middle = float(np.median(depth[np.isfinite(depth)]))
+    n = 100
+    side = np.linspace(-0.5, 0.5, n + 1)
+    x, y = (middle * axis.ravel() for axis in np.meshgrid(side, side))
+    at = np.arange(n)[:, None] * (n + 1) + np.arange(n)
+    a, b, c, d = at, at + 1, at + n + 2, at + n + 1
+    corners = np.stack([a, b, c, a, c, d], axis=-1)
+    to_world = np.linalg.inv(np.reshape(view.camera.world_to_camera, (4, 4)))
+    local = np.stack([x, y, np.full_like(x, -middle), np.ones_like(x)])
+    triangles = corners.reshape(-1, 3).astype(np.int32)
+    spec = MeshSpec(
+        points=(to_world @ local)[:3].T.astype(np.float32),
+        triangles=triangles,
+        faces=np.arange(len(triangles), dtype=np.int32),
+    )
+    scene.set_mesh("/wall", spec)
+    scene.set_instances("/wall", (InstanceSpec(path="/wall"),))
+
+
+def draw(
+    renderer: Renderer,
+    scene: RenderScene,
+    view: View,
+    settings: RenderSettings,
+    aovs: tuple[str, ...],
+) -> None:
+    """A picture that is thrown away."""
+    for _ in renderer.render(scene, view, settings, aovs):
+        pass
+
+
+def show_passes() -> None:
+    """Print what each thing costs."""
+    table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS}: wall ms, CPU ms, CPU ÷ plain's")
+    table.add_column("")
+    for name in SCENES:
+        table.add_column(name, justify="right")
+    rows: dict[str, list[str]] = {}
+    for name in SCENES:
+        renderer = Renderer(open_device())
+        scene, view = opened(name)
+        walled, _ = opened(name)
+        add_wall(walled, view, renderer)
+        of_plain = partial(draw, renderer, scene, view)
+        by_camera = replace(PLAIN, sorting="cameraDistance")
+        by_ray = replace(PLAIN, sorting="rayHitDistance")
+        spent = measured(
+            {
+                "plain: zDepth, colour": partial(of_plain, PLAIN, ("color",)),
+                "cameraDistance": partial(of_plain, by_camera, ("color",)),
+                "rayHitDistance": partial(of_plain, by_ray, ("color",)),
+                "a mesh through it": partial(draw, renderer, walled, view, PLAIN, ("color",)),
+                "+ Z and ids": partial(
+                    of_plain, PLAIN, ("color", "depth", "primId", "instanceId", "elementId")
+                ),
+                "+ N": partial(of_plain, PLAIN, ("color", "Neye")),
+                "+ albedo": partial(of_plain, PLAIN, ("color", "albedo")),
+                "+ CryptoObject": partial(of_plain, PLAIN, ("color", "cryptoObject")),
+                "+ motion": partial(of_plain, PLAIN, ("color", "motionForward")),
+                "16 samples": partial(of_plain, replace(PLAIN, samples=16), ("color",)),
+            }
+        )
+        plain = next(iter(spent.values()))
+        for what, now in spent.items():
+            ratio = now.cpu / plain.cpu
+            rows.setdefault(what, []).append(f"{now.wall:.0f}  {now.cpu:.0f}  {ratio:.2f}")
+    for what, cells in rows.items():
+        table.add_row(what, *cells)
+    Console(width=110).print(table)
+
+
+def write_flat(renderer: Renderer, scene: RenderScene, view: View, path: Path) -> None:
+    """Draw a picture into an EXR."""
+    with open_writer(path, LAYOUT) as writer:
+        for band in renderer.render(scene, view, PLAIN, ("color",)):
+            writer.write_band(band.y0, band.arrays)
+
+
+def write_deep(
+    renderer: Renderer, scene: RenderScene, view: View, path: Path, settings: RenderSettings
+) -> None:
+    """Draw a deep picture into an EXR."""
+    with DeepWriter(path, LAYOUT, merged=settings.deep_error > 0) as writer:
+        for y0, _, samples in renderer.render_deep(scene, view, settings):
+            band = DeepBand(
+                counts=samples.counts,
+                depth=samples.depth,
+                depth_back=samples.depth_back,
+                color=samples.color,
+            )
+            writer.write_band(y0, band)
+
+
+def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: RenderSettings) -> int:
+    """Draw a deep picture and nothing else; returns its samples."""
+    return sum(len(samples.depth) for _, _, samples in renderer.render_deep(scene, view, settings))
+
+
+def show_deep() -> None:
+    """Print what a deep file costs."""
+    table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s]")
+    for name in (
+        "scene", "file", "draw", "÷ flat", "draw and write", "÷ flat", "samples a pixel", "MiB",
+    ):  # fmt: skip
+        table.add_column(name, justify="right")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in SCENES:
+            renderer = Renderer(open_device())
+            scene, view = opened(name)
+            flat = Path(folder) / "flat.exr"
+            drawing = partial(draw, renderer, scene, view, PLAIN, ("color",))
+            actions: dict[str, Callable[[], object]] = {"flat": drawing}
+            actions["flat file"] = partial(write_flat, renderer, scene, view, flat)
+            paths = {"flat": flat}
+            samples: dict[str, int] = {}
+
+            for error in ERRORS:
+                settings = replace(PLAIN, deep_error=error)
+                what = f"deep, error {error:g}"
+                paths[what] = Path(folder) / f"{error:g}.exr"
+                actions[what] = partial(draw_deep, renderer, scene, view, settings)
+                samples[what] = draw_deep(renderer, scene, view, settings)
+                actions[f"{what} file"] = partial(
+                    write_deep, renderer, scene, view, paths[what], settings
+                )
+            spent = measured(actions)
+            for what, path in paths.items():
+                drawn, written = spent[what].wall, spent[f"{what} file"].wall
+                table.add_row(
+                    name, what, f"{drawn / 1e3:.3f}", f"{drawn / spent['flat'].wall:.1f}",
+                    f"{written / 1e3:.3f}", f"{written / spent['flat file'].wall:.1f}",
+                    f"{samples[what] / (SIZE[0] * SIZE[1]):.1f}" if what in samples else "",
+                    f"{path.stat().st_size / 2**20:.0f}",
+                )  # fmt: skip
+            table.add_section()
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    if "deep" not in sys.argv:
+        show_passes()
+    show_deep()
