@@ -38,9 +38,10 @@ MODES: tuple[Mode, ...] = ("zDepth", "cameraDistance", "rayHitDistance")
 MOVES = ("yaw", "orbit")
 CAPTURES = ("statue_angel.sog", "playbot_lod2.sog")
 SIZE = (400, 300)
-STEPS = (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
+STEPS = (0.04, 0.02, 0.01, 0.005)
 """[pixel] that the middle of the picture moves in a yaw; an orbit turns by the same angle."""
-FRAMES = 17
+SWEEP = 0.64
+"""[pixel] of a whole move, whatever its steps: the same splats change places."""
 JUMP = 0.02
 """Change that is counted as a jump."""
 CUTOFF = 1 / 255
@@ -100,20 +101,19 @@ class Camera:
         """Statistics of a move with steps of a size [pixel]."""
         differences = []
         before = None
-        for i in range(FRAMES):
+        for i in range(round(SWEEP / step) + 1):
             angle = i * step / self._k[0, 0]
             now = self._draw(moved(move, self._matrix, angle, self._distance), mode, "color")
             if before is not None:
                 differences.append(np.abs(now - before).max(axis=-1))
             before = now
         worst = np.stack(differences)
-        motion = step * len(worst)
         return Change(
             mean=float(worst.mean()),
             most=float(np.quantile(worst, 0.999)),
             largest=float(worst.max()),
             together=float(sliding_window_view(worst, (3, 3), axis=(1, 2)).min((-2, -1)).max()),
-            jumps=float(np.sum(worst > JUMP)) / motion,
+            jumps=float(np.sum(worst > JUMP)) / SWEEP,
         )
 
 
@@ -122,7 +122,7 @@ Found = dict[tuple[str, str, Mode], list[Change]]
 
 def show(found: Found) -> None:
     """Print a line for each step; the ratio is that to the step twice as long."""
-    table = Table(title=f"|ΔRGBA| from frame to frame, {SIZE[0]}x{SIZE[1]}, {FRAMES - 1} steps")
+    table = Table(title=f"|ΔRGBA| from frame to frame, {SIZE[0]}x{SIZE[1]}, {SWEEP} pixel")
     for name in (
         "capture", "move", "order", "step [pixel]", "mean", "ratio", "99.9 %", "ratio", "largest",
         "ratio", "largest 3x3", "ratio", f"> {JUMP} a pixel of motion",

@@ -226,3 +226,42 @@ def test_centres_at_a_distance_cannot_be_deep() -> None:
         next(
             renderer.render_deep(scene_of(), view_of(lens()), settings_of(sorting="cameraDistance"))
         )
+
+
+@pytest.mark.parametrize("error", [0.0, 0.003, 0.05])
+@pytest.mark.parametrize("name", CAPTURES)
+def test_sixteen_pixels_at_a_time_hold_what_each_holds(data, name, error) -> None:
+    """Of real captures, the same samples whether pixels go by sixteen or, as a holdout that is
+    infinitely far away makes them, one by one. Oracle: the walk."""
+    scene, view = captured(data / "splats" / name)
+
+    def nothing(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
+        return np.full((y1 - y0, x1 - x0), np.inf, np.float32)
+
+    deep = deep_of(scene, view, deep_error=error)
+    walked = deep_of(scene, view, deep_error=error, holdout=nothing)
+    assert deep.counts.max() > 8
+    assert np.array_equal(deep.counts, walked.counts)
+    assert np.array_equal(deep.depth, walked.depth)
+    assert np.array_equal(deep.depth_back, walked.depth_back)
+    # Behind a transmittance of 1e-4, a rounding error of 1e-7 is 1e-3 of what it is divided by.
+    assert np.abs(deep.color - walked.color).max() < 2e-3
+    assert np.abs(flattened(deep) - flattened(walked)).max() < 1e-6
+
+
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_a_crop_of_a_deep_picture_is_a_part_of_it(error) -> None:
+    """To the bit, wherever tiles are cut. Oracle: the whole picture."""
+    scene, whole = scene_of((random_cloud(5, n=300), np.eye(4))), view_of(lens())
+    width, height = whole.framing.resolution
+    x0, y0, x1, y1 = 21, 13, width - 9, height - 5
+    deep = deep_of(scene, whole, deep_error=error)
+    crop = replace(whole, framing=replace(whole.framing, data_window=(x0, y0, x1, y1)))
+    part = deep_of(scene, crop, deep_error=error)
+    inside = np.zeros(deep.counts.shape, bool)
+    inside[y0:y1, x0:x1] = True
+    kept = np.repeat(inside.ravel(), deep.counts.ravel())
+    assert np.array_equal(part.counts, deep.counts[y0:y1, x0:x1])
+    assert np.array_equal(part.depth, deep.depth[kept])
+    assert np.array_equal(part.depth_back, deep.depth_back[kept])
+    assert np.array_equal(part.color, deep.color[kept])

@@ -1,8 +1,8 @@
 """The samples of deep pixels in the order of centres: counted, then written where they belong.
 
 `walk` can do this for any order and any holdout, one contribution to one pixel after the other.
-Here, as in `blend`, 16 pixels go at a time, and only what is written is written one by one. Counting
-and writing are one function, compiled once, so that they cannot disagree about a sample.
+Here, as in `blend`, 16 pixels go at a time, and only what is written is written one by one.
+Counting and writing are one function, compiled once, so that they cannot disagree about a sample.
 
 Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
 """
@@ -20,8 +20,9 @@ from .project import DEPTH
 STATE = 6
 ROW = STATE * TILE
 """Floats of a row of a tile's state, 16 pixels each: transmittance, negative where it has ended;
-the same of what the samples so far hold; weight of the run that is merged; samples; then of the last
-splat its opacity over what is in front, 0 where it does not count, and whether a sample begins."""
+the same of what the samples so far hold; weight of the run that is merged; samples; then of the
+last splat its opacity over what is in front, 0 where it does not count, and whether a sample
+begins."""
 SEEN, RUN, SAMPLES, OWN, BEGINS = (np.uint64(i * TILE) for i in range(1, STATE))
 
 
