@@ -38,9 +38,9 @@ MODES: tuple[Mode, ...] = ("zDepth", "cameraDistance", "rayHitDistance")
 MOVES = ("yaw", "orbit")
 CAPTURES = ("statue_angel.sog", "playbot_lod2.sog")
 SIZE = (400, 300)
-STEPS = (0.04, 0.02, 0.01, 0.005)
+STEPS = (0.04, 0.02, 0.01)
 """[pixel] that the middle of the picture moves in a yaw; an orbit turns by the same angle."""
-SWEEP = 0.64
+SWEEP = 0.32
 """[pixel] of a whole move, whatever its steps: the same splats change places."""
 JUMP = 0.02
 """Change that is counted as a jump."""

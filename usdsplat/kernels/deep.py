@@ -21,7 +21,7 @@ STATE = 6
 ROW = STATE * TILE
 """Floats of a row of a tile's state, 16 pixels each: transmittance, negative where it has ended;
 the same of what the samples so far hold; weight of the run that is merged; samples; then of the
-last splat its opacity over what is in front, 0 where it does not count, and whether a sample
+last splat its opacity behind what is in front, 0 where it does not count, and whether a sample
 begins."""
 SEEN, RUN, SAMPLES, OWN, BEGINS = (np.uint64(i * TILE) for i in range(1, STATE))
 
