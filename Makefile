@@ -29,6 +29,8 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.frame
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.author
+	$(BIN)/python -m benchmarks.deep
+	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.colour
 
 clean:

@@ -132,7 +132,7 @@ def test_compilation_is_announced_once(capsys):
     for kernel in ("project", "blend"):
         announce(kernel)
     assert capsys.readouterr().err.splitlines() == [
-        "usdsplat: compiling kernels for this machine, once; it takes about half a minute"
+        "usdsplat: compiling kernels, once for each kind of picture; it takes up to half a minute"
     ]
 
 

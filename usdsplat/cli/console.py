@@ -48,7 +48,7 @@ def announce_compilation() -> Callable[[str], None]:
         nonlocal spoken
         if not spoken:
             spoken = True
-            remark("compiling kernels for this machine, once; it takes about half a minute")
+            remark("compiling kernels, once for each kind of picture; it takes up to half a minute")
 
     return announce
 

@@ -84,6 +84,7 @@ def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ())
     with quiet():
         stage = Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
         if mask:
+            check_prims(stage, "--mask", options.mask)
             stage.ExpandPopulationMask()
         _mute(stage, options.mute)
         with Usd.EditContext(stage, session):

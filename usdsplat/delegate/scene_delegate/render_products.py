@@ -87,7 +87,7 @@ def find_products(
             raise StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
         reader = _Reader(product, prim, render_pass, code)
         spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-        found.append(replace(spec, warnings=warnings))
+        found.append(replace(spec, warnings=(*warnings, *reader.foreign())))
     return tuple(found)
 
 
@@ -220,22 +220,35 @@ class _Reader:
         checked(str(self._product.GetPath()), RenderSettings, values)
         return checked("render settings", RenderSettings, {**values, **overrides})
 
+    def foreign(self) -> tuple[str, ...]:
+        """One sentence for each var that is made for other renderers, such as a light path."""
+        sources = [
+            (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
+        ]
+        return tuple(
+            f"{path}.sourceName: found {name!r}, expected one of {', '.join(AOVS)}; it is left out"
+            for path, name in sources
+            if name not in AOVS
+        )
+
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
-        """Our name for each of the product's vars, and the var."""
+        """Our name for each of the product's vars that we can draw, and the var."""
+        for var in self._all_vars():
+            name = str(var.GetSourceNameAttr().Get())
+            if name in AOVS:
+                yield AOVS[name], var
+
+    def _all_vars(self) -> Iterator[UsdRender.Var]:
         targets = UsdRender.Product(self._product).GetOrderedVarsRel().GetForwardedTargets()
         for target in targets:
             var = UsdRender.Var(self._product.GetStage().GetPrimAtPath(target))
             if not var:
                 where = f"{self._product.GetPath()}.orderedVars"
                 raise StageError(where, str(target), "a RenderVar prim")
-            name = str(var.GetSourceNameAttr().Get())
-            if name not in AOVS:
-                expected = f"one of {', '.join(AOVS)}"
-                raise StageError(f"{target}.sourceName", repr(name), expected)
-            yield AOVS[name], var
+            yield var
 
     def _aovs(self) -> tuple[str, ...]:
-        """Ours for each of the product's vars, once each; the colour when it lists none."""
+        """Ours for each of the product's vars, once each; the colour when there is none."""
         return tuple(dict.fromkeys(name for name, _ in self._vars())) or ("color",)
 
     def _pixel_type(self) -> Literal["", "half", "float"]:
