@@ -36,6 +36,8 @@ class Knob:
     choices: tuple[Any, ...] | None = None
     usd_type: str | None = None
     """Sdf value type name where it does not follow from `type`."""
+    uniform: bool = False
+    """Whether it holds for all times; on a stage others may have time samples."""
 
     @property
     def expected(self) -> str:
@@ -56,6 +58,7 @@ def knob(
     range: tuple[float, float] | None = None,
     choices: Iterable[Any] | None = None,
     usd_type: str | None = None,
+    uniform: bool = False,
 ) -> Any:
     """Declare a dataclass field with its help; see `Knob` for what the arguments mean.
 
@@ -67,6 +70,7 @@ def knob(
         "range": range,
         "choices": None if choices is None else tuple(choices),
         "usd_type": usd_type,
+        "uniform": uniform,
     }
     return field(default=default, metadata={"knob": metadata})
 

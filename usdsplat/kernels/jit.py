@@ -1,9 +1,9 @@
 """How kernels are compiled: flags, and a cache that notices when any kernel changes.
 
 Numba's own cache looks at the file of the function it caches, not at the functions that one calls.
-So the cache folder is keyed by a hash of every kernel source: edit one formula, and all that might
-use it is compiled again. Where no folder can be written, kernels are compiled afresh in each
-process.
+So the cache folder is keyed by a hash of every kernel source that a kernel may call: edit one
+formula, and all that might use it is compiled again. Where no folder can be written, kernels are
+compiled afresh in each process.
 """
 
 from __future__ import annotations
@@ -36,32 +36,46 @@ def _cache_root() -> Path:
     return Path.home() / ".cache"
 
 
-def _open_cache() -> Path | None:
-    """The folder of this version of the kernels, created; None where nothing can be written."""
+def _open_cache(folder: Path) -> Path | None:
+    """The cache of the kernels in one folder of sources, created; None where nothing can be
+    written. Kernels call those of their own folder and of the folder above."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode() + source.read_bytes())
+    for each in dict.fromkeys((Path(__file__).parent, folder)):
+        for source in sorted(each.glob("*.py")):
+            digest.update(source.name.encode() + source.read_bytes())
     try:
-        folder = _cache_root() / "usdsplat" / f"kernels-{digest.hexdigest()[:16]}"
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        cache = _cache_root() / "usdsplat" / f"kernels-{digest.hexdigest()[:16]}"
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=cache):
             pass
     except (OSError, RuntimeError):  # RuntimeError: no home directory at all
         return None
-    return folder
+    return cache
 
 
-CACHE = _open_cache()
-"""Where compiled kernels are kept, or None."""
+_CACHES: dict[Path, Path | None] = {}
+"""Folder of sources -> where its compiled kernels are kept, or None: a property of the process."""
+
+
+def cache_of(folder: Path) -> Path | None:
+    """Where the compiled kernels of a folder of sources are kept, or None."""
+    if folder not in _CACHES:
+        _CACHES[folder] = _open_cache(folder)
+    return _CACHES[folder]
+
+
+CACHE = cache_of(Path(__file__).parent)
+"""Where the kernels of this folder are kept, or None."""
 
 
 def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """njit with our cache folder, and the caller's own put back: it is one setting per process."""
+    cache = cache_of(Path(function.__code__.co_filename).parent)
     before = config.CACHE_DIR
     try:
-        if CACHE is not None:
-            config.CACHE_DIR = str(CACHE)
-        return numba.njit(cache=CACHE is not None, **FLAGS, **options)(function)
+        if cache is not None:
+            config.CACHE_DIR = str(cache)
+        return numba.njit(cache=cache is not None, **FLAGS, **options)(function)
     finally:
         config.CACHE_DIR = before
 

@@ -1,0 +1,1 @@
+"""A stage becomes a layer: captures as particles, simulated, and baked as opinions over them."""

@@ -1,0 +1,101 @@
+"""The parameters of a simulation, each declared once: groups of knobs.
+
+A knob `some_name` of the group `rd` is the attribute `splatSim:rd:someName` of the SplatSim prim,
+the name `rd:someName` on the command line, and `parameters.rd.some_name` here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from usdsplat.sim.parameters.affector import AffectorParameters
+from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
+from usdsplat.sim.parameters.shape import (
+    ConformParameters,
+    DeformParameters,
+    DissolveParameters,
+    ParticlesParameters,
+    SettleParameters,
+    SkinParameters,
+)
+from usdsplat.sim.parameters.solver import (
+    GrowthParameters,
+    NeighborsParameters,
+    RdParameters,
+    RelaxParameters,
+    SimParameters,
+)
+
+__all__ = [
+    "GROUPS",
+    "INSTANCED",
+    "NAMESPACE",
+    "AffectorParameters",
+    "AppearanceParameters",
+    "BakeParameters",
+    "ConformParameters",
+    "DeformParameters",
+    "DissolveParameters",
+    "DriverParameters",
+    "GrowthParameters",
+    "NeighborsParameters",
+    "Parameters",
+    "ParticlesParameters",
+    "RdParameters",
+    "RelaxParameters",
+    "SettleParameters",
+    "SimParameters",
+    "SkinParameters",
+    "camel",
+]
+
+NAMESPACE = "splatSim"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameters:
+    """All groups of one SplatSim prim at one time."""
+
+    sim: SimParameters = field(default_factory=SimParameters)
+    neighbors: NeighborsParameters = field(default_factory=NeighborsParameters)
+    rd: RdParameters = field(default_factory=RdParameters)
+    relax: RelaxParameters = field(default_factory=RelaxParameters)
+    growth: GrowthParameters = field(default_factory=GrowthParameters)
+    settle: SettleParameters = field(default_factory=SettleParameters)
+    conform: ConformParameters = field(default_factory=ConformParameters)
+    skin: SkinParameters = field(default_factory=SkinParameters)
+    particles: ParticlesParameters = field(default_factory=ParticlesParameters)
+    dissolve: DissolveParameters = field(default_factory=DissolveParameters)
+    appearance: AppearanceParameters = field(default_factory=AppearanceParameters)
+    bake: BakeParameters = field(default_factory=BakeParameters)
+
+
+GROUPS: dict[str, type] = {
+    "sim": SimParameters,
+    "neighbors": NeighborsParameters,
+    "rd": RdParameters,
+    "relax": RelaxParameters,
+    "growth": GrowthParameters,
+    "settle": SettleParameters,
+    "conform": ConformParameters,
+    "skin": SkinParameters,
+    "particles": ParticlesParameters,
+    "dissolve": DissolveParameters,
+    "appearance": AppearanceParameters,
+    "bake": BakeParameters,
+}
+"""Group of a SplatSim prim -> its knobs."""
+
+INSTANCED: dict[str, type] = {
+    "affector": AffectorParameters,
+    "deform": DeformParameters,
+    "driver": DriverParameters,
+}
+"""Groups that there may be several of: affectors are prims of their own, deformers and drivers have
+names, as in `splatSim:deform:<name>:angle`."""
+
+
+def camel(name: str) -> str:
+    """`pattern_scale` as USD spells it, `patternScale`."""
+    first, *rest = name.split("_")
+    return first + "".join(word.title() for word in rest)
