@@ -1,0 +1,169 @@
+"""Smooth random fields: gradient noise with its own gradient, and whirls without divergence.
+
+Space is cut into unit cubes; each corner has one of the twelve edge directions, by a hash of its
+whole coordinates and a seed, and a point gets the mixture of its corners' linear functions by a
+quintic weight. So the noise is C², 0 at corners, within [-1, 1], and its gradient is exact. Whirls
+are the curl of three such fields: their divergence is 0 but for rounding.
+
+Source: Perlin 2002, "Improving noise"; Bridson, Hourihan & Nordenstam 2007, "Curl-noise for
+procedural fluid flow"; the hash is Wellons' lowbias32.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.kernels.jit import scalar
+
+CURL_RMS = 1.725
+"""Root mean square length of the curl of three noises, over space and seeds."""
+
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_SIX, _TEN, _FIFTEEN, _THIRTY = np.float32(6), np.float32(10), np.float32(15), np.float32(30)
+_CURL = np.float32(1 / CURL_RMS)
+_U1, _U2, _U3, _U7 = np.uint32(1), np.uint32(2), np.uint32(3), np.uint32(7)
+_U15, _U16, _U127 = np.uint32(15), np.uint32(16), np.uint32(127)
+_M0, _M1 = np.uint32(0x7FEB352D), np.uint32(0x846CA68B)
+_Y, _Z, _NEXT = np.uint32(10), np.uint32(20), np.uint32(0x9E3779B9)
+
+
+# --- 1. mathematics: one point ---------------------------------------------------------
+
+
+@scalar
+def mix32(word):
+    """`word` (uint32) with each bit spread over all, one to one."""
+    word = np.uint32((word ^ (word >> _U16)) * _M0)
+    word = np.uint32((word ^ (word >> _U15)) * _M1)
+    return np.uint32(word ^ (word >> _U16))
+
+
+@scalar
+def quintic(t):
+    """0 to 1 as t goes from 0 to 1, with first and second derivative 0 at both ends."""
+    return t * t * t * (t * (t * _SIX - _FIFTEEN) + _TEN)
+
+
+@scalar
+def _quintic_slope(t):
+    return _THIRTY * t * t * (t * (t - _TWO) + _ONE)
+
+
+@scalar
+def _corners(x, y, z, seed):
+    """Hashes of the eight corners about a point, x fastest, and where it is among them."""
+    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
+    ix, iy, iz = np.uint32(np.int32(fx)), np.uint32(np.int32(fy)), np.uint32(np.int32(fz))
+    jx, jy = np.uint32(ix + _U1), np.uint32(iy + _U1)
+    root = mix32(np.uint32(seed))
+    z0 = mix32(np.uint32(root + iz))
+    z1 = mix32(np.uint32(root + iz + _U1))
+    y00, y10 = mix32(np.uint32(z0 + iy)), mix32(np.uint32(z0 + jy))
+    y01, y11 = mix32(np.uint32(z1 + iy)), mix32(np.uint32(z1 + jy))
+    return (
+        mix32(np.uint32(y00 + ix)),
+        mix32(np.uint32(y00 + jx)),
+        mix32(np.uint32(y10 + ix)),
+        mix32(np.uint32(y10 + jx)),
+        mix32(np.uint32(y01 + ix)),
+        mix32(np.uint32(y01 + jx)),
+        mix32(np.uint32(y11 + ix)),
+        mix32(np.uint32(y11 + jx)),
+        np.float32(x - fx),
+        np.float32(y - fy),
+        np.float32(z - fz),
+    )
+
+
+@scalar
+def _edge(word, shift):
+    """One of the directions (0, ±1, ±1), (±1, 0, ±1), (±1, ±1, 0) by ten bits of a hash."""
+    bits = np.uint32(word >> shift)
+    axis = np.uint32((np.uint32(bits >> _U3) & _U127) * _U3) >> _U7
+    x = _ONE if bits & _U1 else -_ONE
+    y = _ONE if bits & _U2 else -_ONE
+    z = _ONE if bits & np.uint32(4) else -_ONE
+    return (
+        _ZERO if axis == np.uint32(0) else x,
+        _ZERO if axis == _U1 else y,
+        _ZERO if axis == _U2 else z,
+    )
+
+
+@scalar
+def _term(word, shift, x, y, z, wx, wy, wz, sx, sy, sz):
+    """What one corner adds: (x, y, z) from it, weights along the axes and their slopes."""
+    gx, gy, gz = _edge(word, shift)
+    along = gx * x + gy * y + gz * z
+    weight = wx * wy * wz
+    return (
+        weight * along,
+        weight * gx + sx * wy * wz * along,
+        weight * gy + wx * sy * wz * along,
+        weight * gz + wx * wy * sz * along,
+    )
+
+
+@scalar
+def _field(h0, h1, h2, h3, h4, h5, h6, h7, x, y, z, shift):
+    """Value and gradient of the noise that `shift` chooses, from the hashes of the corners."""
+    bx, by, bz = quintic(x), quintic(y), quintic(z)
+    ax, ay, az = _ONE - bx, _ONE - by, _ONE - bz
+    sx, sy, sz = _quintic_slope(x), _quintic_slope(y), _quintic_slope(z)
+    u, v, w = x - _ONE, y - _ONE, z - _ONE
+    n0, x0, y0, z0 = _term(h0, shift, x, y, z, ax, ay, az, -sx, -sy, -sz)
+    n1, x1, y1, z1 = _term(h1, shift, u, y, z, bx, ay, az, sx, -sy, -sz)
+    n2, x2, y2, z2 = _term(h2, shift, x, v, z, ax, by, az, -sx, sy, -sz)
+    n3, x3, y3, z3 = _term(h3, shift, u, v, z, bx, by, az, sx, sy, -sz)
+    n4, x4, y4, z4 = _term(h4, shift, x, y, w, ax, ay, bz, -sx, -sy, sz)
+    n5, x5, y5, z5 = _term(h5, shift, u, y, w, bx, ay, bz, sx, -sy, sz)
+    n6, x6, y6, z6 = _term(h6, shift, x, v, w, ax, by, bz, -sx, sy, sz)
+    n7, x7, y7, z7 = _term(h7, shift, u, v, w, bx, by, bz, sx, sy, sz)
+    return (
+        ((n0 + n1) + (n2 + n3)) + ((n4 + n5) + (n6 + n7)),
+        ((x0 + x1) + (x2 + x3)) + ((x4 + x5) + (x6 + x7)),
+        ((y0 + y1) + (y2 + y3)) + ((y4 + y5) + (y6 + y7)),
+        ((z0 + z1) + (z2 + z3)) + ((z4 + z5) + (z6 + z7)),
+    )
+
+
+@scalar
+def gradient_noise(x, y, z, seed):
+    """Noise in [-1, 1] and its gradient (d/dx, d/dy, d/dz), all float32.
+
+    (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
+    """
+    h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz = _corners(x, y, z, seed)
+    return _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
+
+
+@scalar
+def curl_noise(x, y, z, seed):
+    """Whirls without divergence: a vector with root mean square length 1 over space, float32.
+
+    (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
+    """
+    h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz = _corners(x, y, z, seed)
+    _, _, ay, az = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
+    _, bx, _, bz = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Y)
+    _, cx, cy, _ = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Z)
+    return (cy - bz) * _CURL, (az - cx) * _CURL, (bx - ay) * _CURL
+
+
+@scalar
+def turbulence(x, y, z, time, seed):
+    """`curl_noise` that is another one after each unit of `time`, without divergence and with root
+    mean square 1 at each moment.
+
+    (x, y, z): float32, wavelengths; time: float64, |time| up to 1e9, in changes.
+    """
+    before = math.floor(time)
+    w = quintic(np.float32(time - before))
+    stretch = _ONE / np.float32(math.sqrt((_ONE - w) * (_ONE - w) + w * w))
+    first = np.uint32(np.uint32(seed) + np.uint32(np.uint32(np.int32(before)) * _NEXT))
+    a, b, c = curl_noise(x, y, z, first)
+    p, q, r = curl_noise(x, y, z, np.uint32(first + _NEXT))
+    w1, w0 = w * stretch, (_ONE - w) * stretch
+    return a * w0 + p * w1, b * w0 + q * w1, c * w0 + r * w1
