@@ -162,8 +162,11 @@ def turbulence(x, y, z, time, seed):
     before = math.floor(time)
     w = quintic(np.float32(time - before))
     stretch = _ONE / np.float32(math.sqrt((_ONE - w) * (_ONE - w) + w * w))
-    first = np.uint32(np.uint32(seed) + np.uint32(np.uint32(np.int32(before)) * _NEXT))
-    a, b, c = curl_noise(x, y, z, first)
-    p, q, r = curl_noise(x, y, z, np.uint32(first + _NEXT))
-    w1, w0 = w * stretch, (_ONE - w) * stretch
-    return a * w0 + p * w1, b * w0 + q * w1, c * w0 + r * w1
+    word = np.uint32(np.uint32(seed) + np.uint32(np.uint32(np.int32(before)) * _NEXT))
+    vx, vy, vz = _ZERO, _ZERO, _ZERO
+    part = (_ONE - w) * stretch
+    for _ in range(2):
+        a, b, c = curl_noise(x, y, z, word)
+        vx, vy, vz = vx + part * a, vy + part * b, vz + part * c
+        word, part = np.uint32(word + _NEXT), w * stretch
+    return vx, vy, vz

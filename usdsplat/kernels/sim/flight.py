@@ -1,0 +1,107 @@
+"""Free flight: gravity, air that drags, air that whirls.
+
+Drag is exact for air of constant velocity, the rest is symplectic Euler: first order in the step.
+`flight` is the same without whirls in closed form.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .noise import turbulence
+
+BLOCK = 1024
+SMALL = 1e-2
+"""Drag times seconds below which the closed form is a series."""
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def _velocity(v, pull, air, keep):
+    """v [unit/s] after a step: `pull` is gravity's part, `keep` what drag leaves of v - air."""
+    return air + (v + pull - air) * keep
+
+
+@scalar
+def decay(z):
+    """Averages of e^(-z): (1 - e^(-z)) / z, and (z - 1 + e^(-z)) / z², for z >= 0; float64."""
+    if z < SMALL:
+        second = 0.5 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
+        return 1.0 - z * second, second
+    first = -math.expm1(-z) / z
+    return first, (1.0 - first) / z
+
+
+@scalar
+def flight(v, push, drag, seconds):
+    """Way and velocity, along one axis, after some seconds of dv/dt = push - drag v; float64.
+
+    v: velocity at first; push: gravity + drag times the velocity of the air.
+    """
+    first, second = decay(drag * seconds)
+    way = seconds * (v * first + push * seconds * second)
+    return way, v * math.exp(-drag * seconds) + push * seconds * first
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def fly(
+    positions, velocities, flags, wanted, excluded, pull, wind, extra, to_world, from_world,
+    whirl, per_length, time, keep, dt, limit, seed,
+):  # fmt: skip
+    """Move splats by a step, in place.
+
+    Args:
+        positions, velocities: (n, 3) f32.
+        flags: (n,) u32; those move that have all bits of `wanted` and none of `excluded`.
+        pull: Gravity times dt, (3,) f32; wind: velocity of the air, (3,) f32.
+        extra: More of it for each splat, (n, 3) f32, or (0, 3).
+        to_world: (4, 4) f64, from where splats are to where whirls are; from_world: (3, 3) f64,
+            vectors back.
+        whirl: Speed of whirls; per_length: 1 / their size, f64; time: in their changes, f64.
+        keep: e^(-drag dt); dt, limit: step [s] and greatest speed; f32.
+        seed: Of the whirls.
+    """
+    n = len(positions)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if flags[i] & (wanted | excluded) != wanted:
+                continue
+            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+            ax, ay, az = wind[0], wind[1], wind[2]
+            if len(extra):
+                ax, ay, az = ax + extra[i, 0], ay + extra[i, 1], az + extra[i, 2]
+            if whirl > _ZERO:
+                m = to_world
+                px = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]
+                py = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]
+                pz = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
+                tx, ty, tz = turbulence(
+                    px * per_length, py * per_length, pz * per_length, time, seed
+                )
+                m = from_world
+                ax += whirl * np.float32(m[0, 0] * tx + m[0, 1] * ty + m[0, 2] * tz)
+                ay += whirl * np.float32(m[1, 0] * tx + m[1, 1] * ty + m[1, 2] * tz)
+                az += whirl * np.float32(m[2, 0] * tx + m[2, 1] * ty + m[2, 2] * tz)
+            vx = _velocity(velocities[i, 0], pull[0], ax, keep)
+            vy = _velocity(velocities[i, 1], pull[1], ay, keep)
+            vz = _velocity(velocities[i, 2], pull[2], az, keep)
+            speed = np.float32(math.sqrt(vx * vx + vy * vy + vz * vz))
+            if speed > limit:
+                part = limit / speed
+                vx, vy, vz = vx * part, vy * part, vz * part
+            velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
+            positions[i, 0] = x + dt * vx
+            positions[i, 1] = y + dt * vy
+            positions[i, 2] = z + dt * vz

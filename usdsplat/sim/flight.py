@@ -1,0 +1,81 @@
+"""Splats that fly: gravity, wind, whirls and drag."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.core.errors import StageError
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import flight as kernels
+from usdsplat.kernels.sim.philox import NOISE
+from usdsplat.sim.parameters import ParticlesParameters
+from usdsplat.sim.state import ALIVE, FREE, PINNED, State
+
+
+def from_world(to_world: F64) -> F64:
+    """What takes vectors of the stage to the simulation, shape (3, 3).
+
+    Raises:
+        StageError: If the field is flattened to nothing, so that no way leads back.
+    """
+    linear = to_world[:3, :3]
+    if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
+        raise StageError("the field's transform", "one that is singular", "one that has an inverse")
+    back: F64 = np.linalg.inv(linear)
+    return back
+
+
+def fly(
+    device: CpuDevice,
+    state: State,
+    particles: ParticlesParameters,
+    *,
+    to_world: F64,
+    now: float,
+    dt: float,
+    seed: int,
+    air: F32 | None = None,
+    max_speed: float = math.inf,
+) -> None:
+    """Move those that fly by one step: gravity, then drag towards the air, then the way.
+
+    Those with the flag FREE fly, and all if `particles.enabled`; none that is PINNED does.
+
+    Args:
+        device: Where.
+        state: Its positions and velocities change.
+        particles: Gravity, wind and whirls are in the space of the stage; drag is exact for any dt.
+        to_world: The simulation's space to the stage's, shape (4, 4).
+        now: After the simulation's start [s]; whirls change with it.
+        dt: [s].
+        seed: The simulation's.
+        air: Wind of affectors, in the simulation's space [unit/s], shape (n, 3).
+        max_speed: [unit/s].
+
+    Raises:
+        StageError: If `to_world` is singular.
+    """
+    back = from_world(to_world)
+    device.run(
+        kernels.fly,
+        state.positions,
+        state.velocities,
+        state.flags,
+        ALIVE if particles.enabled else ALIVE | FREE,
+        PINNED,
+        (back @ particles.gravity * dt).astype(np.float32),
+        (back @ particles.wind).astype(np.float32),
+        np.empty((0, 3), np.float32) if air is None else air,
+        np.ascontiguousarray(to_world, np.float64),
+        back,
+        np.float32(particles.turbulence),
+        1 / particles.turbulence_scale,
+        now * particles.turbulence_speed,
+        np.float32(math.exp(-particles.drag * dt)),
+        np.float32(dt),
+        np.float32(max_speed),
+        np.uint32((seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
+    )
