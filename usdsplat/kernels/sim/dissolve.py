@@ -1,0 +1,135 @@
+"""When each splat lets go, with which velocity, and the way back of those that come together.
+
+All of it is by identity and place at rest, so any moment can be had without those before it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .directions import around, is_normal
+from .flight import flight
+from .noise import gradient_noise
+from .philox import DISSOLVE, IMPULSE, uniforms
+
+BLOCK = 1024
+NOISE, DISTANCE, RANDOM = range(3)
+"""What says who goes first."""
+
+NOISE_DEVIATION = 0.27
+"""Standard deviation of gradient noise over space."""
+
+_ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
+_SQUASH = 1 / (NOISE_DEVIATION * math.sqrt(2))
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def turn_of(by, identity, x, y, z, per_length, seed):
+    """A splat's place in the order, [0, 1], float32.
+
+    Noise is spread evenly over 0 to 1 by the normal distribution that it nearly has. Of DISTANCE:
+    what (x, y, z) is from the origin in units of the furthest, by `per_length`.
+    """
+    if by == RANDOM:
+        return uniforms(seed, DISSOLVE, identity, 0, 0)[0]
+    if by == DISTANCE:
+        return min(_ONE, np.float32(math.sqrt(x * x + y * y + z * z) * per_length))
+    value = gradient_noise(x * per_length, y * per_length, z * per_length, seed)[0]
+    return np.float32(0.5 + 0.5 * math.erf(value * _SQUASH))
+
+
+@scalar
+def impulse(identity, nx, ny, nz, speed, cosine, seed):
+    """Velocity [unit/s] with which a splat goes: evenly over the cone about its normal.
+
+    cosine: of half the cone's angle. A splat without a normal goes anywhere.
+    """
+    up, turn, _, _ = uniforms(seed, IMPULSE, identity, 0, 0)
+    if not is_normal(nx, ny, nz):
+        cosine = -_ONE
+    x, y, z = around(nx, ny, nz, _ONE - up * (_ONE - cosine), turn)
+    return x * speed, y * speed, z * speed
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def turns(rest, ids, by, origin, per_length, seed, out):
+    """`turn_of` each splat: rest (n, 3) f32, origin (3,) f32, per_length f32, out (n,) f32."""
+    n = len(rest)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            x, y, z = rest[i, 0] - origin[0], rest[i, 1] - origin[1], rest[i, 2] - origin[2]
+            out[i] = turn_of(by, ids[i], x, y, z, per_length, seed)
+
+
+@parallel
+def let_go(velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
+    """Those whose time has come get the flag `free` and their impulse, once.
+
+    Args:
+        velocities: (n, 3) f32; flags: (n,) u32; gone: (n,) u8, 1 for those that went.
+        times: When they go, (n,) f32; now: f32.
+        normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
+    """
+    n = len(velocities)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if gone[i] or not times[i] <= now or flags[i] & pinned:
+                continue
+            x, y, z = impulse(
+                ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed
+            )
+            velocities[i, 0] += x
+            velocities[i, 1] += y
+            velocities[i, 2] += z
+            flags[i] |= free
+            gone[i] = 1
+
+
+@parallel
+def come(
+    positions, velocities, flags, goals, times, ids, normals, now, speed, cosine, push, drag, free,
+    pinned, seed,
+):  # fmt: skip
+    """Those that are still to arrive, on their way backwards; those that arrived, at rest.
+
+    Args:
+        positions, velocities: (n, 3) f32, of those on the way or just there; flags: (n,) u32.
+        goals: Where they will be, (n, 3) f32.
+        times: When they arrive, (n,) f32; now: f64.
+        normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
+        push: Gravity + drag times wind, (3,) f64; drag: f64 [1/s].
+    """
+    n = len(positions)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if flags[i] & pinned:
+                continue
+            left = times[i] - now
+            if left > 0.0:
+                vx, vy, vz = impulse(
+                    ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed
+                )
+                x, vx = flight(vx, push[0], drag, left)
+                y, vy = flight(vy, push[1], drag, left)
+                z, vz = flight(vz, push[2], drag, left)
+                positions[i, 0] = goals[i, 0] + x
+                positions[i, 1] = goals[i, 1] + y
+                positions[i, 2] = goals[i, 2] + z
+                velocities[i, 0], velocities[i, 1], velocities[i, 2] = -vx, -vy, -vz
+                flags[i] |= free
+            elif flags[i] & free:
+                positions[i, 0], positions[i, 1] = goals[i, 0], goals[i, 1]
+                positions[i, 2] = goals[i, 2]
+                velocities[i, 0], velocities[i, 1], velocities[i, 2] = _ZERO, _ZERO, _ZERO
+                flags[i] &= ~free

@@ -1,0 +1,172 @@
+"""Splats let go one after the other and vanish; or, time reversed, come together.
+
+When a splat goes depends on where it was at rest and on its identity alone. The times are kept in
+the state's memory, so that they stay what they were when rest positions grow, and children go with
+their parents. To assemble is to dissolve seen backwards: arrivals run from `start` to `start +
+duration` in the opposite order, and before its arrival a splat is where a flight without whirls, as
+long as it has left to wait, would have taken it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import dissolve as kernels
+from usdsplat.sim.flight import from_world
+from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
+from usdsplat.sim.state import FREE, PINNED, State
+
+TIMES, GONE = "dissolve:times", "dissolve:gone"
+"""What the state remembers: when each goes or arrives [s], float32; whether it went, uint8."""
+
+UNSELECTED = 0.5
+"""Selection below which a splat stays."""
+
+_BY = {"noise": kernels.NOISE, "distance": kernels.DISTANCE, "random": kernels.RANDOM}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dissolve:
+    """One dissolve, or assemble, of one state."""
+
+    device: CpuDevice
+    parameters: DissolveParameters
+    seed: int
+
+    @classmethod
+    def of(
+        cls, device: CpuDevice, state: State, parameters: DissolveParameters, *, seed: int
+    ) -> Dissolve:
+        """The times are worked out unless the state remembers them.
+
+        Args:
+            device: Where.
+            state: At rest or resumed; its memory changes.
+            parameters: How; times, order and impulse are the same at all times.
+            seed: The simulation's.
+        """
+        made = cls(device, parameters, seed)
+        if TIMES not in state.memory:
+            state.memory[TIMES] = made._times(state)
+            state.memory[GONE] = np.zeros(len(state), np.uint8)
+        return made
+
+    @property
+    def is_assembling(self) -> bool:
+        """Whether time runs backwards."""
+        return self.parameters.mode == "assemble"
+
+    def _times(self, state: State) -> F32:
+        """When each goes or arrives; those not selected never go, or were always there."""
+        p = self.parameters
+        origin = np.array(p.origin if p.by == "distance" else (0, 0, 0), np.float32)
+        per_length = 1 / p.size
+        if p.by == "distance":
+            far = np.sqrt(np.square(state.rest_positions - origin).sum(-1).max(initial=0))
+            per_length = 1 / far if far > 0 else 0.0
+        turn = np.empty(len(state), np.float32)
+        self.device.run(
+            kernels.turns,
+            state.rest_positions,
+            state.ids,
+            _BY[p.by],
+            origin,
+            np.float32(per_length),
+            self.seed,
+            turn,
+        )
+        if self.is_assembling:
+            turn = 1 - turn
+        times = p.start + turn.astype(np.float64) * p.duration
+        never = -math.inf if self.is_assembling else math.inf
+        return np.where(state.weight < UNSELECTED, never, times).astype(np.float32)
+
+    @property
+    def _impulse(self) -> tuple[np.float32, np.float32]:
+        p = self.parameters
+        return np.float32(p.speed), np.float32(math.cos(math.radians(p.spread)))
+
+    def release(self, state: State, normals: F32, *, now: float) -> None:
+        """Of dissolve: those whose time has come fly from now on, with their impulse.
+
+        Args:
+            state: Its velocities and flags (FREE) change.
+            normals: As they are now, shape (n, 3).
+            now: After the simulation's start [s].
+        """
+        self.device.run(
+            kernels.let_go,
+            state.velocities,
+            state.flags,
+            state.memory[GONE],
+            state.memory[TIMES],
+            state.ids,
+            normals,
+            np.float32(now),
+            *self._impulse,
+            FREE,
+            PINNED,
+            self.seed,
+        )
+
+    def place(
+        self,
+        state: State,
+        goals: F32,
+        normals: F32,
+        particles: ParticlesParameters,
+        *,
+        to_world: F64,
+        now: float,
+    ) -> None:
+        """Of assemble: put those that are still to arrive on their way, and those that just did to
+        rest. FREE are those on the way; others are left alone.
+
+        Args:
+            state: Its positions, velocities and flags (FREE) change.
+            goals: Where they want to be now, shape (n, 3).
+            normals: There, shape (n, 3).
+            particles: Of the flight; its whirls are left out.
+            to_world: The simulation's space to the stage's, shape (4, 4).
+            now: After the simulation's start [s].
+
+        Raises:
+            StageError: If `to_world` is singular.
+        """
+        back = from_world(to_world)
+        push = back @ particles.gravity + particles.drag * (back @ particles.wind)
+        self.device.run(
+            kernels.come,
+            state.positions,
+            state.velocities,
+            state.flags,
+            goals,
+            state.memory[TIMES],
+            state.ids,
+            normals,
+            float(now),
+            *self._impulse,
+            push,
+            float(particles.drag),
+            FREE,
+            PINNED,
+            self.seed,
+        )
+
+    def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
+        """Factors of opacity and of size at a time: (n,) and (n,), by the time a splat has been on
+        its way, or still will be."""
+        times = state.memory[TIMES]
+        p = self.parameters
+        n = len(times)
+        if p.fade <= 0:
+            return np.ones(n, np.float32), np.ones(n, np.float32)
+        away = times - np.float32(now) if self.is_assembling else np.float32(now) - times
+        part = np.clip(away / np.float32(p.fade), 0, 1)
+        gone = part * part * (3 - 2 * part)
+        return 1 - gone, 1 - np.float32(p.shrink) * gone
