@@ -1,0 +1,161 @@
+"""Growth along the normal, the chance of a child, and where it is put."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .directions import around, carried, is_normal
+from .philox import BIRTH, uniforms
+
+BLOCK = 1024
+STEP_MAX = 0.2
+"""Furthest that a splat grows in a step, in radii of its neighbourhood."""
+
+_ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
+_THREE = np.float32(3)
+_STEP = np.float32(STEP_MAX)
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def activity(v, low, high):
+    """How much grows where the pattern is v: smoothstep from low to high, a step where they
+    meet."""
+    if high <= low:
+        return _ONE if v >= low else _ZERO
+    t = min(_ONE, max(_ZERO, (v - low) / (high - low)))
+    return t * t * (_THREE - _TWO * t)
+
+
+@scalar
+def spacing(support, target, dimension):
+    """Distance between neighbours [unit] where the support holds `target` of them, float32.
+
+    It is sqrt(pi / k) h on a surface and cbrt(4 pi / 3k) h in a volume.
+    """
+    if dimension == 2:
+        return support * np.float32(math.sqrt(math.pi / target))
+    return support * np.float32((4 * math.pi / (3 * target)) ** (1 / 3))
+
+
+@scalar
+def direction(identity, step, nx, ny, nz, dimension, seed):
+    """Where a child goes: any direction across the normal; in a volume, or where there is no
+    normal, any."""
+    turn, up, _, _ = uniforms(seed, BIRTH, identity, step, 0)
+    flat = dimension == 2 and is_normal(nx, ny, nz)
+    return around(nx, ny, nz, _ZERO if flat else _ONE - _TWO * up, turn)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def grow(
+    positions, rest_positions, rotations, rest_rotations, uv, support, normals, factor, flags, way,
+    low, high, alive, held,
+):  # fmt: skip
+    """Move splats along their normals, at rest and, turned as they are, where they are now.
+
+    Args:
+        positions, rest_positions, normals: (n, 3) f32; rotations, rest_rotations: (n, 4) f32.
+        uv: (n, 2) f32; support: (n,) f32; factor: Of the way, (n,) f32, or (0,).
+        flags: (n,) u32; those with `alive` and without any of `held` move.
+        way: Speed times dt; low, high: see `activity`; f32.
+    """
+    n = len(positions)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if flags[i] & (alive | held) != alive:
+                continue
+            far = way * activity(uv[i, 1], low, high)
+            if len(factor):
+                far *= factor[i]
+            most = _STEP * support[i]
+            far = min(most, max(-most, far))
+            if far == _ZERO:
+                continue
+            x, y, z = far * normals[i, 0], far * normals[i, 1], far * normals[i, 2]
+            rest_positions[i, 0] += x
+            rest_positions[i, 1] += y
+            rest_positions[i, 2] += z
+            q, r = rotations[i], rest_rotations[i]
+            x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
+            positions[i, 0] += x
+            positions[i, 1] += y
+            positions[i, 2] += z
+
+
+@parallel
+def ripen(
+    progress, ids, uv, support, crowding, flags, chance, low, high, h_target, dimension, crowd_max,
+    alive, held, seed, ripe,
+):  # fmt: skip
+    """Add a step's chance of a child, and mark those that are due and have room.
+
+    Args:
+        progress: (n,) f32, becomes at most 1 for those without room; those below 0 begin anywhere
+            from 0 to 1, so that equals are not due at the same time.
+        ids: (n,) i64.
+        uv: (n, 2) f32; support, crowding: (n,) f32; flags: (n,) u32, as in `grow`.
+        chance: Rate times dt; low, high: see `activity`; h_target, crowd_max: f32.
+        dimension: 2 or 3.
+        ripe: Receives 1 or 0, (n,) u8.
+    """
+    n = len(progress)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            ripe[i] = 0
+            if flags[i] & (alive | held) != alive:
+                continue
+            room = support[i] / h_target
+            room = room * room if dimension == 2 else room * room * room
+            before = progress[i]
+            if before < _ZERO:
+                before = uniforms(seed, BIRTH, ids[i], 0, 1)[0]
+            total = before + chance * activity(uv[i, 1], low, high) * room
+            if total >= _ONE:
+                if crowding[i] < crowd_max:
+                    ripe[i] = 1
+                else:
+                    total = _ONE
+            progress[i] = total
+
+
+@parallel
+def put(
+    parents, ids, support, normals, rotations, rest_rotations, target, dimension, seed, step, rest,
+    now,
+):  # fmt: skip
+    """Move children half a spacing from their parents.
+
+    Args:
+        parents: Their rows, (b,) i64; arrays of the parents: ids (n,) i64, support (n,) f32,
+            normals (n, 3) f32 at rest, rotations and rest_rotations (n, 4) f32.
+        target: Neighbours wanted, f64; dimension: 2 or 3; seed, step: of `uniforms`.
+        rest, now: The children's positions at rest and now, copies of their parents', (b, 3) f32.
+    """
+    n = len(parents)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            i = parents[k]
+            x, y, z = direction(
+                ids[i], step, normals[i, 0], normals[i, 1], normals[i, 2], dimension, seed
+            )
+            far = _HALF * spacing(support[i], target, dimension)
+            x, y, z = far * x, far * y, far * z
+            rest[k, 0] += x
+            rest[k, 1] += y
+            rest[k, 2] += z
+            q, r = rotations[i], rest_rotations[i]
+            x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
+            now[k, 0] += x
+            now[k, 1] += y
+            now[k, 2] += z
