@@ -1,0 +1,151 @@
+"""What the simulation knows drives what is drawn: first how much for each splat, then an output."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .noise import quintic
+
+BLOCK = 1024
+U, V, V_MINUS_U, CROWDING, AGE, SPEED, DISTANCE = range(7)
+"""Sources."""
+LINEAR, SMOOTH, SMOOTHER = range(3)
+"""Eases."""
+SCALE, THICKNESS, OPACITY, DISPLACEMENT = range(4)
+"""Outputs but colour."""
+
+C0 = 0.28209479177387814
+"""Real spherical harmonic of degree 0: a colour is 0.5 + C0 times the first coefficient."""
+
+_ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
+_THREE = np.float32(3)
+_C0 = np.float32(C0)
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def remapped(value, low, high, ease):
+    """0 to 1 as a value goes from low to high, either of which may be the larger; where they are
+    the same, a step from there on; float32."""
+    if high == low:
+        return _ONE if value >= low else _ZERO
+    t = min(_ONE, max(_ZERO, (value - low) / (high - low)))
+    if ease == SMOOTH:
+        return t * t * (_THREE - _TWO * t)
+    return quintic(t) if ease == SMOOTHER else t
+
+
+@scalar
+def _length(x, y, z):
+    return np.float32(math.sqrt(x * x + y * y + z * z))
+
+
+@scalar
+def faded(coefficient, target, part):
+    """A coefficient on its way to another."""
+    return coefficient + part * (target - coefficient)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def amounts(
+    source, uv, crowding, births, now, velocities, positions, rest, low, high, ease, out
+):  # fmt: skip
+    """How much each splat is driven, [0, 1], into out (n,) f32.
+
+    Args:
+        source, ease: Of the constants above.
+        uv: (n, 2) f32; crowding: (n,) f32, or (0,) where it is not the source.
+        births: (n,) f32; now: f64 [s]; velocities, positions, rest: (n, 3) f32.
+        low, high: f32, see `remapped`.
+    """
+    n = len(out)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            if source == U:
+                value = uv[i, 0]
+            elif source == V:
+                value = uv[i, 1]
+            elif source == V_MINUS_U:
+                value = uv[i, 1] - uv[i, 0]
+            elif source == CROWDING:
+                value = crowding[i]
+            elif source == AGE:
+                value = np.float32(now - births[i])
+            elif source == SPEED:
+                value = _length(velocities[i, 0], velocities[i, 1], velocities[i, 2])
+            else:
+                value = _length(
+                    positions[i, 0] - rest[i, 0],
+                    positions[i, 1] - rest[i, 1],
+                    positions[i, 2] - rest[i, 2],
+                )
+            out[i] = remapped(value, low, high, ease)
+
+
+@parallel
+def drive(output, part, amount, positions, scales, opacities, normals):
+    """Drive one output, in place.
+
+    Args:
+        output: Of the constants above.
+        part: What `amounts` gave, (n,) f32.
+        amount: Where part is 1: a factor, or the displacement [unit]; f32.
+        positions, scales, normals: (n, 3) f32; opacities: (n,) f32; those that the output does not
+            use may be empty.
+    """
+    n = len(part)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            factor = max(_ZERO, _ONE + part[i] * (amount - _ONE))
+            if output == SCALE:
+                scales[i, 0] *= factor
+                scales[i, 1] *= factor
+                scales[i, 2] *= factor
+            elif output == THICKNESS:
+                x, y, z = scales[i, 0], scales[i, 1], scales[i, 2]
+                if z <= x and z <= y:
+                    scales[i, 2] = z * factor
+                elif y <= x:
+                    scales[i, 1] = y * factor
+                else:
+                    scales[i, 0] = x * factor
+            elif output == OPACITY:
+                opacities[i] = min(_ONE, opacities[i] * factor)
+            else:
+                way = part[i] * amount
+                positions[i, 0] += way * normals[i, 0]
+                positions[i, 1] += way * normals[i, 1]
+                positions[i, 2] += way * normals[i, 2]
+
+
+@parallel
+def tint(part, amount, color, sh_fade, sh):
+    """Mix a colour in, in place.
+
+    Args:
+        part: What `amounts` gave, (n,) f32; amount: of the mixture where it is 1, f32.
+        color: (3,) f32; sh_fade: f32, how much of the higher bands goes.
+        sh: (n, k, 3) f32.
+    """
+    n = len(part)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            much = min(_ONE, max(_ZERO, part[i] * amount))
+            if much == _ZERO:
+                continue
+            for c in range(3):
+                sh[i, 0, c] = faded(sh[i, 0, c], (color[c] - _HALF) / _C0, much)
+            rest = _ONE - much * sh_fade
+            for k in range(1, sh.shape[1]):
+                for c in range(3):
+                    sh[i, k, c] *= rest

@@ -1,0 +1,100 @@
+"""Drivers: functions of the state, that change what is drawn and nothing else.
+
+They have no memory, so what is drawn can be made again, with other drivers, without simulating.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import drivers as kernels
+from usdsplat.sim.parameters import DriverParameters
+from usdsplat.sim.state import State
+
+_SOURCES = {
+    "u": kernels.U,
+    "v": kernels.V,
+    "vMinusU": kernels.V_MINUS_U,
+    "crowding": kernels.CROWDING,
+    "age": kernels.AGE,
+    "speed": kernels.SPEED,
+    "distance": kernels.DISTANCE,
+}
+_EASES = {"linear": kernels.LINEAR, "smooth": kernels.SMOOTH, "smoother": kernels.SMOOTHER}
+_OUTPUTS = {
+    "scale": kernels.SCALE,
+    "thickness": kernels.THICKNESS,
+    "opacity": kernels.OPACITY,
+    "displacement": kernels.DISPLACEMENT,
+}
+
+
+def changes(driver: DriverParameters) -> str:
+    """The field of `SplatCloud` that a driver changes."""
+    fields = {
+        "scale": "scales",
+        "thickness": "scales",
+        "opacity": "opacities",
+        "color": "sh",
+        "displacement": "positions",
+    }
+    return fields[driver.output]
+
+
+def drive(
+    device: CpuDevice,
+    state: State,
+    drawn: SplatCloud,
+    driver: DriverParameters,
+    *,
+    crowding: F32,
+    normals: F32,
+    now: float,
+) -> None:
+    """Let a driver change what is drawn.
+
+    Args:
+        device: Where.
+        state: What drives; it does not change.
+        drawn: The same splats as they would be drawn without the driver. The array that `changes`
+            names is changed: it must be the caller's own, not the state's.
+        driver: What drives what.
+        crowding: Neighbours over those wanted, shape (n,); may be empty for other sources.
+        normals: Of the splats as drawn, shape (n, 3); may be empty for outputs but displacement.
+        now: After the simulation's start [s].
+    """
+    part = np.empty(len(state), np.float32)
+    device.run(
+        kernels.amounts,
+        _SOURCES[driver.source],
+        device.upload(state.uv),
+        device.upload(crowding),
+        device.upload(state.births),
+        float(now),
+        device.upload(state.velocities),
+        device.upload(state.positions),
+        device.upload(state.rest_positions),
+        np.float32(driver.in_min),
+        np.float32(driver.in_max),
+        _EASES[driver.ease],
+        part,
+    )
+    if driver.output == "color":
+        color = np.array(driver.color, np.float32)
+        fade = np.float32(driver.sh_fade)
+        device.run(kernels.tint, part, np.float32(driver.amount), color, fade, drawn.sh)
+        return
+    none = np.empty((0, 3), np.float32)  # what does not change may be read-only
+    changed = changes(driver)
+    device.run(
+        kernels.drive,
+        _OUTPUTS[driver.output],
+        part,
+        np.float32(driver.amount),
+        drawn.positions if changed == "positions" else none,
+        drawn.scales if changed == "scales" else none,
+        drawn.opacities if changed == "opacities" else none[:, 0].copy(),
+        device.upload(normals),
+    )
