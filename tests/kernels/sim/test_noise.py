@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from usdsplat.kernels.sim.noise import curl_noise, gradient_noise, turbulence
+from usdsplat.kernels.sim.noise import change, curl_noise, gradient_noise
 
 
 @njit
@@ -19,13 +19,16 @@ def sample(points, seed, out):
 
 @njit
 def sample_whirls(points, time, seed, out):
-    """`turbulence`, or `curl_noise` where time is NaN."""
+    """The whirls of `change` at a time, or one where time is NaN."""
+    first, part, second, other = change(0.0 if time != time else time, seed)
     for i in range(len(points)):
-        if time == time:
-            x, y, z = turbulence(points[i, 0], points[i, 1], points[i, 2], time, seed)
-        else:
-            x, y, z = curl_noise(points[i, 0], points[i, 1], points[i, 2], seed)
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
+        a, b, c = curl_noise(points[i, 0], points[i, 1], points[i, 2], first)
+        x, y, z = curl_noise(points[i, 0], points[i, 1], points[i, 2], second)
+        out[i, 0], out[i, 1], out[i, 2] = (
+            part * a + other * x,
+            part * b + other * y,
+            part * c + other * z,
+        )
 
 
 def noise(points, seed=3):
@@ -36,7 +39,7 @@ def noise(points, seed=3):
 
 
 def whirls(points, time=np.nan, seed=3):
-    """Vectors, shape (n, 3)."""
+    """Vectors, shape (n, 3); of `seed` itself where time is NaN."""
     out = np.empty((len(points), 3), np.float32)
     sample_whirls(np.asarray(points, np.float32), time, seed, out)
     return out

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import parallel, scalar, serial
 
-from .noise import turbulence
+from .noise import cell, change, curl_in_cell
 
 BLOCK = 1024
 SMALL = 1e-2
@@ -55,6 +55,18 @@ def flight(v, push, drag, seconds):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
+@serial
+def _whirls(count, cells, within, first, part, second, other, air):
+    """The air at `count` places of a block; a loop of its own, which vectorises."""
+    for k in range(count):
+        ix, iy, iz = cells[0, k], cells[1, k], cells[2, k]
+        fx, fy, fz = within[0, k], within[1, k], within[2, k]
+        a, b, c = curl_in_cell(ix, iy, iz, fx, fy, fz, first)
+        p, q, r = curl_in_cell(ix, iy, iz, fx, fy, fz, second)
+        air[0, k], air[1, k] = part * a + other * p, part * b + other * q
+        air[2, k] = part * c + other * r
+
+
 @parallel
 def fly(
     positions, velocities, flags, wanted, excluded, pull, wind, extra, to_world, from_world,
@@ -74,34 +86,45 @@ def fly(
         seed: Of the whirls.
     """
     n = len(positions)
+    first, part, second, other = change(time, seed)
     for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if flags[i] & (wanted | excluded) != wanted:
-                continue
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            ax, ay, az = wind[0], wind[1], wind[2]
+        begin = block * BLOCK
+        rows, air = np.empty(BLOCK, np.int32), np.empty((3, BLOCK), np.float32)
+        count = 0
+        for i in range(begin, min(n, begin + BLOCK)):
+            rows[count] = i - begin
+            count += flags[i] & (wanted | excluded) == wanted
+        if whirl > _ZERO:
+            cells, within = np.empty((3, BLOCK), np.uint32), np.empty((3, BLOCK), np.float32)
+            for k in range(count):
+                i = begin + rows[k]
+                x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+                for c in range(3):
+                    m = to_world[c]
+                    along = m[0] * x + m[1] * y + m[2] * z + m[3]
+                    cells[c, k], within[c, k] = cell(along * per_length)
+            _whirls(count, cells, within, first, part, second, other, air)
+            for k in range(count):
+                x, y, z = air[0, k], air[1, k], air[2, k]
+                for c in range(3):
+                    m = from_world[c]
+                    air[c, k] = wind[c] + whirl * np.float32(m[0] * x + m[1] * y + m[2] * z)
+        else:
+            for c in range(3):
+                air[c, :] = wind[c]
+        for k in range(count):
+            i = begin + rows[k]
+            ax, ay, az = air[0, k], air[1, k], air[2, k]
             if len(extra):
                 ax, ay, az = ax + extra[i, 0], ay + extra[i, 1], az + extra[i, 2]
-            if whirl > _ZERO:
-                m = to_world
-                px = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]
-                py = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]
-                pz = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
-                tx, ty, tz = turbulence(
-                    px * per_length, py * per_length, pz * per_length, time, seed
-                )
-                m = from_world
-                ax += whirl * np.float32(m[0, 0] * tx + m[0, 1] * ty + m[0, 2] * tz)
-                ay += whirl * np.float32(m[1, 0] * tx + m[1, 1] * ty + m[1, 2] * tz)
-                az += whirl * np.float32(m[2, 0] * tx + m[2, 1] * ty + m[2, 2] * tz)
             vx = _velocity(velocities[i, 0], pull[0], ax, keep)
             vy = _velocity(velocities[i, 1], pull[1], ay, keep)
             vz = _velocity(velocities[i, 2], pull[2], az, keep)
             speed = np.float32(math.sqrt(vx * vx + vy * vy + vz * vz))
             if speed > limit:
-                part = limit / speed
-                vx, vy, vz = vx * part, vy * part, vz * part
+                less = limit / speed
+                vx, vy, vz = vx * less, vy * less, vz * less
             velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
-            positions[i, 0] = x + dt * vx
-            positions[i, 1] = y + dt * vy
-            positions[i, 2] = z + dt * vz
+            positions[i, 0] += dt * vx
+            positions[i, 1] += dt * vy
+            positions[i, 2] += dt * vz

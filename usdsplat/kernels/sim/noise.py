@@ -52,10 +52,15 @@ def _quintic_slope(t):
 
 
 @scalar
-def _corners(x, y, z, seed):
-    """Hashes of the eight corners about a point, x fastest, and where it is among them."""
-    fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
-    ix, iy, iz = np.uint32(np.int32(fx)), np.uint32(np.int32(fy)), np.uint32(np.int32(fz))
+def cell(x):
+    """The whole number below x (uint32, wrapped) and what is left of it (float32)."""
+    below = math.floor(x)
+    return np.uint32(np.int32(below)), np.float32(x - below)
+
+
+@scalar
+def _corners(ix, iy, iz, seed):
+    """Hashes of the eight corners of a cell, x fastest."""
     jx, jy = np.uint32(ix + _U1), np.uint32(iy + _U1)
     root = mix32(np.uint32(seed))
     z0 = mix32(np.uint32(root + iz))
@@ -71,9 +76,6 @@ def _corners(x, y, z, seed):
         mix32(np.uint32(y01 + jx)),
         mix32(np.uint32(y11 + ix)),
         mix32(np.uint32(y11 + jx)),
-        np.float32(x - fx),
-        np.float32(y - fy),
-        np.float32(z - fz),
     )
 
 
@@ -135,8 +137,21 @@ def gradient_noise(x, y, z, seed):
 
     (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
     """
-    h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz = _corners(x, y, z, seed)
+    ix, fx = cell(x)
+    iy, fy = cell(y)
+    iz, fz = cell(z)
+    h0, h1, h2, h3, h4, h5, h6, h7 = _corners(ix, iy, iz, seed)
     return _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
+
+
+@scalar
+def curl_in_cell(ix, iy, iz, fx, fy, fz, seed):
+    """`curl_noise` of what `cell` gives for each coordinate."""
+    h0, h1, h2, h3, h4, h5, h6, h7 = _corners(ix, iy, iz, seed)
+    _, _, ay, az = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
+    _, bx, _, bz = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Y)
+    _, cx, cy, _ = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Z)
+    return (cy - bz) * _CURL, (az - cx) * _CURL, (bx - ay) * _CURL
 
 
 @scalar
@@ -145,28 +160,21 @@ def curl_noise(x, y, z, seed):
 
     (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
     """
-    h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz = _corners(x, y, z, seed)
-    _, _, ay, az = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
-    _, bx, _, bz = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Y)
-    _, cx, cy, _ = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Z)
-    return (cy - bz) * _CURL, (az - cx) * _CURL, (bx - ay) * _CURL
+    ix, fx = cell(x)
+    iy, fy = cell(y)
+    iz, fz = cell(z)
+    return curl_in_cell(ix, iy, iz, fx, fy, fz, seed)
 
 
 @scalar
-def turbulence(x, y, z, time, seed):
-    """`curl_noise` that is another one after each unit of `time`, without divergence and with root
-    mean square 1 at each moment.
+def change(time, seed):
+    """(seed, part, seed, part) of the two whirls that are mixed at a time, so that the mixture is
+    another one after each unit of time and has root mean square 1 at each moment.
 
-    (x, y, z): float32, wavelengths; time: float64, |time| up to 1e9, in changes.
+    time: float64, |time| up to 1e9, in changes.
     """
     before = math.floor(time)
     w = quintic(np.float32(time - before))
     stretch = _ONE / np.float32(math.sqrt((_ONE - w) * (_ONE - w) + w * w))
     word = np.uint32(np.uint32(seed) + np.uint32(np.uint32(np.int32(before)) * _NEXT))
-    vx, vy, vz = _ZERO, _ZERO, _ZERO
-    part = (_ONE - w) * stretch
-    for _ in range(2):
-        a, b, c = curl_noise(x, y, z, word)
-        vx, vy, vz = vx + part * a, vy + part * b, vz + part * c
-        word, part = np.uint32(word + _NEXT), w * stretch
-    return vx, vy, vz
+    return word, (_ONE - w) * stretch, np.uint32(word + _NEXT), w * stretch
