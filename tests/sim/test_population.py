@@ -125,6 +125,7 @@ def test_a_child_is_its_parent_half_a_spacing_away() -> None:
     """Oracle: each array by its definition; directions across the normal, all ways alike."""
     state = capture(4000)
     state.memory["other:thing"] = np.arange(8000).reshape(4000, 2)
+    state.memory[HUNGRY] = np.full(4000, 0.2, np.float32)
     old = {name: array.copy() for name, array in state.per_splat()}
     n = normals(len(state))
     parents = have(state, normals=n, now=2.5)
@@ -138,6 +139,7 @@ def test_a_child_is_its_parent_half_a_spacing_away() -> None:
         assert np.array_equal(arrays[name][:at], old[name]), name
     assert np.all(state.flags[at:] == ALIVE | BORN) and np.all(state.births[at:] == 2.5)
     way = (state.rest_positions[at:] - old["rest_positions"][parents]).astype(float)
+    assert not state.memory[HUNGRY][at:].any() and not state.memory[PROGRESS][at:].any()
     spacing = old["support"][parents] * np.sqrt(np.pi / 16)
     assert np.abs(np.linalg.norm(way, axis=1) / spacing - 0.5).max() < 2e-5
     assert np.abs((way * n[parents]).sum(1)).max() < 1e-6
@@ -166,6 +168,19 @@ def test_children_follow_the_turn_and_fill_volumes() -> None:
         assert np.abs(moment - np.eye(3) / 3).max() < 0.03
 
 
+def test_the_next_child_goes_another_way() -> None:
+    """Oracle: ways of the same parents in two steps are not correlated; in one step they are
+    equal."""
+    ways = []
+    for step in (3, 4, 3):
+        state = capture(4000)
+        state.step = step
+        parents = have(state)
+        ways.append((state.rest_positions[4000:] - state.rest_positions[parents]).ravel())
+    assert abs(np.corrcoef(ways[0], ways[1])[0, 1]) < 0.05
+    assert np.array_equal(ways[0], ways[2])
+
+
 def test_harmonics_stay_shared_and_stay_apart() -> None:
     """Oracle: identity of the arrays, through a birth and a death."""
     state = capture()
@@ -181,16 +196,17 @@ def test_harmonics_stay_shared_and_stay_apart() -> None:
 
 def test_rate_of_births() -> None:
     """Oracle: rate times time times S(v) (h / h_target)^d, in the mean over splats that begin
-    anywhere; children have none yet."""
-    growth = GrowthParameters(birth_rate=0.5, v_min=0.1, v_max=0.3)
-    for dimension in (2, 3):
+    anywhere, and to one child for each; crowded children have none."""
+    for dimension, speed in ((2, 0.5), (3, 0.5), (2, 6.0)):
+        growth = GrowthParameters(birth_rate=speed, v_min=0.1, v_max=0.3)
         state = capture(5000)
         t = np.clip((state.uv[:, 1].astype(float) - 0.1) / 0.2, 0, 1)
-        rate = 0.5 * t * t * (3 - 2 * t) * (state.support / 0.2) ** dimension
+        rate = speed * t * t * (3 - 2 * t) * (state.support / 0.2) ** dimension
         count = np.zeros(5000)
         for _ in range(40):
-            born = have(state, growth, dimension=dimension, h_target=0.2)
-            count += np.bincount(born[born < 5000], minlength=5000)
+            crowding = (9 * (np.arange(len(state)) >= 5000)).astype(np.float32)
+            born = have(state, growth, dimension=dimension, h_target=0.2, crowding=crowding)
+            count += np.bincount(born, minlength=5000)
         assert abs(count.mean() / (4.0 * rate.mean()) - 1) < 0.02
         assert np.all(np.abs(count - 4.0 * rate) <= 1 + 1e-4)
 
@@ -216,6 +232,7 @@ def test_births_end_at_the_maximum_in_the_order_of_identities() -> None:
     wanted = have(free)
     assert np.array_equal(have(full, maximum=230), wanted[:30]) and len(full) == 230
     assert len(have(full, maximum=230)) == 0 == len(have(full, maximum=10))
+    assert full.memory[PROGRESS][wanted[30:]].max() == 1
     check(full)
 
 
@@ -242,8 +259,11 @@ def test_fades_are_functions_of_age() -> None:
         assert np.abs(drawn[parents] / depth(old[parents]) - (1 - e / 2)).max() < 2e-5
         assert np.all(alpha[200:] == 1)
         assert np.all(np.delete(alpha[:200], parents) == 1)
+    have(state, now=1.2)
+    alpha, _ = fades(state, EAGER, now=1.2)
+    assert np.all(alpha[200 + len(parents) :] == 1) and np.all(alpha[parents] > 1.1)
     state.rest_opacities[:] = np.repeat(np.float32([0, 1]), [100, len(state) - 100])
-    alpha, _ = fades(state, EAGER, now=1.1)
+    alpha, _ = fades(state, EAGER, now=1.2)
     assert np.all(alpha[parents[parents < 100]] == 2) and np.all(alpha[parents[parents > 100]] == 1)
 
 
