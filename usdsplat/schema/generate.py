@@ -1,4 +1,5 @@
-"""Generate plugInfo/ from schema.usda: `python -m usdsplat.schema.generate [--check]`.
+"""Generate plugInfo/ from schema.usda and simulation.usda: `python -m usdsplat.schema.generate
+[--check]`.
 
 Runs the generator that ships with USD (it needs jinja2, in the dev extra) in a process of its own,
 then adds what it leaves out: whole documentation instead of first sentences, and the validators.
@@ -23,11 +24,17 @@ from pxr import Sdf
 from usdsplat.schema.registration import plugin_folder
 from usdsplat.schema.validation import VALIDATORS
 
-SOURCE = Path(__file__).with_name("schema.usda")
+SOURCES = (
+    Path(__file__).with_name("schema.usda"),
+    Path(__file__).with_name("simulation.usda"),
+)
+"""What is declared where; the simulation's part is itself written from its parameters."""
 PLUGIN_MODULE = "usdsplat.schema.validation.plugin"
 VALIDATED_TYPES = ["UsdVolParticleField3DGaussianSplat", "UsdSplatParticleFieldPackedSplat"]
 
 _BRIEF = "userDocBrief"
+_INSTANCE = "__INSTANCE_NAME__"
+"""Between prefix and name of what a multiple-apply schema declares, once it is generated."""
 
 
 def generate() -> dict[str, str]:
@@ -39,7 +46,8 @@ def generate() -> dict[str, str]:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder, "schema.usda"), Path(folder, "out")
         target.mkdir()
-        source.write_text(_documented(SOURCE), encoding="utf-8")
+        own = _merged()
+        source.write_text(_documented(own), encoding="utf-8")
         command = [
             sys.executable,
             "-m",
@@ -56,7 +64,10 @@ def generate() -> dict[str, str]:
         subprocess.run(command, check=True, capture_output=True, env=environment)
         schema = (target / "generatedSchema.usda").read_text(encoding="utf-8")
         plugin = (target / "plugInfo.json").read_text(encoding="utf-8")
-    return {"generatedSchema.usda": _without_inherited(schema), "plugInfo.json": _completed(plugin)}
+    return {
+        "generatedSchema.usda": _without_inherited(schema, own),
+        "plugInfo.json": _completed(plugin),
+    }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -77,9 +88,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if check and stale else 0
 
 
-def _documented(path: Path) -> str:
+def _merged() -> Sdf.Layer:
+    """All classes in one layer: the generator takes those of one file."""
+    first, *others = (_parse(path.read_text(encoding="utf-8")) for path in SOURCES)
+    for layer in others:
+        for prim in layer.rootPrims:
+            Sdf.CopySpec(layer, prim.path, first, prim.path)
+    return first
+
+
+def _documented(own: Sdf.Layer) -> str:
     """The schema's text, with whole documentation where the generator takes the first sentence."""
-    layer = _parse(path.read_text(encoding="utf-8"))
+    layer = _parse(own.ExportToString())
     for prim in layer.rootPrims:
         for spec in (prim, *prim.properties):
             if spec.documentation:
@@ -87,13 +107,13 @@ def _documented(path: Path) -> str:
     return layer.ExportToString()
 
 
-def _without_inherited(text: str) -> str:
-    """Drop the documentation of properties that schema.usda does not declare."""
-    own = _parse(SOURCE.read_text(encoding="utf-8"))
+def _without_inherited(text: str, own: Sdf.Layer) -> str:
+    """Drop the documentation of properties that our sources do not declare."""
     layer = _parse(text)
     for prim in layer.rootPrims:
         for spec in prim.properties:
-            if not own.GetPropertyAtPath(spec.path):
+            name = spec.name.rpartition(f"{_INSTANCE}:")[2]
+            if not own.GetPropertyAtPath(prim.path.AppendProperty(name)):
                 spec.ClearInfo("customData")
     return layer.ExportToString()
 

@@ -1,0 +1,257 @@
+"""Write schema/simulation.usda from the parameters: `python -m usdsplat.sim.schema_source`.
+
+With --check it only compares. What a parameter is, is said once, in `sim.parameters`; USD learns it
+from here, in plain text. Then `python -m usdsplat.schema.generate` makes plugInfo/ from all that
+the schema folder declares.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from usdsplat.core.knobs import Knob, knobs
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
+
+TARGET = Path(__file__).resolve().parents[1] / "schema" / "simulation.usda"
+
+USD_TYPES = {bool: "bool", int: "int", float: "float", str: "string"}
+"""Type of a knob -> of its attribute, where the knob names none; choices are tokens."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SchemaClass:
+    """One class of the schema: which groups it holds, and what it is for."""
+
+    name: str
+    doc: str
+    groups: tuple[str, ...]
+    relationships: tuple[tuple[str, str], ...] = ()
+    """Name after the namespace, and documentation."""
+    applies_to: tuple[str, ...] = ("SplatSim",)
+    """Types of prims that an API schema is for."""
+
+
+AFFECTOR_TYPES = ("Sphere", "Capsule", "Capsule_1", "Cube", "Plane", "Mesh", "Skeleton")
+
+SIMULATION = SchemaClass(
+    name="SplatSim",
+    doc="A simulation of splat fields, done by 'usdsplat simulate' and never by a renderer: its "
+    "result is a layer of opinions over the fields. The collection 'splats' holds the fields, all "
+    "of the stage's where it holds nothing; the collection 'affectors' the prims that act on them, "
+    "all that SplatAffectorAPI is applied to where it holds nothing. What is simulated besides is "
+    "said by the API schemas that are applied to this prim; lengths are in the units of the space "
+    "that it takes place in.",
+    groups=("sim", "neighbors"),
+)
+
+SINGLE = (
+    SchemaClass(
+        name="SplatSimGrowthAPI",
+        doc="A pattern that grows on the splats, and what grows with it.",
+        groups=("rd", "relax", "growth"),
+        relationships=(
+            ("relax:surface", "Mesh that splats are kept on while they are spread evenly."),
+        ),
+    ),
+    SchemaClass(
+        name="SplatSimSettleAPI",
+        doc="How splats come back from where they were pushed.",
+        groups=("settle",),
+    ),
+    SchemaClass(
+        name="SplatSimConformAPI",
+        doc="Splats that move onto another shape.",
+        groups=("conform",),
+        relationships=(("conform:target", "Mesh that splats move onto; it may move itself."),),
+    ),
+    SchemaClass(
+        name="SplatSimDeformAPI",
+        doc="Splats that follow a skeleton. Deformers are instances of SplatDeformerAPI.",
+        groups=("skin",),
+        relationships=(
+            ("skin:skeleton", "Skeleton that splats follow."),
+            (
+                "skin:mesh",
+                "Mesh bound to the skeleton, from which splats take their joint weights or on "
+                "whose triangles they ride. Without it the field itself must have the primvars "
+                "skel:jointIndices and skel:jointWeights.",
+            ),
+        ),
+    ),
+    SchemaClass(
+        name="SplatSimParticlesAPI",
+        doc="Splats that fly.",
+        groups=("particles", "dissolve"),
+    ),
+    SchemaClass(
+        name="SplatSimAppearanceAPI",
+        doc="How the splats' shapes and colours follow. What the simulation drives besides is "
+        "said by instances of SplatDriverAPI.",
+        groups=("appearance",),
+    ),
+    SchemaClass(
+        name="SplatSimBakeAPI",
+        doc="How the layer of results is written.",
+        groups=("bake",),
+    ),
+    SchemaClass(
+        name="SplatAffectorAPI",
+        doc="A shape that acts on splats: it pushes them out, or changes what is simulated in and "
+        "around it. It acts whether it is visible or not.",
+        groups=("affector",),
+        applies_to=AFFECTOR_TYPES,
+    ),
+)
+
+MULTIPLE = (
+    SchemaClass(
+        name="SplatDeformerAPI",
+        doc="One deformer of a simulation's stack, by name.",
+        groups=("deform",),
+        relationships=(
+            ("frame", "Prim in whose space it acts; without it that is the field's own."),
+        ),
+    ),
+    SchemaClass(
+        name="SplatDriverAPI",
+        doc="What the simulation knows drives what one sees, by name.",
+        groups=("driver",),
+    ),
+)
+
+_HEADER = '''#usda 1.0
+(
+    """The simulation's schemas, generated from usdsplat/sim/parameters by
+    `python -m usdsplat.sim.schema_source`; edit those instead."""
+    subLayers = [
+        @usd/schema.usda@
+    ]
+)
+'''
+
+
+def usd_type(item: Knob) -> str:
+    """The Sdf value type name of a knob's attribute."""
+    if item.usd_type is not None:
+        return item.usd_type
+    return "token" if item.choices is not None else USD_TYPES[item.type]
+
+
+def documentation(item: Knob) -> str:
+    """What an attribute does, its unit and its limits, for those who read USD's names."""
+    text = re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda found: camel(found.group()), item.text)
+    text = text[0].upper() + text[1:]
+    limits = _limits(*item.range) if item.range else ""
+    unit = f"[{item.unit}]" if item.unit else ""
+    if limits:
+        return f"{text}. Range: {' '.join(filter(None, (limits, unit)))}."
+    return f"{text} {unit}." if unit and unit not in text else f"{text}."
+
+
+def source() -> str:
+    """All of simulation.usda."""
+    parts = [_HEADER]
+    collections = '["CollectionAPI:splats", "CollectionAPI:affectors"]'
+    parts.append(
+        f'class {SIMULATION.name} "{SIMULATION.name}" (\n    inherits = </Typed>\n'
+        f"    prepend apiSchemas = {collections}\n    {_doc(SIMULATION.doc)}\n)\n"
+        + _body(SIMULATION, f"{NAMESPACE}:")
+    )
+    for each in SINGLE:
+        parts.append(_api(each, "singleApply") + _body(each, f"{NAMESPACE}:"))
+    for each in MULTIPLE:
+        prefix = f"{NAMESPACE}:{each.groups[0]}"
+        parts.append(_api(each, "multipleApply", prefix) + _body(each, ""))
+    return "\n".join(parts)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the file, or with --check say whether it is stale; status 1 if it is."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    check = parser.parse_args(argv).check
+    text = source()
+    if TARGET.is_file() and TARGET.read_text(encoding="utf-8") == text:
+        return 0
+    if not check:
+        TARGET.write_text(text, encoding="utf-8")
+    print(f"{TARGET}: {'stale' if check else 'written'}")
+    return 1 if check else 0
+
+
+def _limits(lower: float, upper: float) -> str:
+    """Words for an interval, open ends left out."""
+    low, high = (f"{end:.10g}" for end in (lower, upper))
+    if math.isinf(upper):
+        return "" if math.isinf(lower) else f"{low} or more"
+    return f"{high} or less" if math.isinf(lower) else f"{low} to {high}"
+
+
+def _api(each: SchemaClass, kind: str, prefix: str = "") -> str:
+    """The head of an API schema."""
+    names = ", ".join(f'"{name}"' for name in each.applies_to)
+    lines = [f'token apiSchemaType = "{kind}"']
+    lines += [f'token propertyNamespacePrefix = "{prefix}"'] if prefix else []
+    lines += _folded(f"token[] apiSchemaCanOnlyApplyTo = [{names}]")
+    data = "".join(f"        {line}\n" for line in lines)
+    return (
+        f'class "{each.name}" (\n    inherits = </APISchemaBase>\n    {_doc(each.doc)}\n'
+        f"    customData = {{\n{data}    }}\n)\n"
+    )
+
+
+def _body(each: SchemaClass, namespace: str) -> str:
+    """Its properties."""
+    lines = []
+    for group in each.groups:
+        lead = f"{namespace}{group}:" if namespace else ""
+        lines += [_attribute(lead, item) for item in knobs({**GROUPS, **INSTANCED}[group])]
+    for name, doc in each.relationships:
+        lines.append(f"    rel {namespace}{name} (\n        {_doc(doc, 8)}\n    )\n")
+    return "{\n" + "".join(lines) + "}\n"
+
+
+def _attribute(lead: str, item: Knob) -> str:
+    """The declaration of one knob."""
+    uniform = "uniform " if item.uniform else ""
+    name = f"{lead}{camel(item.name)}"
+    lines = [f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"]
+    if item.choices is not None:
+        tokens = ", ".join(f'"{choice}"' for choice in item.choices)
+        lines += [f"        {line}\n" for line in _folded(f"allowedTokens = [{tokens}]")]
+    return "".join(lines) + f"        {_doc(documentation(item), 8)}\n    )\n"
+
+
+def _doc(text: str, indent: int = 4) -> str:
+    """Documentation, folded."""
+    lines = textwrap.wrap(f'doc = """{text}', 100 - indent - 3, break_long_words=False)
+    return f"\n{' ' * indent}".join(lines) + '"""'
+
+
+def _folded(text: str) -> Iterator[str]:
+    """A list over as many lines as it needs."""
+    for number, line in enumerate(textwrap.wrap(text, 84, break_on_hyphens=False)):
+        yield line if number == 0 else f"    {line}"
+
+
+def _literal(value: Any) -> str:
+    """A value as USD's text files spell it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return f"{value:.9g}" if isinstance(value, float) else str(value)
+    if isinstance(value, str):
+        return f'"{value}"'
+    inner = ", ".join(_literal(part) for part in value)
+    return f"({inner})" if value else "[]"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
