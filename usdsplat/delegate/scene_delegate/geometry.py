@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -16,18 +16,16 @@ from pxr import Usd, UsdGeom
 from usdsplat.core.cloud import F32, I32
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.surface.refine import Surface
-from usdsplat.core.surface.topology import Boundary, FaceVarying, Scheme, Topology
+from usdsplat.core.surface.topology import Topology
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.readings import Sources
-from usdsplat.delegate.scene_delegate.skeletons import Skeletons, Skin
-from usdsplat.delegate.scene_delegate.values import integers, value, vectors
+from usdsplat.delegate.scene_delegate.skeletons import Skeletons
+from usdsplat.schema.shapes import mesh_points, topology
+from usdsplat.schema.skin import Skin
+from usdsplat.schema.values import integers, value, vectors
 
 SHAPE = DirtyBits.TOPOLOGY | DirtyBits.POINTS | DirtyBits.NORMALS | DirtyBits.DISPLAY_STYLE
 """What the triangles and their normals depend on."""
-
-SCHEMES = ("none", "catmullClark", "loop", "bilinear")
-BOUNDARIES = ("none", "edgeOnly", "edgeAndCorner")
-FACE_VARYING = ("none", "cornersOnly", "cornersPlus1", "cornersPlus2", "boundaries", "all")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -88,7 +86,7 @@ class MeshGeometry(Geometry):
         moved: F32 | None = None
         if bits & DirtyBits.TOPOLOGY or self._topology is None:
             context.pulls["topology"] += 1
-            self._topology = _topology(prim, context.time)
+            self._topology = topology(prim, context.time)
             self._surface = None
         if bits & (DirtyBits.POINTS | DirtyBits.TOPOLOGY | DirtyBits.DISPLAY_STYLE):
             context.pulls["points"] += 1
@@ -121,24 +119,14 @@ class MeshGeometry(Geometry):
         """The cage's points where they are now; keeps those by which polygons are cut."""
         where = f"{self.where}.points"
         attribute = prim.GetAttribute("points")
-        points = vectors(where, value(attribute, time), 3)
+        points = mesh_points(prim, time)
         rest = vectors(where, value(attribute, Usd.TimeCode.Default()), 3)
         rest_or_none = rest if len(rest) == len(points) else None
         if not _same(rest_or_none, self._rest):
             self._rest = rest_or_none
             self._may_cut_otherwise = True
         self._count = len(points)
-        points = self._between_samples(prim, points, time)
         return self._skin.points(points, time) if self._skin else points
-
-    def _between_samples(self, prim: Usd.Prim, points: F32, time: Usd.TimeCode) -> F32:
-        """Points moved on from the last sample by velocities, where USD says that they are."""
-        velocities = prim.GetAttribute("velocities")
-        if time.IsDefault() or not velocities or not velocities.HasAuthoredValue():
-            return points
-        vectors(f"{self.where}.velocities", value(velocities, time), 3)
-        moved = UsdGeom.PointBased(prim).ComputePointsAtTime(time, time)
-        return vectors(f"{self.where}.points", moved, 3) if len(moved) == len(points) else points
 
     def _build(self, levels: int) -> bool:
         """Work out the surface again if anything about it is other than before."""
@@ -192,39 +180,6 @@ class MeshGeometry(Geometry):
             normals, indices = self._skin.normals(normals, at, self._count, context.time), None
         corners = surface.corners(normals, interpolation, indices)
         return unit(corners, self.points[self.triangles])
-
-
-def _topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
-    """What `prim` says of its faces."""
-    where = str(prim.GetPath())
-
-    def whole(name: str) -> I32:
-        return integers(f"{where}.{name}", value(prim.GetAttribute(name), time))
-
-    def numbers(name: str) -> F32:
-        found = value(prim.GetAttribute(name), time)
-        return vectors(f"{where}.{name}", found, 1)[:, 0]
-
-    def token(name: str, known: tuple[str, ...]) -> str:
-        found = value(prim.GetAttribute(name), time)
-        if found not in known:
-            raise StageError(f"{where}.{name}", repr(found), f"one of {', '.join(known)}")
-        return str(found)
-
-    return Topology(
-        counts=whole("faceVertexCounts"),
-        indices=whole("faceVertexIndices"),
-        scheme=cast(Scheme, token("subdivisionScheme", SCHEMES)),
-        left_handed=value(prim.GetAttribute("orientation"), time) == UsdGeom.Tokens.leftHanded,
-        holes=whole("holeIndices"),
-        crease_indices=whole("creaseIndices"),
-        crease_lengths=whole("creaseLengths"),
-        crease_sharpnesses=numbers("creaseSharpnesses"),
-        corner_indices=whole("cornerIndices"),
-        corner_sharpnesses=numbers("cornerSharpnesses"),
-        boundary=cast(Boundary, token("interpolateBoundary", BOUNDARIES)),
-        face_varying=cast(FaceVarying, token("faceVaryingLinearInterpolation", FACE_VARYING)),
-    )
 
 
 def _normals_of(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Any, str, I32 | None]:

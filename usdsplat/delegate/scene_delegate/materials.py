@@ -17,9 +17,9 @@ from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
-from usdsplat.delegate.scene_delegate.values import value
 from usdsplat.delegate.specs import MaterialSpec, TextureSpec, Wrap
 from usdsplat.images.texture import Encoding
+from usdsplat.schema.values import value
 
 DISPLAY_COLOR = "displayColor"
 NEUTRAL: Color = (0.18, 0.18, 0.18)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import StageError
-from usdsplat.delegate.scene_delegate.values import integers, vectors
+from usdsplat.schema.values import integers, vectors
 
 
 def test_numbers_that_do_not_fit_are_refused() -> None:

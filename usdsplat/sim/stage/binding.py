@@ -1,0 +1,104 @@
+"""What binds a field to a skeleton, and the skeleton's pose.
+
+Joints take splats from where they were bound, which is said in the simulation's space as the
+skeleton stood in it at the start. A field whose own primvars say which joints its splats follow
+was bound where `skel:geomBindTransform` puts it, as any prim of UsdSkel's. One that takes them
+from a mesh was bound where it stands, unless it has such a transform itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdSkel
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError
+from usdsplat.schema.values import value
+from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
+from usdsplat.sim.stage.skeletons import Influences, Rigs, matrix_of, skinning_transforms
+from usdsplat.sim.stage.spaces import Space, carry
+from usdsplat.sim.stage.targets import SurfaceReader, Triangles, outwards, related
+
+SKELETON = f"{NAMESPACE}:skin:skeleton"
+MESH = f"{NAMESPACE}:skin:mesh"
+
+
+class BindingReader:
+    """The skeleton that a simulation names, for one field.
+
+    Args:
+        simulation: With the relationships.
+        skeleton: What the first of them names.
+        count: Splats of the field.
+        space: The simulation's; has the field.
+        rigs: What UsdSkel knows of the stage.
+        by_triangles: Whether splats ride on the mesh's triangles rather than by joints.
+
+    Raises:
+        StageError: If nothing says which joints splats follow, or it does not fit.
+    """
+
+    def __init__(
+        self,
+        simulation: Usd.Prim,
+        skeleton: Usd.Prim,
+        count: int,
+        space: Space,
+        rigs: Rigs,
+        *,
+        by_triangles: bool,
+    ) -> None:
+        self._skeleton, self._space = skeleton, space
+        self._query = rigs.query(skeleton)
+        self._bound_from = space.from_prim(skeleton, space.start)
+        self._mesh: SurfaceReader | None = None
+        mesh = related(simulation, MESH)
+        own = rigs.influences(space.field, skeleton, count)
+        if mesh is None:
+            self.binding = self._of_field(simulation, own)
+        else:
+            self.binding = self._of_mesh(mesh, own, rigs)
+            if by_triangles:
+                self._mesh = SurfaceReader(mesh, space, rigs)
+
+    def at(self, time: Usd.TimeCode) -> SkinPose:
+        """Where the joints are at a time."""
+        now = self._space.from_prim(self._skeleton, time)
+        joints = now @ skinning_transforms(self._query, time) @ np.linalg.inv(self._bound_from)
+        return SkinPose(joints=joints, surface=self._mesh.at(time) if self._mesh else None)
+
+    def _of_field(self, simulation: Usd.Prim, own: Influences | None) -> SkinBinding:
+        """By the primvars of the field."""
+        if own is None:
+            found = "no mesh, and a field without joint weights"
+            raise StageError(f"{simulation.GetPath()}.{MESH}", found, "one of both")
+        bind = self._bound_from @ own.bind
+        return SkinBinding(indices=own.indices, weights=own.weights, bind=bind)
+
+    def _of_mesh(self, mesh: Usd.Prim, own: Influences | None, rigs: Rigs) -> SkinBinding:
+        """By a mesh; what the field says itself of its joints counts before it."""
+        where = str(mesh.GetPath())
+        if not mesh.IsA(UsdGeom.Mesh):
+            raise StageError(where, f"a prim of type {mesh.GetTypeName()!s}", "a Mesh")
+        points, triangles = Triangles(mesh, rigs).rest(Usd.TimeCode.Default())
+        follows = rigs.influences(mesh, self._skeleton, len(points))
+        if follows is None:
+            found = "a mesh without joint weights"
+            raise StageError(where, found, f"one that {self._skeleton.GetPath()} moves")
+        matrix = self._bound_from @ follows.bind
+        surface = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
+        return SkinBinding(
+            indices=None if own is None else own.indices,
+            weights=None if own is None else own.weights,
+            bind=self._field_bind(),
+            surface=surface,
+            surface_indices=follows.indices,
+            surface_weights=follows.weights,
+        )
+
+    def _field_bind(self) -> F64:
+        """Where a field without joints of its own was bound: where it stands, or as it says."""
+        name = UsdSkel.Tokens.primvarsSkelGeomBindTransform
+        found = value(self._space.field.GetAttribute(name), Usd.TimeCode.Default())
+        return np.eye(4) if found is None else self._bound_from @ matrix_of(found)

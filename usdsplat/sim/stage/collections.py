@@ -1,0 +1,82 @@
+"""Who is in a simulation: its fields and its affectors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from pxr import Usd
+
+from usdsplat import schema
+from usdsplat.core.errors import StageError
+from usdsplat.sim.parameters import NAMESPACE
+
+SIMULATION_TYPE = "SplatSim"
+AFFECTOR_API = "SplatAffectorAPI"
+SPLATS = "splats"
+AFFECTORS = "affectors"
+"""Collections of a simulation."""
+
+
+def find_simulations(stage: Usd.Stage) -> list[Usd.Prim]:
+    """All SplatSim prims of a stage that are active and defined, in the order of the stage."""
+    return [prim for prim in stage.Traverse() if prim.GetTypeName() == SIMULATION_TYPE]
+
+
+def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[str]]:
+    """The fields of a simulation, ordered by path, and a sentence for each that it must leave out.
+
+    Those in instances are left out: nothing can be said about them.
+    """
+    everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
+    found = _members(everyone, simulation, SPLATS, schema.is_splat_field)
+    remarks = [
+        str(StageError(str(prim.GetPath()), "a field in an instance", "one that can be edited"))
+        for prim in found
+        if prim.IsInstanceProxy()
+    ]
+    return [prim for prim in found if not prim.IsInstanceProxy()], remarks
+
+
+def affectors(stage: Usd.Stage, simulation: Usd.Prim) -> list[Usd.Prim]:
+    """The affectors of a simulation, ordered by path, visible or not, those in instances too."""
+    everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
+    return _members(everyone, simulation, AFFECTORS, is_affector)
+
+
+def is_affector(prim: Usd.Prim) -> bool:
+    """Whether SplatAffectorAPI is applied to a prim, known to USD or not, or one of its attributes
+    is authored."""
+    if AFFECTOR_API in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+        return True
+    lead = f"{NAMESPACE}:affector:"
+    return any(name.startswith(lead) for name in prim.GetAuthoredPropertyNames())
+
+
+def _members(
+    everyone: Usd.PrimRange,
+    simulation: Usd.Prim,
+    name: str,
+    is_one: Callable[[Usd.Prim], bool],
+) -> list[Usd.Prim]:
+    """Prims that are one and are in the collection, or all where it holds nothing."""
+    query = _query(simulation, name)
+    found = [
+        prim
+        for prim in everyone
+        if is_one(prim) and (query is None or query.IsPathIncluded(prim.GetPath()))
+    ]
+    return sorted(found, key=lambda prim: prim.GetPath())
+
+
+def _query(simulation: Usd.Prim, name: str) -> Usd.CollectionMembershipQuery | None:
+    """What says who is in a collection; None where nobody says so."""
+    includes = simulation.GetRelationship(f"collection:{name}:includes")
+    expression = simulation.GetAttribute(f"collection:{name}:membershipExpression")
+    root = simulation.GetAttribute(f"collection:{name}:includeRoot")
+    if not (
+        (includes and includes.HasAuthoredTargets())
+        or (expression and expression.HasAuthoredValue())
+        or (root and root.Get())
+    ):
+        return None
+    return Usd.CollectionAPI(simulation, name).ComputeMembershipQuery()

@@ -1,0 +1,207 @@
+"""What a stage says of its simulations: a recipe for each field of each SplatSim prim.
+
+Prims and attributes are known by their names, so all of it can be read where USD does not know our
+schemas. The stage must not change while its recipes are in use.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pxr import Usd
+
+from usdsplat.core.cloud import F32, F64, SplatCloud
+from usdsplat.sim.parameters import (
+    GROUPS,
+    NAMESPACE,
+    DeformParameters,
+    DriverParameters,
+    Parameters,
+    SimParameters,
+    SkinParameters,
+)
+from usdsplat.sim.specs import Affector, Deformer, Driver, Moment, SkinBinding
+from usdsplat.sim.stage import collections, fields
+from usdsplat.sim.stage.affectors import AffectorReader
+from usdsplat.sim.stage.binding import SKELETON, BindingReader
+from usdsplat.sim.stage.collections import find_simulations
+from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all, remarks
+from usdsplat.sim.stage.skeletons import Rigs
+from usdsplat.sim.stage.spaces import Space
+from usdsplat.sim.stage.targets import SurfaceReader, related
+
+__all__ = ["StageRecipe", "find_simulations", "recipes"]
+
+TARGET = f"{NAMESPACE}:conform:target"
+RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
+
+
+def recipes(
+    stage: Usd.Stage, simulation: Usd.Prim, *, start: float | None = None
+) -> tuple[StageRecipe, ...]:
+    """One recipe for each field of a simulation, ordered by path.
+
+    Args:
+        stage: What it is on.
+        simulation: A SplatSim prim.
+        start: First frame that is simulated [time code]; None is the stage's first. The
+            simulation's own start time comes before both.
+
+    Raises:
+        UsdSplatError: If something that the simulation needs is not there or cannot be used.
+    """
+    rigs = Rigs()
+    found, left_out = collections.splats(stage, simulation)
+    first = stage.GetStartTimeCode() if start is None else start
+    return tuple(StageRecipe(simulation, prim, rigs, first, left_out) for prim in found)
+
+
+class StageRecipe:
+    """One field and all that acts on it; see `sim.specs.Recipe`.
+
+    Args:
+        simulation: The SplatSim prim.
+        field: The splat field.
+        rigs: What UsdSkel knows of the stage.
+        first: First frame that is simulated [time code].
+        said: Remarks about the simulation that were made before.
+    """
+
+    def __init__(
+        self,
+        simulation: Usd.Prim,
+        field: Usd.Prim,
+        rigs: Rigs,
+        first: float,
+        said: list[str] | None = None,
+    ) -> None:
+        self._simulation, self._field, self._rigs = simulation, field, rigs
+        stage = simulation.GetStage()
+        asked = read(simulation, SimParameters, f"{NAMESPACE}:sim", Usd.TimeCode.Default())
+        self.start = asked.start_time if math.isfinite(asked.start_time) else first
+        """First frame of the simulation [time code]."""
+        self._space = Space(field, asked.space, Usd.TimeCode(self.start))
+        self._rest = fields.read_rest(field, self._space.start)
+        self._selection = fields.read_selection(field, len(self._rest), self._space.start)
+        members = collections.affectors(stage, simulation)
+        self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
+        self._target = self._surface(TARGET)
+        self._relax_surface = self._surface(RELAX_SURFACE)
+        self._frames = {
+            name: related(simulation, f"{NAMESPACE}:deform:{name}:{FRAME}")
+            for name in instances(simulation, "deform")
+        }
+        self._drivers = instances(simulation, "driver")
+        self._skin = self._bind()
+        self.remarks: tuple[str, ...] = (
+            *(said or ()),
+            *remarks(simulation, (*GROUPS, "deform", "driver")),
+            *(each for prim in members for each in remarks(prim, ("affector",))),
+        )
+        """What the stage says and nobody reads, a sentence each."""
+
+    @property
+    def path(self) -> str:
+        """Of the field."""
+        return str(self._field.GetPath())
+
+    @property
+    def simulation(self) -> str:
+        """Path of the SplatSim prim."""
+        return str(self._simulation.GetPath())
+
+    @property
+    def rest(self) -> SplatCloud:
+        """The capture as it is at the start, in the simulation's space."""
+        return self._rest
+
+    @property
+    def selection(self) -> F32 | None:
+        """`primvars:splatSim:weight`, shape (n,), 0 to 1; None where all are selected."""
+        return self._selection
+
+    @property
+    def binding(self) -> SkinBinding | None:
+        """What binds the field to a skeleton."""
+        return self._skin.binding if self._skin else None
+
+    @property
+    def codes_per_second(self) -> float:
+        """Time codes in a second."""
+        return float(self._simulation.GetStage().GetTimeCodesPerSecond())
+
+    def at(self, time: float) -> Moment:
+        """What is so at a time code, whole or not.
+
+        Raises:
+            StageError: If a value is none that it can be.
+        """
+        code = Usd.TimeCode(time)
+        return Moment(
+            time=time,
+            parameters=self.parameters(time),
+            to_world=self._space.to_world(code),
+            affectors=tuple(each.at(code) for each in self._affectors),
+            target=self._target.at(code) if self._target else None,
+            relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
+            deformers=self._deformers(code),
+            drivers=tuple(self._driver(name, code) for name in self._drivers),
+            skin=self._skin.at(code) if self._skin else None,
+        )
+
+    def parameters(self, time: float) -> Parameters:
+        """All parameters of the simulation at a time code."""
+        return read_all(self._simulation, Usd.TimeCode(time))
+
+    def affectors(self, time: float) -> tuple[Affector, ...]:
+        """The affectors alone at a time code."""
+        return tuple(each.at(Usd.TimeCode(time)) for each in self._affectors)
+
+    def field_to_simulation(self, time: float) -> F64:
+        """From the field's space at a time code to the simulation's, shape (4, 4)."""
+        return self._space.from_prim(self._field, Usd.TimeCode(time))
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _surface(self, name: str) -> SurfaceReader | None:
+        prim = related(self._simulation, name)
+        return SurfaceReader(prim, self._space, self._rigs) if prim else None
+
+    def _bind(self) -> BindingReader | None:
+        skeleton = related(self._simulation, SKELETON)
+        if skeleton is None:
+            return None
+        asked = read(self._simulation, SkinParameters, f"{NAMESPACE}:skin", Usd.TimeCode.Default())
+        return BindingReader(
+            self._simulation,
+            skeleton,
+            len(self._rest),
+            self._space,
+            self._rigs,
+            by_triangles=asked.binding == "triangles",
+        )
+
+    def _deformers(self, code: Usd.TimeCode) -> tuple[Deformer, ...]:
+        found = [self._deformer(name, code) for name in self._frames]
+        return tuple(sorted(found, key=lambda each: (each.parameters.order, each.name)))
+
+    def _deformer(self, name: str, code: Usd.TimeCode) -> Deformer:
+        lead = f"{NAMESPACE}:deform:{name}"
+        asked = read(self._simulation, DeformParameters, lead, code)
+        prim = self._frames[name]
+        mask = None
+        if asked.mask:
+            mask = fields.per_splat(self._field, asked.mask, len(self._rest), code)
+            if mask is None:
+                raise fields.missing(self._simulation, f"{lead}:mask", asked.mask, self._field)
+        return Deformer(
+            name=name,
+            parameters=asked,
+            frame=self._space.from_prim(prim, code) if prim else np.eye(4),
+            mask=mask,
+        )
+
+    def _driver(self, name: str, code: Usd.TimeCode) -> Driver:
+        lead = f"{NAMESPACE}:driver:{name}"
+        return Driver(name=name, parameters=read(self._simulation, DriverParameters, lead, code))

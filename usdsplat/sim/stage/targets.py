@@ -1,0 +1,142 @@
+"""Meshes and shapes as triangles, at any time, in the simulation's space."""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from usdsplat.core.cloud import F32, I32
+from usdsplat.core.errors import StageError
+from usdsplat.core.surface.refine import Surface as Triangulation
+from usdsplat.schema import shapes
+from usdsplat.schema.values import value
+from usdsplat.sim.specs import Surface
+from usdsplat.sim.stage.skeletons import Rigs
+from usdsplat.sim.stage.spaces import Space, carry
+
+SHAPES = ("Sphere", "Cube", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
+SIZES = ("radius", "radiusBottom", "radiusTop", "height", "size", "width", "length", "axis")
+TOPOLOGY = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "orientation")
+
+
+class Triangles:
+    """The triangles of one prim in a space of its own; a mesh is its cage."""
+
+    def __init__(self, prim: Usd.Prim, rigs: Rigs) -> None:
+        self.prim = prim
+        self._is_mesh = bool(prim.IsA(UsdGeom.Mesh))
+        if not self._is_mesh and prim.GetTypeName() not in SHAPES:
+            kind = f"a prim of type {prim.GetTypeName()!s}"
+            raise StageError(str(prim.GetPath()), kind, "a Mesh, or a shape of UsdGeom's")
+        skinned = rigs.skin(prim) if self._is_mesh else None
+        self._skin = skinned[0] if skinned else None
+        self.placer = skinned[1] if skinned else prim
+        """The prim in whose space the points are."""
+        self._built: tuple[int, I32] | None = None
+
+    @property
+    def varies(self) -> bool:
+        """Whether the points may not be the same at all times."""
+        names = (*TOPOLOGY, "points") if self._is_mesh else SIZES
+        found = [self.prim.GetAttribute(name) for name in names]
+        moves = self.prim.GetAttribute("velocities")
+        return (
+            self._skin is not None
+            or any(each and each.ValueMightBeTimeVarying() for each in found)
+            or bool(self._is_mesh and moves and moves.HasAuthoredValue())
+        )
+
+    def at(self, time: Usd.TimeCode) -> tuple[F32, I32]:
+        """Points, shape (p, 3), and triangles, shape (t, 3), counter-clockwise from outside.
+
+        Raises:
+            StageError: If there are none, or they do not hold together.
+        """
+        if not self._is_mesh:
+            shape = shapes.shape(self.prim, time)
+            return shape.points, shape.triangles
+        points = shapes.mesh_points(self.prim, time)
+        triangles = self._triangles(points, time)
+        return (self._skin.points(points, time) if self._skin else points), triangles
+
+    def rest(self, time: Usd.TimeCode) -> tuple[F32, I32]:
+        """The same before any skin moves the points, in the prim's own space."""
+        points = shapes.mesh_points(self.prim, time)
+        return points, self._triangles(points, time)
+
+    def _triangles(self, points: F32, time: Usd.TimeCode) -> I32:
+        """How the polygons are cut; the same at all times where the topology is."""
+        stays = not any(
+            attribute and attribute.ValueMightBeTimeVarying()
+            for attribute in (self.prim.GetAttribute(name) for name in TOPOLOGY)
+        )
+        if stays and self._built is not None and self._built[0] == len(points):
+            return self._built[1]
+        where = str(self.prim.GetPath())
+        default = value(self.prim.GetAttribute("points"), Usd.TimeCode.Default())
+        rest = points
+        if default is not None and len(default) == len(points):
+            rest = np.array(default, np.float32)  # so that when it is first read does not matter
+        cut = Triangulation(
+            shapes.topology(self.prim, time), points=len(points), levels=0, rest=rest, where=where
+        )
+        if not len(cut.triangles):
+            raise StageError(where, "a mesh without faces", "one that has some")
+        self._built = len(points), cut.triangles
+        return cut.triangles
+
+
+class SurfaceReader:
+    """The surface of one prim in the simulation's space; where nothing moves, the same one."""
+
+    def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs) -> None:
+        self.triangles = Triangles(prim, rigs)
+        self._space = space
+        self._last: Surface | None = None
+
+    def at(self, time: Usd.TimeCode) -> Surface:
+        """The surface at a time.
+
+        Raises:
+            StageError: If the prim has no triangles.
+        """
+        points, triangles = self.triangles.at(time)
+        matrix = self._space.from_prim(self.triangles.placer, time)
+        made = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
+        self._last = same_or(self._last, made)
+        return self._last
+
+
+def outwards(triangles: I32, matrix: np.ndarray) -> I32:
+    """Triangles that are counter-clockwise from outside after `matrix` as they were before."""
+    if np.linalg.det(matrix[:3, :3]) >= 0:
+        return triangles
+    return np.ascontiguousarray(triangles[:, ::-1])
+
+
+def same_or(last: Surface | None, made: Surface) -> Surface:
+    """The surface that was there before, if the new one is its equal: what is worked out of it can
+    be kept."""
+    if last is None:
+        return made
+    equal = np.array_equal(last.points, made.points)
+    return last if equal and np.array_equal(last.triangles, made.triangles) else made
+
+
+def related(prim: Usd.Prim, name: str) -> Usd.Prim | None:
+    """The prim that a relationship names, if it names one.
+
+    Raises:
+        StageError: If it names several, or one that is not there.
+    """
+    relationship = prim.GetRelationship(name)
+    targets = relationship.GetForwardedTargets() if relationship else []
+    if not targets:
+        return None
+    where = f"{prim.GetPath()}.{name}"
+    if len(targets) > 1:
+        raise StageError(where, f"{len(targets)} targets", "one")
+    found = prim.GetStage().GetPrimAtPath(targets[0].GetPrimPath())
+    if not found:
+        raise StageError(where, f"the target {targets[0]}, which is not there", "a prim")
+    return found
