@@ -12,6 +12,7 @@ import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any, Literal, TypeVar
 
 from usdsplat.core.errors import UsageError
@@ -77,6 +78,11 @@ def knob(
 
 def knobs(cls: type) -> tuple[Knob, ...]:
     """List the knobs of a dataclass in order of declaration; other fields are left out."""
+    return _declared(cls)
+
+
+@cache  # annotations take long to resolve, and do not change
+def _declared(cls: Any) -> tuple[Knob, ...]:
     hints = typing.get_type_hints(cls)
     found = []
     for item in fields(cls):

@@ -1,0 +1,159 @@
+"""Simulations that are ready to run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from tests.schema.clouds import cloud
+from tests.sim.stage.stages import moved, place, rigid, world
+from usdsplat import schema
+from usdsplat.core.errors import OutputError, StageError, UsageError
+from usdsplat.sim.stage.presets import PresetName, author_preset
+from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
+
+PRESETS = get_args(PresetName)
+
+
+def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
+    """A file with a field of 500 splats, twice as large as itself and turned."""
+    stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
+    UsdGeom.SetStageUpAxis(stage, up)
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    for number in range(fields):
+        prim = schema.author(stage, f"/World/Scan{number}", cloud(number, n=500))
+        place(prim, rigid(4, 2.0))
+    stage.Save()
+    return stage
+
+
+def written(folder: Path, name: PresetName, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
+    """A preset, opened again."""
+    (folder / "shots").mkdir()
+    author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda")
+    stage = Usd.Stage.Open(str(folder / "shots" / "sim.usda"))
+    (sim,) = find_simulations(stage)
+    (recipe,) = recipes(stage, sim)
+    return stage, recipe
+
+
+def box(stage: Usd.Stage) -> np.ndarray:
+    """The 5th and 95th percentiles of the splats in the world, shape (2, 3)."""
+    prim = stage.GetPrimAtPath("/World/Scan0")
+    points = moved(world(prim), schema.fetch(prim).positions)
+    return np.percentile(points, (5, 95), axis=0)
+
+
+@pytest.mark.parametrize("up", ["Y", "Z"])
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_a_stage_that_holds_the_capture(name, up, tmp_path) -> None:
+    """Oracle: USD and our validation; everything in it is read, at every frame."""
+    stage, recipe = written(tmp_path, name, up)
+    assert stage.GetRootLayer().subLayerPaths[0] == "../capture.usdc"
+    assert not stage.GetCompositionErrors()
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 100)
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 24
+    assert UsdGeom.GetStageUpAxis(stage) == up and UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+    assert str(stage.GetDefaultPrim().GetPath()) == "/World"
+    assert [each for each in schema.validate(stage) if each.severity == "error"] == []
+    assert recipe.path == "/World/Scan0" and len(recipe.rest) == 500 and recipe.remarks == ()
+    for frame in range(1, 101):
+        recipe.at(frame)
+    for prim in stage.Traverse():
+        attributes = prim.GetAuthoredAttributes()
+        assert not any(each.IsCustom() for each in attributes if "splatSim" in each.GetName())
+
+
+@pytest.mark.parametrize("name", ["push", "grow"])
+def test_a_ball_goes_through_the_middle_of_the_capture(name, tmp_path) -> None:
+    """Oracle: the capture's box: outside it first and last, in its middle half-way."""
+    stage, recipe = written(tmp_path, name)
+    low, high = box(stage)
+    ball = stage.GetPrimAtPath("/World/Simulation/Ball")
+    radius = UsdGeom.Sphere(ball).GetRadiusAttr().Get()
+    times = UsdGeom.Xformable(ball).GetTimeSamples()
+    first, middle, last = (world(ball, t)[:3, 3] for t in (times[0], np.mean(times), times[-1]))
+    assert np.allclose(middle, (low + high) / 2, atol=1e-5)
+    for end in (first, last):
+        outside = np.maximum(low - end, end - high).max()
+        assert outside == pytest.approx(1.5 * radius, rel=1e-5)
+    (affector,) = recipe.at(float(np.mean(times))).affectors
+    assert affector.solids[0].size[0] == pytest.approx(radius / 2)  # the field is twice its size
+    assert UsdGeom.Gprim(ball).GetDisplayColorAttr().Get()
+
+
+def test_a_pattern_is_formed_by_the_last_frame(tmp_path) -> None:
+    """Oracle: about 6,000 reaction steps; lengths are in units of the field."""
+    stage, recipe = written(tmp_path, "grow")
+    asked = recipe.at(1).parameters
+    assert asked.rd.enabled and asked.rd.preset == "labyrinth"
+    assert 5_500 <= 100 * asked.rd.substeps <= 6_500 and asked.growth.birth_rate > 0
+    size = np.ptp(box(stage), axis=0).max() / 2
+    assert asked.rd.pattern_scale == pytest.approx(size * np.sqrt(3 / 500), rel=1e-5)
+    drivers = {each.parameters.output for each in recipe.at(1).drivers}
+    assert drivers == {"color", "displacement", "scale"}
+
+
+@pytest.mark.parametrize("up", ["Y", "Z"])
+def test_the_ring_lies_level_around_the_capture_and_faces_outwards(up, tmp_path) -> None:
+    """Oracle: the torus: volume 2 pi^2 R r^2, its axis upright, its middle the capture's."""
+    stage, recipe = written(tmp_path, "conform", up)
+    low, high = box(stage)
+    target = recipe.at(50).target
+    assert target is not None
+    points = moved(recipe.at(50).to_world, target.points)
+    assert np.allclose(points.mean(axis=0), (low + high) / 2, atol=1e-4)
+    axis = "XYZ".index(up)
+    height = np.ptp(points[:, axis])
+    off = np.linalg.norm(np.delete(points - (low + high) / 2, axis, axis=1), axis=1)
+    radius, tube = (off.max() + off.min()) / 2, height / 2
+    assert (off.max() - off.min()) / 2 == pytest.approx(tube, rel=1e-4)
+    assert radius > np.hypot(*np.delete(high - low, axis)) / 2
+    a, b, c = (points[target.triangles[:, i]] for i in range(3))
+    volume = np.einsum("ti,ti->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(2 * np.pi**2 * radius * tube**2, rel=5e-3)
+    assert recipe.at(1).parameters.conform.weight == 1
+    at_rest = recipe.at(1).parameters.conform
+    assert at_rest.start + at_rest.duration + at_rest.stagger < 99 / 24
+
+
+def test_the_wind_blows_level_and_up_a_little(tmp_path) -> None:
+    """Oracle: the stage's axes and the capture's size."""
+    stage, recipe = written(tmp_path, "dissolve", "Z")
+    asked = recipe.at(1).parameters
+    size = np.ptp(box(stage), axis=0).max()
+    assert asked.dissolve.enabled and asked.dissolve.by == "noise" and asked.particles.turbulence
+    assert asked.particles.wind[2] == pytest.approx(0.15 * size, rel=1e-4)
+    assert np.hypot(*asked.particles.wind[:2]) == pytest.approx(0.6 * size, rel=1e-4)
+    assert asked.dissolve.size == pytest.approx(0.15 * size / 2, rel=1e-4)
+
+
+def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
+    """Oracle: the sentences; a failure leaves nothing behind."""
+    stage = capture(tmp_path)
+    with pytest.raises(UsageError, match="preset: found 'melt', expected one of grow, push, con"):
+        author_preset("melt", stage, tmp_path / "a.usda")
+    with pytest.raises(UsageError, match="expected another file than the capture's"):
+        author_preset("push", stage, tmp_path / "capture.usdc")
+    with pytest.raises(OutputError):
+        author_preset("push", stage, tmp_path / "nowhere" / "a.usda")
+    with pytest.raises(StageError, match="found a stage that is no file's"):
+        author_preset("push", Usd.Stage.CreateInMemory(), tmp_path / "a.usda")
+    (tmp_path / "two").mkdir()
+    with pytest.raises(StageError, match="found 2 splat fields, expected one"):
+        author_preset("push", capture(tmp_path / "two", fields=2), tmp_path / "a.usda")
+    assert not (tmp_path / "a.usda").exists()
+
+
+def test_results_over_it_are_stronger_than_the_capture(tmp_path) -> None:
+    """Oracle: USD: an opinion of the preset's own layer wins over the sublayer."""
+    stage, _ = written(tmp_path, "push")
+    prim = stage.GetPrimAtPath("/World/Scan0")
+    assert prim.GetPrimStack()[0].layer != stage.GetRootLayer()
+    stage.OverridePrim("/World/Scan0").CreateAttribute("x", Sdf.ValueTypeNames.Int).Set(1)
+    assert prim.GetPrimStack()[0].layer == stage.GetRootLayer()

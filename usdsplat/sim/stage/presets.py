@@ -1,0 +1,301 @@
+"""Simulations that are ready to run: a capture, what acts on it, and parameters to be changed.
+
+All sizes are the capture's: those of the box that holds nine tenths of its splats along each axis.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.output import atomic_path
+from usdsplat.sim.stage import spaces
+from usdsplat.sim.stage.authoring import author, relate
+from usdsplat.sim.stage.torus import author_torus
+
+PresetName = Literal["grow", "push", "conform", "dissolve"]
+FIRST, LAST, RATE = 1, 100, 24
+"""Frames, and how many of them are a second."""
+LEAST, MOST = 5, 95
+"""Percentiles between which the box lies."""
+
+_PATTERN = 150
+"""Lattice units in the size of a capture: about a dozen stripes."""
+_REACTION_STEPS = 60
+"""In a frame: about 6,000 are done by the last, when a pattern is formed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Scene:
+    """Where the preset's prims go, and how large the capture is in that space."""
+
+    stage: Usd.Stage
+    parent: Sdf.Path
+    count: int
+    center: F64
+    """[unit], shape (3,)."""
+    extent: F64
+    """Edges of the box [unit], shape (3,)."""
+    up: int
+    """The axis that points up."""
+    field_unit: float
+    """Length of the field's unit in this space."""
+    linear: F64
+    """Turns vectors of this space to the stage's, (3, 3)."""
+
+    @property
+    def size(self) -> float:
+        """The longest edge."""
+        return float(self.extent.max())
+
+    @property
+    def side(self) -> int:
+        """The longer one of the level axes."""
+        level = [axis for axis in range(3) if axis != self.up]
+        return max(level, key=lambda axis: float(self.extent[axis]))
+
+    def local(self, length: float) -> float:
+        """A length in the units of the field, in which it is simulated."""
+        return length / self.field_unit
+
+    def world(self, *vector: float) -> tuple[float, float, float]:
+        """A vector (along the side, up, across) in the stage's space."""
+        across = 3 - self.side - self.up
+        here = np.zeros(3)
+        here[[self.side, self.up, across]] = vector
+        x, y, z = (self.linear @ here).tolist()
+        return x, y, z
+
+
+def author_preset(name: PresetName, capture: Usd.Stage, target: Path | str) -> None:
+    """Write a stage in which a capture is simulated, over frames 1 to 100 at 24 a second.
+
+    It has the capture as a sublayer, a SplatSim prim `Simulation/Sim` under the capture's default
+    prim, and beside that whatever acts.
+
+    Args:
+        name: "grow": a labyrinth grows, colours, raises and breeds splats, and a ball passes
+            slowly. "push": a ball goes through. "conform": splats move onto a ring around them.
+            "dissolve": the wind takes them.
+        capture: A stage from a file, with one splat field.
+        target: A .usda or .usdc file, replaced when complete; it names the capture's file by a
+            relative path.
+
+    Raises:
+        UsageError: If there is no such preset.
+        StageError: If the stage is not from a file, or has not one field.
+        OutputError: If the target cannot be written.
+    """
+    if name not in get_args(PresetName):
+        raise UsageError("preset", repr(name), f"one of {', '.join(get_args(PresetName))}")
+    field, file = _only_field(capture), Path(capture.GetRootLayer().realPath)
+    final = Path(os.path.realpath(target))
+    if file == final:
+        raise UsageError("target", str(target), "another file than the capture's")
+    with atomic_path(final) as path:
+        stage = Usd.Stage.CreateNew(str(path))
+        root = stage.GetRootLayer()
+        root.subLayerPaths.append(_relative(file, final.parent))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(capture))
+        UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(capture))
+        for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
+            setter(RATE)
+        stage.SetStartTimeCode(FIRST)
+        stage.SetEndTimeCode(LAST)
+        if capture.GetDefaultPrim():
+            root.defaultPrim = capture.GetRootLayer().defaultPrim
+        scene = _scene(stage, field)
+        UsdGeom.Scope.Define(stage, scene.parent)
+        sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
+        _include(sim, "splats", field.GetPath())
+        _include(sim, "affectors", scene.parent)
+        _PRESETS[name](scene, sim)
+        root.Save()
+
+
+def _grow(scene: Scene, sim: Usd.Prim) -> None:
+    """A pattern that colours, raises and breeds splats, and a ball that passes slowly."""
+    # A field of n splats on a surface of about three times the square of its size.
+    spacing = scene.size * np.sqrt(3 / scene.count)
+    unit = max(scene.size / _PATTERN, spacing)
+    author(
+        sim,
+        {
+            "rd:enabled": True,
+            "rd:preset": "labyrinth",
+            "rd:substeps": _REACTION_STEPS,
+            "rd:patternScale": scene.local(unit),
+            "growth:rate": scene.local(0.002 * scene.size),
+            "growth:birthRate": 0.15,
+            "settle:omega": 6.0,
+            "driver:colour:source": "v",
+            "driver:colour:inMin": 0.1,
+            "driver:colour:inMax": 0.35,
+            "driver:colour:output": "color",
+            "driver:colour:amount": 0.85,
+            "driver:colour:color": (0.95, 0.35, 0.1),
+            "driver:relief:source": "v",
+            "driver:relief:inMin": 0.1,
+            "driver:relief:inMax": 0.35,
+            "driver:relief:output": "displacement",
+            "driver:relief:amount": scene.local(0.8 * unit),
+            "driver:swell:source": "v",
+            "driver:swell:inMin": 0.1,
+            "driver:swell:inMax": 0.35,
+            "driver:swell:output": "scale",
+            "driver:swell:amount": 1.15,
+        },
+    )
+    _ball(scene, radius=0.12 * scene.size, frames=(FIRST, LAST), friction=0.1)
+
+
+def _push(scene: Scene, sim: Usd.Prim) -> None:
+    """A ball that goes through the capture, which settles behind it."""
+    author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
+    _ball(scene, radius=0.18 * scene.size, frames=(FIRST, 72), friction=0.2)
+
+
+def _conform(scene: Scene, sim: Usd.Prim) -> None:
+    """Splats that move onto a ring around them, and turn with it."""
+    level = np.delete(scene.extent, scene.up)
+    outer = 0.5 * float(np.hypot(*level)) + 0.1 * scene.size
+    ring = author_torus(
+        scene.stage,
+        scene.parent.AppendChild("Ring"),
+        radius=outer,
+        tube=0.25 * outer,
+        axis="XYZ"[scene.up],
+    )
+    ring.AddTranslateOp().Set(Gf.Vec3d(*scene.center.tolist()))
+    turn = ring.AddRotateYOp() if scene.up == 1 else ring.AddRotateZOp()
+    for frame, angle in ((FIRST, 0.0), (LAST, 60.0)):
+        turn.Set(angle, frame)
+    author(
+        sim,
+        {
+            "conform:weight": 1.0,
+            "conform:start": 0.5,
+            "conform:duration": 2.0,
+            "conform:stagger": 1.0,
+            "conform:order": "distance",
+            "conform:mode": "optimalSpread",
+            "conform:orient": 1.0,
+            "conform:scaleMode": "preserve",
+            "conform:keepThickness": 0.0,
+            "settle:omega": 12.0,
+        },
+    )
+    relate(sim, "conform:target", ring.GetPrim())
+
+
+def _dissolve(scene: Scene, sim: Usd.Prim) -> None:
+    """Patches let go, and the wind takes them."""
+    author(
+        sim,
+        {
+            "dissolve:enabled": True,
+            "dissolve:by": "noise",
+            "dissolve:size": scene.local(0.15 * scene.size),
+            "dissolve:start": 0.25,
+            "dissolve:duration": 2.5,
+            "dissolve:speed": scene.local(0.15 * scene.size),
+            "dissolve:spread": 40.0,
+            "dissolve:fade": 1.0,
+            "dissolve:shrink": 0.8,
+            "particles:wind": scene.world(0.6 * scene.size, 0.15 * scene.size, 0.0),
+            "particles:turbulence": scene.local(0.3 * scene.size),
+            "particles:turbulenceScale": scene.local(0.3 * scene.size),
+            "particles:turbulenceSpeed": 0.5,
+            "particles:drag": 1.5,
+        },
+    )
+
+
+_PRESETS: dict[str, Callable[[Scene, Usd.Prim], None]] = {
+    "grow": _grow,
+    "push": _push,
+    "conform": _conform,
+    "dissolve": _dissolve,
+}
+
+
+def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: float) -> None:
+    """A ball that goes along the capture's longer side, right through its middle."""
+    ball = UsdGeom.Sphere.Define(scene.stage, scene.parent.AppendChild("Ball"))
+    ball.CreateRadiusAttr(radius)
+    ball.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
+    ball.CreateDisplayColorAttr([Gf.Vec3f(0.12, 0.3, 0.6)])
+    move = ball.AddTranslateOp()
+    reach = 0.5 * float(scene.extent[scene.side]) + 1.5 * radius
+    for frame, way in zip(frames, (-reach, reach), strict=True):
+        at = scene.center.copy()
+        at[scene.side] += way
+        move.Set(Gf.Vec3d(*at.tolist()), frame)
+    author(
+        ball.GetPrim(),
+        {
+            "affector:role": "collide",
+            "affector:friction": friction,
+            "affector:blend": scene.local(0.05 * radius),
+        },
+    )
+
+
+def _only_field(capture: Usd.Stage) -> Usd.Prim:
+    """The stage's one field."""
+    where = capture.GetRootLayer().identifier
+    if not capture.GetRootLayer().realPath:
+        raise StageError(where, "a stage that is no file's", "one that can be a sublayer")
+    fields = [prim for prim in capture.Traverse() if schema.is_splat_field(prim)]
+    if len(fields) != 1:
+        raise StageError(where, f"{len(fields)} splat fields", "one")
+    return fields[0]
+
+
+def _scene(stage: Usd.Stage, field: Usd.Prim) -> Scene:
+    """Measure the capture where the preset's prims go: under the default prim, if it is above."""
+    root = stage.GetDefaultPrim()
+    is_above = (
+        root and field.GetPath().HasPrefix(root.GetPath()) and root.GetPath() != field.GetPath()
+    )
+    holder = root if is_above else stage.GetPseudoRoot()
+    start = Usd.TimeCode(FIRST)
+    to_world = spaces.to_world(holder, start) if is_above else np.eye(4)
+    own = stage.GetPrimAtPath(field.GetPath())
+    matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
+    points = spaces.carry(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        raise StageError(str(field.GetPath()), "no splats", "some to simulate")
+    low, high = np.percentile(points, (LEAST, MOST), axis=0)
+    extent = np.maximum(high - low, 1e-6 * max(float((high - low).max()), 1e-6))
+    return Scene(
+        stage=stage,
+        parent=holder.GetPath().AppendChild("Simulation"),
+        count=len(points),
+        center=(low + high) / 2,
+        extent=extent,
+        up="XYZ".index(str(UsdGeom.GetStageUpAxis(stage))),
+        field_unit=spaces.size_of(matrix),
+        linear=to_world[:3, :3],
+    )
+
+
+def _include(sim: Usd.Prim, name: str, path: Sdf.Path) -> None:
+    """Say who is in a collection of the simulation."""
+    sim.CreateRelationship(f"collection:{name}:includes", custom=False).SetTargets([path])
+
+
+def _relative(file: Path, folder: Path) -> str:
+    """The path of a file from a folder, as USD writes it."""
+    path = Path(os.path.relpath(file, folder)).as_posix()
+    return path if path.startswith("../") else f"./{path}"
