@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Ts, Usd, UsdGeom
 
 from tests.sim.stage.stages import field_of, make_stage, moved, place, rigid, world
 from usdsplat.core.errors import StageError
@@ -209,3 +209,17 @@ def test_what_cannot_be_an_affector_is_one_sentence() -> None:
     place(field_of(stage), np.diag([1.0, 0.0, 1.0, 1.0]))
     with pytest.raises(StageError, match="/World/Field at 1: found a transform that cannot be und"):
         reader(stage, prim)
+
+
+def test_a_scale_that_a_spline_makes_uneven_is_noticed() -> None:
+    """Oracle: by hand: an even scale at the start, an uneven one at the second knot."""
+    stage = make_stage()
+    prim = define(stage, "Sphere")
+    attribute = UsdGeom.Xformable(prim).AddScaleXOp(UsdGeom.XformOp.PrecisionDouble).GetAttr()
+    spline = Ts.Spline("double")
+    for time, value in ((1.0, 1.0), (9.0, 2.0)):
+        spline.SetKnot(Ts.Knot(typeName="double", time=time, value=value))
+    attribute.SetSpline(spline)
+    (solid,) = reader(stage, prim).at(Usd.TimeCode(9)).solids
+    assert solid.kind == "mesh" and solid.surface is not None and not solid.is_rigid
+    assert np.ptp(solid.surface.points, axis=0) == pytest.approx([4, 2, 2], abs=1e-5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
@@ -80,6 +82,24 @@ def test_a_captures_samples_count_at_the_start() -> None:
     for time in (1, 4):
         schema.author(stage, FIELD, cloud(time, n=6), time=time)
     assert np.array_equal(only(stage, start=4).rest.positions, cloud(4, n=6).positions)
+
+
+def test_ids_that_do_not_ascend_are_dropped_and_splats_that_are_nowhere_refused() -> None:
+    """Oracle: the cloud's ids; the sentences."""
+    stage = make_stage()
+    given = cloud(3, n=6, moving=True)
+    schema.author(stage, FIELD, replace(given, ids=np.array([2, 3, 5, 8, 13, 21])))
+    recipe = only(stage)
+    assert recipe.rest.ids.tolist() == [2, 3, 5, 8, 13, 21] and recipe.remarks == ()
+    schema.author(stage, FIELD, given)
+    recipe = only(stage)
+    assert recipe.rest.ids is None
+    assert recipe.remarks[0].startswith("/World/Field.ids: found ids that do not ascend")
+    positions = given.positions.copy()
+    positions[2:4, 1] = np.nan
+    schema.author(stage, FIELD, replace(given, positions=positions))
+    with pytest.raises(StageError, match="/World/Field: found 2 splats with numbers that are not"):
+        only(stage)
 
 
 def test_the_selection_is_the_primvar() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pxr import Usd, UsdGeom
 
@@ -14,16 +16,30 @@ SELECTION = "splatSim:weight"
 """The primvar that selects splats."""
 
 
-def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> SplatCloud:
-    """The capture as it is at the start, in its own space.
+def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str]]:
+    """The capture as it is at the start, in its own space, and what is to be said about it.
+
+    Ids that do not ascend are dropped: a simulation keeps splats in the order of their ids and of
+    the capture, and must not tell them apart by two orders.
 
     Raises:
-        UsdSplatError: If it cannot be read, or holds no splats.
+        UsdSplatError: If it cannot be read, holds no splats, or some that are nowhere.
     """
+    where = str(prim.GetPath())
     cloud = schema.fetch(prim, start)
     if not len(cloud):
-        raise StageError(str(prim.GetPath()), "no splats", "some to simulate")
-    return cloud
+        raise StageError(where, "no splats", "some to simulate")
+    numbers = (cloud.positions, cloud.scales, cloud.rotations, cloud.opacities[:, None])
+    wrong = ~np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0)
+    if wrong.any():
+        found = f"{wrong.sum()} splats with numbers that are not finite"
+        raise StageError(where, found, "finite ones")
+    if cloud.ids is not None and (np.diff(cloud.ids) <= 0).any():
+        said = StageError(
+            f"{where}.ids", "ids that do not ascend, and are not used", "a sorted field"
+        )
+        return replace(cloud, ids=None), [str(said)]
+    return cloud, []
 
 
 def read_selection(prim: Usd.Prim, count: int, start: Usd.TimeCode) -> F32 | None:

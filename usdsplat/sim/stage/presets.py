@@ -172,7 +172,7 @@ def _conform(scene: Scene, sim: Usd.Prim) -> None:
         scene.stage,
         scene.parent.AppendChild("Ring"),
         radius=outer,
-        tube=0.25 * outer,
+        tube=0.15 * outer,
         axis="XYZ"[scene.up],
     )
     ring.AddTranslateOp().Set(Gf.Vec3d(*scene.center.tolist()))

@@ -82,7 +82,7 @@ class StageRecipe:
         self.start = asked.start_time if math.isfinite(asked.start_time) else first
         """First frame of the simulation [time code]."""
         self._space = Space(field, asked.space, Usd.TimeCode(self.start))
-        self._rest = fields.read_rest(field, self._space.start)
+        self._rest, of_field = fields.read_rest(field, self._space.start)
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
@@ -96,6 +96,7 @@ class StageRecipe:
         self._skin = self._bind()
         self.remarks: tuple[str, ...] = (
             *(said or ()),
+            *of_field,
             *remarks(simulation, (*GROUPS, "deform", "driver")),
             *(each for prim in members for each in remarks(prim, ("affector",))),
         )

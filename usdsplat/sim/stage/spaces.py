@@ -22,12 +22,16 @@ def to_world(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
 
 
 def placing_times(prims: Iterable[Usd.Prim]) -> list[float]:
-    """Time codes at which a transform of these prims, or of one above them, has a sample."""
+    """Time codes at which a transform of these prims, or of one above them, has a sample or, where
+    it is a spline, a knot."""
     times: set[float] = set()
     for prim in prims:
         while prim and not prim.IsPseudoRoot():
             if xformable := UsdGeom.Xformable(prim):
                 times.update(xformable.GetTimeSamples())
+                for attribute in (op.GetAttr() for op in xformable.GetOrderedXformOps()):
+                    if attribute.HasSpline():
+                        times.update(attribute.GetSpline().GetKnots().keys())
             prim = prim.GetParent()
     return sorted(times)
 
