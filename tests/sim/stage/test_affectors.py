@@ -90,16 +90,18 @@ def test_shapes_hold_what_usdgeom_says_they_hold(kind: str, axis: str, mirrored:
     assert (inside(solid, moved(to_field, own)) == expected).all()
 
 
+@pytest.mark.parametrize("axis", "XYZ")
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_capsule_of_two_radii_keeps_its_ends(mirrored: bool) -> None:
+def test_a_capsule_of_two_radii_keeps_its_ends(mirrored: bool, axis: str) -> None:
     """Oracle: where UsdGeom puts the two centres."""
     stage = make_stage()
-    prim = define(stage, "Capsule_1", radiusBottom=0.2, radiusTop=0.5, height=3.0, axis="Y")
+    prim = define(stage, "Capsule_1", radiusBottom=0.2, radiusTop=0.5, height=3.0, axis=axis)
     place(prim, rigid(5, 2.0, mirrored))
     (solid,) = reader(stage, prim).at(ONE).solids
     assert solid.size == pytest.approx((0.4, 1.0, 3.0))
     ends = moved(solid.matrix, np.array([[0, 0, -3.0], [0, 0, 3.0]]))
-    assert np.allclose(ends, moved(world(prim), [[0, -1.5, 0], [0, 1.5, 0]]), atol=1e-9)
+    along = np.eye(3)["XYZ".index(axis)] * 1.5
+    assert np.allclose(ends, moved(world(prim), [-along, along]), atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["Sphere", "Capsule", "Cube"])
@@ -223,3 +225,15 @@ def test_a_scale_that_a_spline_makes_uneven_is_noticed() -> None:
     (solid,) = reader(stage, prim).at(Usd.TimeCode(9)).solids
     assert solid.kind == "mesh" and solid.surface is not None and not solid.is_rigid
     assert np.ptp(solid.surface.points, axis=0) == pytest.approx([4, 2, 2], abs=1e-5)
+
+
+def test_a_field_that_becomes_uneven_makes_shapes_uneven_in_its_own_space() -> None:
+    """Oracle: by hand; in the stage's space, which stays as it was at the start, they are not."""
+    stage = make_stage()
+    prim = define(stage, "Sphere")
+    place(field_of(stage), np.eye(4), 1)
+    place(field_of(stage), np.diag([1.0, 2.0, 1.0, 1.0]), 9)
+    (solid,) = reader(stage, prim, "local").at(Usd.TimeCode(9)).solids
+    assert solid.kind == "mesh" and solid.surface is not None
+    assert np.ptp(solid.surface.points, axis=0) == pytest.approx([2, 1, 2], abs=1e-5)
+    assert reader(stage, prim, "world").at(Usd.TimeCode(9)).solids[0].kind == "sphere"

@@ -131,6 +131,36 @@ def test_a_mesh_hands_over_its_joints_as_it_was_bound() -> None:
         assert np.allclose(found, expected, atol=1e-5)
 
 
+def test_a_field_may_say_where_it_was_bound() -> None:
+    """Oracle: UsdSkel's words: `skel:geomBindTransform` leads to the skeleton's bind pose."""
+    stage = make_stage(COUNT)
+    add_rig(stage)
+    place(field_of(stage), rigid(6, 0.7))
+    geom = rigid(9, 0.8)
+    api = UsdSkel.BindingAPI.Apply(field_of(stage))
+    api.CreateGeomBindTransformAttr(Gf.Matrix4d(*geom.T.ravel().tolist()))
+    binding = bound(stage, "/World/Rig/Mesh").binding
+    skeleton = stage.GetPrimAtPath("/World/Rig/Skeleton")
+    expected = np.linalg.inv(world(field_of(stage))) @ world(skeleton) @ geom
+    assert binding is not None and np.allclose(binding.bind, expected)
+
+
+def test_weights_add_up_to_1() -> None:
+    """Oracle: their shares of what was written."""
+    stage = make_stage(2)
+    add_rig(stage)
+    api = UsdSkel.BindingAPI.Apply(field_of(stage))
+    api.CreateJointIndicesPrimvar(False, 2).Set([0, 1, 2, 0])
+    api.CreateJointWeightsPrimvar(False, 2).Set([1.0, 3.0, 0.5, 0.0])
+    binding = bound(stage).binding
+    assert binding is not None and binding.weights is not None and binding.indices is not None
+    assert binding.weights.tolist() == [[0.25, 0.75], [1, 0]]
+    assert binding.indices.tolist() == [[0, 1], [2, 0]]
+    api.GetJointWeightsPrimvar().Set([1.0, 3.0, 0.0, 0.0])
+    with pytest.raises(StageError, match="found weights that do not add up, expected weights wit"):
+        bound(stage)
+
+
 def test_a_real_figures_points_are_where_its_joints_take_them(data) -> None:
     """Oracle: UsdSkel's skinned points of CesiumMan."""
     stage = make_stage(COUNT)

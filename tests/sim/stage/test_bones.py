@@ -66,6 +66,31 @@ def test_radii_are_the_median_distance_of_the_skinned_points_from_the_bone() -> 
     assert np.allclose(again, 0.6)
 
 
+def test_a_mesh_is_measured_where_it_was_bound() -> None:
+    """Oracle: a mesh that was bound twice as large across the bones."""
+    stage = make_stage()
+    mesh = add_rig(stage)
+    api = UsdSkel.BindingAPI(mesh)
+    api.CreateGeomBindTransformAttr(Gf.Matrix4d().SetScale(Gf.Vec3d(1, 2, 2)))
+    solids = reader(stage, "/World/Rig/Skeleton").at(Usd.TimeCode(1)).solids
+    sizes = np.array([solid.size[:2] for solid in solids])
+    assert np.allclose(sizes / 1.5, [[0.6, 0.4], [0.4, 0.5], [0.5, 0.5]], atol=1e-6)
+
+
+def test_no_end_of_a_capsule_holds_the_other() -> None:
+    """Oracle: radii differ by less than the distance of their centres; the first is the median."""
+    stage = make_stage()
+    mesh = add_rig(stage)
+    points = np.array(mesh.GetPointsAttr().Get())
+    points[:8, 1:] *= 10
+    mesh.GetPointsAttr().Set(points.tolist())
+    solids = reader(stage, "/World/Rig/Skeleton").at(Usd.TimeCode(1)).solids
+    low, high, half = solids[0].size
+    assert low == pytest.approx(4.5, abs=1e-5)
+    assert low - high == pytest.approx(0.9 * 2 * half)
+    assert all(abs(a - b) < 2 * c for a, b, c in (solid.size for solid in solids))
+
+
 def test_a_frame_does_not_spin_about_its_bone() -> None:
     """Oracle: the joint's own turn: what a capsule does from one time to the next is what the
     joint does."""
