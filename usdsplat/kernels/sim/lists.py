@@ -1,0 +1,275 @@
+"""Lists of neighbours: for each point those within its own radius, or within either's.
+
+Points are in the order of their cells, a point's number there is its slot, and lists are of slots,
+ascending. A list that is too long keeps the nearest by (squared distance, slot).
+
+Source: Verlet 1967 for lists that outlast a step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import exact, parallel, scalar, serial
+
+from . import philox
+from .grid import BLOCK, cell_of, span, squared_distance
+
+ROOM = 2048
+"""Hits that are kept before the far ones are dropped; more than twice the longest list."""
+MARGIN = 1.0 + 1e-6
+"""Of the cells that are visited, for the rounding of distances."""
+JITTER = np.float32(1e-4)
+"""Distance by which coincident points are separated, in radii."""
+ULP = np.float32(4 * 2.0**-23)
+"""Least such distance, in coordinates: four units in the last place."""
+
+# --- 1. mathematics ---------------------------------------------------------------------
+
+
+@scalar
+def rank_of(d2, slot):
+    """A whole number (u64) that orders by (d2, slot); d2 >= 0 as its bits (u32)."""
+    return (np.uint64(d2) << np.uint64(32)) | np.uint64(slot)
+
+
+@exact
+def distance_gone(x, y, z, px, py, pz):
+    """Between two points in float64: 0 where both are not finite, inf where one is."""
+    dx = np.float64(x) - np.float64(px)
+    dy = np.float64(y) - np.float64(py)
+    dz = np.float64(z) - np.float64(pz)
+    d = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if np.isfinite(d):
+        return d
+    both = not (np.isfinite(x + y + z) or np.isfinite(px + py + pz))
+    return 0.0 if both else np.inf
+
+
+# --- 2. CPU -----------------------------------------------------------------------------
+
+
+@serial
+def smallest(values, count, k):
+    """The k-th smallest (from 1) of the first `count` distinct values, which are reordered.
+
+    Source: Hoare 1961, "Algorithm 65: find".
+    """
+    left, right, target = 0, count - 1, k - 1
+    while left < right:
+        pivot = values[(left + right) // 2]
+        i, j = left, right
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if target <= j:
+            right = j
+        elif target >= i:
+            left = i
+        else:
+            break
+    return values[target]
+
+
+@serial
+def keep_nearest(positions, slot, hits, count, k, ranks, distance):
+    """Keep the k nearest of `count` hits in their order.
+
+    Args:
+        positions: Of each slot, (n, 3) f32.
+        slot: Whose hits these are.
+        hits: Slots, ascending, (>= count,) i32.
+        ranks: Scratch, (>= 2 * count,) u64.
+        distance: Scratch, (1,) f32.
+    """
+    bits = distance.view(np.uint32)
+    for m in range(count):
+        j = hits[m]
+        distance[0] = squared_distance(
+            positions[slot, 0], positions[slot, 1], positions[slot, 2],
+            positions[j, 0], positions[j, 1], positions[j, 2],
+        )  # fmt: skip
+        ranks[m] = rank_of(bits[0], j)
+        ranks[count + m] = ranks[m]
+    limit = smallest(ranks, count, k)
+    kept = 0
+    for m in range(count):
+        hits[kept] = hits[m]
+        kept += ranks[count + m] <= limit
+
+
+@parallel
+def search(
+    positions, reach, widest, start, inverse, bits, k_max, begin, found, counts, dropped, twins
+):
+    """Neighbours of the slots from `begin` on, as many blocks as `dropped` has.
+
+    Args:
+        positions: Of each slot, (n, 3) f32.
+        reach: Radius of each slot, (n,) f32; no finite positive number finds nothing.
+        widest: 0 to find those within the point's own radius; the largest radius to find those
+            within either's.
+        start: First slot of each cell, as `sort_cells` left it.
+        inverse, bits: Of the grid.
+        k_max: Longest list, <= 512.
+        begin: First slot, a multiple of BLOCK.
+        found: Receives neighbours, those of a block one after the other from its first row's
+            `k_max` on: (blocks * BLOCK * k_max,) i32.
+        counts: Receives lengths, (n,) i64.
+        dropped: Receives the number of lists that were too long, (blocks,) i64.
+        twins: Receives whether another point is at the same place, (n,) bool.
+    """
+    n = positions.shape[0]
+    bx, by, bz = bits
+    for b in prange(dropped.shape[0]):
+        hits = np.empty(ROOM, np.int32)
+        ranks = np.empty(2 * ROOM, np.uint64)
+        distance = np.empty(1, np.float32)
+        out = b * BLOCK * k_max
+        overflows = 0
+        for i in range(begin + b * BLOCK, min(n, begin + (b + 1) * BLOCK)):
+            x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
+            counts[i] = 0
+            twins[i] = False
+            if not (np.isfinite(x + y + z) and np.isfinite(h) and h > 0):
+                continue
+            h2 = h * h
+            stretch = np.float64(max(h, widest)) * MARGIN
+            cx0, cx1 = cell_of(x - stretch, inverse), cell_of(x + stretch, inverse)
+            cy0, cy1 = cell_of(y - stretch, inverse), cell_of(y + stretch, inverse)
+            cz0, cz1 = cell_of(z - stretch, inverse), cell_of(z + stretch, inverse)
+            xa, xb, xc, xd = span(cx0, cx1, bx)
+            ya, yb, yc, yd = span(cy0, cy1, by)
+            za, zb, zc, zd = span(cz0, cz1, bz)
+            m = 0
+            same = 0
+            cut = False
+            for p in range((zb - za) + (zd - zc)):
+                wz = za + p if za + p < zb else zc + p - (zb - za)
+                for q in range((yb - ya) + (yd - yc)):
+                    wy = ya + q if ya + q < yb else yc + q - (yb - ya)
+                    row = ((wz << by) | wy) << bx
+                    for part in range(1 if xc == xd else 2):
+                        j = np.int64(start[row + (xa if part == 0 else xc)])
+                        end = np.int64(start[row + (xb if part == 0 else xd)])
+                        while j < end:
+                            stop = min(end, j + ROOM - m)
+                            for c in range(j, stop):
+                                d2 = squared_distance(
+                                    x, y, z, positions[c, 0], positions[c, 1], positions[c, 2]
+                                )
+                                limit = h2
+                                if widest > 0:
+                                    limit = max(h2, reach[c] * reach[c])
+                                hits[m] = c
+                                m += (d2 > 0) & (d2 < limit)
+                                same += d2 == 0
+                            j = stop
+                            if m == ROOM:
+                                keep_nearest(positions, i, hits, m, k_max, ranks, distance)
+                                m = k_max
+                                cut = True
+            if m > k_max:
+                keep_nearest(positions, i, hits, m, k_max, ranks, distance)
+                m = k_max
+                cut = True
+            overflows += cut
+            twins[i] = same > 1
+            counts[i] = m
+            for c in range(m):
+                found[out + c] = hits[c]
+            out += m
+        dropped[b] = overflows
+
+
+@parallel
+def pack(found, k_max, blocks, rows, neighbors):
+    """Close the gaps that `search` left between blocks.
+
+    Args:
+        found, k_max: As in `search`; blocks: How many it filled.
+        rows: First entry of each of the m slots that it searched, (m + 1,) i64.
+        neighbors: Receives all, (rows[m],) i32.
+    """
+    m = rows.shape[0] - 1
+    for b in prange(blocks):
+        source = b * BLOCK * k_max - rows[b * BLOCK]
+        for e in range(rows[b * BLOCK], rows[min(m, (b + 1) * BLOCK)]):
+            neighbors[e] = found[source + e]
+
+
+@parallel
+def separate(positions, support, seed, twins, out):
+    """Copy points, those that are not alone at their place moved a little at random.
+
+    Args:
+        positions, support: Of each row.
+        seed: Of random numbers.
+        twins: Rows to move, (n,) bool.
+        out: Receives (n, 3) f32.
+    """
+    n = positions.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+            if twins[i]:
+                u, v, w, _ = philox.uniforms(seed, philox.GRID, i, 0, 0)
+                largest = max(max(abs(x), abs(y)), abs(z))
+                size = np.float32(2) * max(JITTER * support[i], ULP * largest)
+                half = np.float32(0.5)
+                x, y, z = x + size * (u - half), y + size * (v - half), z + size * (w - half)
+            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+
+
+@parallel
+def drift(positions, built, out):
+    """How far points went since lists were built.
+
+    Args:
+        positions, built: Of each row now and then, (n, 3) f32.
+        out: Receives the largest distance in each block [unit], (blocks,) f64; inf where a point
+            became finite or ceased to be.
+    """
+    n = positions.shape[0]
+    for b in prange(out.shape[0]):
+        worst = 0.0
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            d = distance_gone(
+                positions[i, 0], positions[i, 1], positions[i, 2],
+                built[i, 0], built[i, 1], built[i, 2],
+            )  # fmt: skip
+            worst = max(worst, d)
+        out[b] = worst
+
+
+@parallel
+def stale(positions, support, built, built_support, skin, ratio, drift, out):
+    """Whether lists built for other positions may lack a neighbour now, or are much too long.
+
+    Args:
+        positions, support: Of each row now.
+        built, built_support: Of each row when lists were built.
+        skin: Part of the radius by which lists are longer.
+        ratio: Of radii, now and then, from which lists are built again, > 1.
+        drift: Largest distance that any point went [unit], float64.
+        out: Receives whether any of a block's points is, (blocks,) bool.
+    """
+    n = positions.shape[0]
+    for b in prange(out.shape[0]):
+        worst = False
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            h, before = np.float64(support[i]), np.float64(built_support[i])
+            d = distance_gone(
+                positions[i, 0], positions[i, 1], positions[i, 2],
+                built[i, 0], built[i, 1], built[i, 2],
+            )  # fmt: skip
+            worst |= h + d + drift > before * (1.0 + skin)
+            worst |= (h > before * ratio) | (before > h * ratio)
+        out[b] = worst

@@ -1,0 +1,43 @@
+"""The nearest points of any point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import nearest as kernels
+from usdsplat.sim.cells import extent, into_cells
+
+LEAF = 8
+"""Points of a leaf, about."""
+
+
+def nearest(device: CpuDevice, points: F32, queries: F32, k: int) -> tuple[I32, F32]:
+    """The k points nearest to each query; of equally near ones, those of the least index.
+
+    Args:
+        device: Where to.
+        points: [unit], shape (n, 3), however unevenly spread; those not finite are never found.
+        queries: [unit], shape (m, 3). A query that is one of the points finds itself first.
+        k: How many, >= 1.
+
+    Returns:
+        Rows of `points`, nearest first, shape (m, k), and distances [unit], shape (m, k); -1 and
+        inf where there are no more, or where the query is not finite.
+    """
+    index = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
+    tree = np.ascontiguousarray(points[index], dtype=np.float32)
+    queries = np.ascontiguousarray(queries, dtype=np.float32)
+    levels = max(0, math.ceil(math.log2(max(len(index), 1) / LEAF)))
+    boxes = np.zeros((2 << levels, 6), np.float32)
+    if len(index):
+        device.run(kernels.plant, tree, index, levels, boxes)
+    m = len(queries)
+    indices, distances = device.empty((m, k), np.int32), device.empty((m, k), np.float32)
+    edge = float(extent(device, queries).max()) / max(1.0, math.sqrt(m)) or 1.0
+    order = into_cells(device, queries, edge).order
+    device.run(kernels.nearest, tree, index, levels, boxes, queries, order, indices, distances)
+    return indices, np.sqrt(distances, out=distances)

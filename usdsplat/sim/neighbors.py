@@ -1,0 +1,279 @@
+"""Who is a neighbour of whom, for as long as nobody has moved far.
+
+Lists are built with radii longer by a skin and kept until a neighbour might be missing, so whoever
+reads them tests the distance again. Source: Verlet 1967.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import grid, lists
+from usdsplat.sim.cells import into_cells
+from usdsplat.sim.nearest import nearest
+from usdsplat.sim.parameters import NeighborsParameters
+
+__all__ = ["Graph", "Neighbors", "nearest"]
+
+WIDEST_RATIO = 8.0
+"""Of the largest radius to the least: what one grid serves."""
+WAVE = 1 << 26
+"""Room for neighbours that are searched at once."""
+SAMPLE = 1 << 16
+"""Radii of which the median is taken."""
+
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Graph:
+    """n splats in the order of their cells, where each has a slot, and the neighbours of each."""
+
+    order: I32
+    """Row of each slot, shape (n,)."""
+    rank: I32
+    """Slot of each row, shape (n,)."""
+    rows: I64
+    """Slot s has the neighbours `neighbors[rows[s]:rows[s + 1]]`, shape (n + 1,)."""
+    neighbors: I32
+    """Slots, ascending in each list; all within the radius, and some up to a skin beyond it."""
+    positions: F32
+    """Of each slot now [unit], shape (n, 3); coincident ones a little apart."""
+    support: F32
+    """Radius h of each slot now [unit], clamped, shape (n,); 0 where it was not a number."""
+    dropped: int
+    """Lists that were longer than `k_max` and lost their farthest."""
+    build: int
+    """Times that lists were built: graphs of equal builds differ in positions and radii only."""
+
+
+class Neighbors:
+    """Lists of neighbours that are built again when they must be.
+
+    Args:
+        device: Where to.
+        parameters: Skin, limits of the radius, longest list. May be replaced at any time.
+        symmetric: Whether i and j are neighbours of each other as soon as one is the other's.
+        seed: Of the random numbers that separate coincident splats.
+    """
+
+    def __init__(
+        self,
+        device: CpuDevice,
+        parameters: NeighborsParameters,
+        *,
+        symmetric: bool = False,
+        seed: int = 0,
+    ) -> None:
+        self.device = device
+        self.parameters = parameters
+        self.symmetric = symmetric
+        self.seed = seed
+        self.limits = (0.0, math.inf)
+        """Least and largest radius at the last build [unit]."""
+        self._graph: Graph | None = None
+        self._built: tuple[F32, F32, NeighborsParameters] | None = None
+        self._twins: Flags = np.zeros(0, np.bool_)
+        self._latest: tuple[F32, F32] | None = None
+
+    def update(self, positions: F32, support: F32) -> Graph:
+        """Neighbours now. The same object as before where nothing has changed.
+
+        Args:
+            positions: [unit], shape (n, 3). Those that are not finite have no neighbours.
+            support: Radii h [unit], shape (n,).
+        """
+        if self._graph is None or self._latest is None or self._built is None:
+            return self._build(positions, support, 0)
+        if _lists(self._built[2]) == _lists(self.parameters) and _equal(
+            self._latest, (positions, support)
+        ):
+            return self._graph
+        if self._is_stale(positions, support):
+            return self._build(positions, support, self._graph.build)
+        return self._refresh(self._graph, positions, support)
+
+    def memory(self) -> dict[str, npt.NDArray[Any]]:
+        """What decides when lists are built again, and their order; empty before the first."""
+        if self._built is None or self._graph is None:
+            return {}
+        positions, support, parameters = self._built
+        return {
+            "positions": positions,
+            "support": support,
+            "limits": np.array([parameters.h_min, parameters.h_max, parameters.skin]),
+            "counts": np.array([parameters.k_max, self._graph.build], np.int64),
+        }
+
+    def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        """Go on from another's `memory`, bit for bit."""
+        self._graph = self._built = self._latest = None
+        if not memory:
+            return
+        now = self.parameters
+        h_min, h_max, skin = (float(each) for each in memory["limits"])
+        k_max, build = (int(each) for each in memory["counts"])
+        self.parameters = NeighborsParameters(
+            target=now.target, gain=now.gain, h_min=h_min, h_max=h_max, skin=skin, k_max=k_max
+        )
+        self._build(memory["positions"], memory["support"], build - 1)
+        self.parameters = now
+
+    def clamped(self, support: F32) -> F32:
+        """Radii within the limits of the last build; 0 for what is no positive number."""
+        least, most = self.limits
+        radii = np.where(support > 0, np.clip(support, least, most), 0)
+        return radii.astype(np.float32, copy=False)
+
+    def _is_stale(self, positions: F32, support: F32) -> bool:
+        assert self._built is not None
+        built, built_support, parameters = self._built
+        if len(built) != len(positions) or _lists(parameters) != _lists(self.parameters):
+            return True
+        blocks = math.ceil(len(positions) / grid.BLOCK)
+        far = self.device.empty(blocks, np.float64)
+        self.device.run(lists.drift, positions, built, far)
+        gone = float(far.max(initial=0.0))
+        if not math.isfinite(gone):
+            return True
+        now, then = self.clamped(support), self.clamped(built_support)
+        skin = self.parameters.skin
+        late = self.device.empty(blocks, np.bool_)
+        ratio = math.exp(skin / 2)
+        self.device.run(lists.stale, positions, now, built, then, skin, ratio, gone, late)
+        return bool(late.any())
+
+    def _build(self, positions: F32, support: F32, builds: int) -> Graph:
+        self.limits = _limits(self.parameters, support)
+        self._twins = np.zeros(len(positions), np.bool_)
+        graph, twins = self._lists(positions, support, builds + 1)
+        if twins.any():
+            self._twins = twins[graph.rank]
+            graph, _ = self._lists(positions, support, builds + 1)
+        self._graph = graph
+        self._built = positions.copy(), support.copy(), self.parameters
+        self._latest = self._built[:2]
+        return graph
+
+    def _refresh(self, old: Graph, positions: F32, support: F32) -> Graph:
+        _, sorted_positions, sorted_support = self._in_slots(positions, support, old.order)
+        self._graph = Graph(
+            order=old.order,
+            rank=old.rank,
+            rows=old.rows,
+            neighbors=old.neighbors,
+            positions=sorted_positions,
+            support=sorted_support,
+            dropped=old.dropped,
+            build=old.build,
+        )
+        self._latest = positions.copy(), support.copy()
+        return self._graph
+
+    def _in_slots(self, positions: F32, support: F32, order: I32) -> tuple[I32, F32, F32]:
+        """Slot of each row, then positions and radii of each slot."""
+        n, empty = len(order), self.device.empty
+        rank, place, radius = (
+            empty(n, np.int32),
+            empty((n, 3), np.float32),
+            empty(n, np.float32),
+        )
+        apart, clamped = self._apart(positions, support), self.clamped(support)
+        self.device.run(grid.to_slots, order, apart, clamped, rank, place, radius)
+        return rank, place, radius
+
+    def _apart(self, positions: F32, support: F32) -> F32:
+        """Positions, coincident ones a little apart."""
+        if not self._twins.any():
+            return positions
+        out: F32 = self.device.empty(positions.shape, np.float32)
+        radii = self.clamped(support)
+        self.device.run(lists.separate, positions, radii, self.seed, self._twins, out)
+        return out
+
+    def _lists(self, positions: F32, support: F32, build: int) -> tuple[Graph, Flags]:
+        """A graph, and which slots are not alone at their place."""
+        n = len(positions)
+        widest, edge = self._reach(support)
+        cells = into_cells(self.device, self._apart(positions, support), edge)
+        rank, place, radius = self._in_slots(positions, support, cells.order)
+        reach = radius * np.float32(1 + self.parameters.skin)
+        k_max = self.parameters.k_max
+        twins = np.empty(n, np.bool_)
+        rows = np.zeros(n + 1, np.int64)
+        wave = max(1, WAVE // (k_max * grid.BLOCK))
+        blocks = math.ceil(n / grid.BLOCK)
+        found = self.device.empty(min(wave, blocks) * grid.BLOCK * k_max, np.int32)
+        pieces, dropped = [np.zeros(0, np.int32)], 0
+        for first in range(0, blocks, wave):
+            count = min(wave, blocks - first)
+            begin, end = first * grid.BLOCK, min(n, (first + count) * grid.BLOCK)
+            cut = np.empty(count, np.int64)
+            self.device.run(
+                lists.search, place, reach, np.float32(widest if self.symmetric else 0),
+                cells.start, cells.inverse, cells.bits, k_max, begin, found, rows[1:], cut, twins,
+            )  # fmt: skip
+            piece = self.device.empty(int(rows[begin + 1 : end + 1].sum()), np.int32)
+            local = np.zeros(end - begin + 1, np.int64)
+            np.cumsum(rows[begin + 1 : end + 1], out=local[1:])
+            self.device.run(lists.pack, found, k_max, count, local, piece)
+            pieces.append(piece)
+            dropped += int(cut.sum())
+        np.cumsum(rows, out=rows)
+        graph = Graph(
+            order=cells.order,
+            rank=rank,
+            rows=rows,
+            neighbors=pieces[1] if len(pieces) == 2 else np.concatenate(pieces),
+            positions=place,
+            support=radius,
+            dropped=dropped,
+            build=build,
+        )
+        return graph, twins
+
+    def _reach(self, support: F32) -> tuple[float, float]:
+        """The largest radius with its skin, and the edge of a cell that suits most [unit]."""
+        clamped = self.clamped(support)
+        skin = 1.0 + self.parameters.skin
+        middle = _median(clamped) or 1.0
+        return float(clamped.max(initial=0)) * skin * (1 + 1e-6), middle * skin
+
+
+def _lists(parameters: NeighborsParameters) -> tuple[float, ...]:
+    """Parameters that lists depend on."""
+    return parameters.h_min, parameters.h_max, parameters.skin, parameters.k_max
+
+
+def _equal(a: tuple[F32, F32], b: tuple[F32, F32]) -> bool:
+    """Whether all bits are."""
+    return all(
+        np.array_equal(x.view(np.uint32), y.view(np.uint32)) for x, y in zip(a, b, strict=True)
+    )
+
+
+def _median(support: F32) -> float:
+    """Of the positive numbers of an even sample; 0 where there is none."""
+    sample = support[:: max(1, len(support) // SAMPLE)]
+    sample = sample[np.isfinite(sample) & (sample > 0)]
+    return float(np.median(sample)) if len(sample) else 0.0
+
+
+def _limits(parameters: NeighborsParameters, support: F32) -> tuple[float, float]:
+    """Least and largest radius [unit]: as given, automatic where negative, of a bounded ratio."""
+    least, most = parameters.h_min, parameters.h_max
+    if least <= 0 and most <= 0:
+        middle = _median(support)
+        return middle / math.sqrt(WIDEST_RATIO), middle * math.sqrt(WIDEST_RATIO)
+    if least <= 0:
+        return most / WIDEST_RATIO, most
+    if most <= 0:
+        return least, least * WIDEST_RATIO
+    return min(least, most), min(most, least * WIDEST_RATIO)
