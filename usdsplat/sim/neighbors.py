@@ -247,6 +247,11 @@ class Neighbors:
         return float(clamped.max(initial=0)) * skin * (1 + 1e-6), middle * skin
 
 
+def _even(radius: float) -> float:
+    """The nearest of four numbers in an octave: limits must not change with every radius."""
+    return 2.0 ** (round(4 * math.log2(radius)) / 4) if radius > 0 else 0.0
+
+
 def _lists(parameters: NeighborsParameters) -> tuple[float, ...]:
     """Parameters that lists depend on."""
     return parameters.h_min, parameters.h_max, parameters.skin, parameters.k_max
@@ -270,7 +275,7 @@ def _limits(parameters: NeighborsParameters, support: F32) -> tuple[float, float
     """Least and largest radius [unit]: as given, automatic where negative, of a bounded ratio."""
     least, most = parameters.h_min, parameters.h_max
     if least <= 0 and most <= 0:
-        middle = _median(support)
+        middle = _even(_median(support))
         return middle / math.sqrt(WIDEST_RATIO), middle * math.sqrt(WIDEST_RATIO)
     if least <= 0:
         return most / WIDEST_RATIO, most

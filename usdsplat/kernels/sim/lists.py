@@ -18,6 +18,8 @@ from .grid import BLOCK, cell_of, span, squared_distance
 
 ROOM = 2048
 """Hits that are kept before the far ones are dropped; more than twice the longest list."""
+NONE, FULL = np.uint64(0), np.uint64(ROOM)
+"""Counts of hits; unsigned, for which indexing needs no test."""
 MARGIN = 1.0 + 1e-6
 """Of the cells that are visited, for the rounding of distances."""
 JITTER = np.float32(1e-4)
@@ -141,15 +143,11 @@ def search(
             if not (np.isfinite(x + y + z) and np.isfinite(h) and h > 0):
                 continue
             h2 = h * h
-            stretch = np.float64(max(h, widest)) * MARGIN
-            cx0, cx1 = cell_of(x - stretch, inverse), cell_of(x + stretch, inverse)
-            cy0, cy1 = cell_of(y - stretch, inverse), cell_of(y + stretch, inverse)
-            cz0, cz1 = cell_of(z - stretch, inverse), cell_of(z + stretch, inverse)
-            xa, xb, xc, xd = span(cx0, cx1, bx)
-            ya, yb, yc, yd = span(cy0, cy1, by)
-            za, zb, zc, zd = span(cz0, cz1, bz)
-            m = 0
-            same = 0
+            far = np.float64(max(h, widest)) * MARGIN
+            xa, xb, xc, xd = span(cell_of(x - far, inverse), cell_of(x + far, inverse), bx)
+            ya, yb, yc, yd = span(cell_of(y - far, inverse), cell_of(y + far, inverse), by)
+            za, zb, zc, zd = span(cell_of(z - far, inverse), cell_of(z + far, inverse), bz)
+            m, same = NONE, NONE
             cut = False
             for p in range((zb - za) + (zd - zc)):
                 wz = za + p if za + p < zb else zc + p - (zb - za)
@@ -157,35 +155,42 @@ def search(
                     wy = ya + q if ya + q < yb else yc + q - (yb - ya)
                     row = ((wz << by) | wy) << bx
                     for part in range(1 if xc == xd else 2):
-                        j = np.int64(start[row + (xa if part == 0 else xc)])
-                        end = np.int64(start[row + (xb if part == 0 else xd)])
+                        j = np.uint64(start[np.uint64(row + (xa if part == 0 else xc))])
+                        end = np.uint64(start[np.uint64(row + (xb if part == 0 else xd))])
                         while j < end:
-                            stop = min(end, j + ROOM - m)
-                            for c in range(j, stop):
-                                d2 = squared_distance(
-                                    x, y, z, positions[c, 0], positions[c, 1], positions[c, 2]
-                                )
-                                limit = h2
-                                if widest > 0:
+                            stop = min(end, j + (FULL - m))
+                            if widest > 0:
+                                for c in range(j, stop):
+                                    d2 = squared_distance(
+                                        x, y, z, positions[c, 0], positions[c, 1], positions[c, 2]
+                                    )
                                     limit = max(h2, reach[c] * reach[c])
-                                hits[m] = c
-                                m += (d2 > 0) & (d2 < limit)
-                                same += d2 == 0
+                                    hits[m] = c
+                                    m += np.uint64((d2 > 0) & (d2 < limit))
+                                    same += np.uint64(d2 == 0)
+                            else:
+                                for c in range(j, stop):
+                                    d2 = squared_distance(
+                                        x, y, z, positions[c, 0], positions[c, 1], positions[c, 2]
+                                    )
+                                    hits[m] = c
+                                    m += np.uint64((d2 > 0) & (d2 < h2))
+                                    same += np.uint64(d2 == 0)
                             j = stop
-                            if m == ROOM:
+                            if m == FULL:
                                 keep_nearest(positions, i, hits, m, k_max, ranks, distance)
-                                m = k_max
+                                m = np.uint64(k_max)
                                 cut = True
-            if m > k_max:
+            if m > np.uint64(k_max):
                 keep_nearest(positions, i, hits, m, k_max, ranks, distance)
-                m = k_max
+                m = np.uint64(k_max)
                 cut = True
             overflows += cut
             twins[i] = same > 1
             counts[i] = m
-            for c in range(m):
+            for c in range(np.int64(m)):
                 found[out + c] = hits[c]
-            out += m
+            out += np.int64(m)
         dropped[b] = overflows
 
 

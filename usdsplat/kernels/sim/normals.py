@@ -1,0 +1,180 @@
+"""Which way a splat's surface faces.
+
+Source: Hoppe et al. 1992, "Surface reconstruction from unorganized points", for planes of
+neighbours and signs that spread along a graph; Smith 1961, "Eigenvalues of a symmetric 3x3 matrix".
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar, serial
+
+from .grid import BLOCK, squared_distance
+from .support import falloff
+
+DOUBLE = 1e-12
+"""Two eigenvalues are the same where their difference, over the spread, is below the root of this:
+the formula has half of float64's digits there."""
+
+# --- 1. mathematics ---------------------------------------------------------------------
+
+
+@scalar
+def column(w, x, y, z, axis):
+    """A column of the rotation matrix of a unit quaternion."""
+    if axis == 0:
+        return 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+    if axis == 1:
+        return 2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+
+
+@scalar
+def cross(ax, ay, az, bx, by, bz):
+    """a x b, and its squared length."""
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return x, y, z, x * x + y * y + z * z
+
+
+@scalar
+def least_axis(xx, xy, xz, yy, yz, zz):
+    """The two least eigenvalues of a symmetric matrix, float64, and the unit eigenvector of the
+    least; (0, 0, 0) where it is not unique."""
+    mean = (xx + yy + zz) / 3
+    a, b, c = xx - mean, yy - mean, zz - mean
+    spread = math.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
+    if not spread > 1e-12 * mean:
+        return mean, mean, 0.0, 0.0, 0.0
+    det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    angle = math.acos(min(max(det / (2 * spread * spread * spread), -1.0), 1.0)) / 3
+    least = mean + 2 * spread * math.cos(angle + 2 * math.pi / 3)
+    most = mean + 2 * spread * math.cos(angle)
+    middle = 3 * mean - least - most
+    a, b, c = xx - least, yy - least, zz - least
+    x, y, z, best = cross(a, xy, xz, xy, b, yz)
+    u, v, w, size = cross(a, xy, xz, xz, yz, c)
+    if size > best:
+        x, y, z, best = u, v, w, size
+    u, v, w, size = cross(xy, b, yz, xz, yz, c)
+    if size > best:
+        x, y, z, best = u, v, w, size
+    if not best > DOUBLE * spread * spread * spread * spread:
+        return least, middle, 0.0, 0.0, 0.0
+    size = 1 / math.sqrt(best)
+    return least, middle, x * size, y * size, z * size
+
+
+# --- 2. CPU -----------------------------------------------------------------------------
+
+
+@parallel
+def thin_axes(rotations, scales, out):
+    """The axis along which each splat is thinnest.
+
+    Args:
+        rotations: Unit quaternions, (n, 4) f32.
+        scales: (n, 3) f32.
+        out: Receives unit vectors, (n, 3) f32.
+    """
+    n = scales.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            axis = 0
+            for a in range(1, 3):
+                if scales[i, a] < scales[i, axis]:
+                    axis = a
+            out[i, 0], out[i, 1], out[i, 2] = column(
+                rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3], axis
+            )
+
+
+@parallel
+def planes(positions, support, order, rows, neighbors, before, out, surfaceness):
+    """Normals of the planes through neighbours.
+
+    Args:
+        positions, support, order, rows, neighbors: A graph's.
+        before: Normals whose sign is kept, and that stay where no plane is defined, (n, 3) f32 by
+            row.
+        out: Receives those of each row, (n, 3) f32.
+        surfaceness: Receives 1 - l0 / l1 of the two least eigenvalues, (n,) f32 by row: 1 on a
+            sheet, 0 where neighbours are all around.
+    """
+    n = positions.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            i = order[s]
+            px, py, pz = before[i, 0], before[i, 1], before[i, 2]
+            out[i, 0], out[i, 1], out[i, 2] = px, py, pz
+            surfaceness[i] = 0
+            if not support[s] > 0:
+                continue
+            inverse = np.float32(1) / support[s]
+            x0, y0, z0 = positions[s, 0], positions[s, 1], positions[s, 2]
+            total, sx, sy, sz = 1.0, 0.0, 0.0, 0.0
+            xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for e in range(rows[s], rows[s + 1]):
+                j = neighbors[e]
+                x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
+                d2 = squared_distance(x0, y0, z0, x, y, z)
+                w = np.float64(falloff(d2 * inverse * inverse))
+                dx = np.float64((x - x0) * inverse)
+                dy = np.float64((y - y0) * inverse)
+                dz = np.float64((z - z0) * inverse)
+                total += w
+                sx, sy, sz = sx + w * dx, sy + w * dy, sz + w * dz
+                xx, xy, xz = xx + w * dx * dx, xy + w * dx * dy, xz + w * dx * dz
+                yy, yz, zz = yy + w * dy * dy, yz + w * dy * dz, zz + w * dz * dz
+            sx, sy, sz = sx / total, sy / total, sz / total
+            least, middle, x, y, z = least_axis(
+                xx / total - sx * sx, xy / total - sx * sy, xz / total - sx * sz,
+                yy / total - sy * sy, yz / total - sy * sz, zz / total - sz * sz,
+            )  # fmt: skip
+            if x * x + y * y + z * z > 0:
+                surfaceness[i] = 1 - max(least, 0.0) / middle
+                sign = -1.0 if x * px + y * py + z * pz < 0 else 1.0
+                out[i, 0], out[i, 1], out[i, 2] = sign * x, sign * y, sign * z
+
+
+@serial
+def orient(normals, rows, neighbors, seeds, outward, queue, state):
+    """Give normals of each connected part the same side.
+
+    From the outermost splat on, in breadth: each takes the side of most of its neighbours that have
+    one, each with the cosine between the normals as its vote.
+
+    Args:
+        normals: Of each slot, (n, 3) f32, are flipped in place.
+        rows, neighbors: A graph's.
+        seeds: Slots, those first that parts are to begin with, (n,).
+        outward: Directions that the first normal of a part is turned to, (n, 3) f32 by slot.
+        queue: Scratch, (n,) i32.
+        state: Zeros, (n,) u8: 1 is waiting, 2 has its side.
+    """
+    for seed in seeds:
+        if state[seed] != 0:
+            continue
+        queue[0], state[seed] = seed, 1
+        head, tail = 0, 1
+        while head < tail:
+            s = queue[head]
+            x, y, z = normals[s, 0], normals[s, 1], normals[s, 2]
+            vote = 0.0
+            if head == 0:
+                vote = x * outward[s, 0] + y * outward[s, 1] + z * outward[s, 2]
+            for e in range(rows[s], rows[s + 1]):
+                j = neighbors[e]
+                if state[j] == 2:
+                    vote += x * normals[j, 0] + y * normals[j, 1] + z * normals[j, 2]
+                elif state[j] == 0:
+                    state[j] = 1
+                    queue[tail] = j
+                    tail += 1
+            if vote < 0:
+                normals[s, 0], normals[s, 1], normals[s, 2] = -x, -y, -z
+            state[s] = 2
+            head += 1

@@ -1,0 +1,104 @@
+"""Even spacing: splats push those away that are too close, along the surface that they are part of.
+
+Source: Turk 1991, "Generating textures on arbitrary surfaces using reaction-diffusion", for
+repulsion; Lagae & Dutré 2008 on what even is; Müller et al. 2007, "Position based dynamics", for
+all at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .grid import BLOCK, squared_distance
+from .support import falloff
+
+RANGE = np.float32(1.8)
+"""Distance at which splats let go of each other, in spacings."""
+LONGEST = np.float32(0.25)
+"""Step of a sweep, at most, in spacings."""
+RETURN = np.float32(0.5)
+"""Part of the way back to the surface that a sweep takes."""
+
+# --- 1. mathematics ---------------------------------------------------------------------
+
+
+@scalar
+def push(d2, own, other):
+    """By how much of the offset from a neighbour a splat is pushed away from it, f32.
+
+    own, other: Spacings of the two [unit].
+    """
+    reach = RANGE * np.float32(0.5) * (own + other)
+    d = np.float32(math.sqrt(d2))
+    if not (d > 0 and d < reach):
+        return np.float32(0)
+    return (np.float32(1) - d / reach) / d
+
+
+# --- 2. CPU -----------------------------------------------------------------------------
+
+
+@parallel
+def sweep(positions, support, normals, order, rows, neighbors, unit, strength, out, moved):
+    """Move all splats once, each by where the others were.
+
+    Args:
+        positions, support, order, rows, neighbors: A graph's, of lists within either's radius.
+        normals: By slot, (n, 3) f32; splats move along the plane, and half of the way back to the
+            surface of their neighbours. Zeros move freely.
+        unit: Spacing over radius, f32.
+        strength: Part of the spacing, f32.
+        out: Receives positions by row, (n, 3) f32.
+        moved: Receives the sum of steps in each block, in spacings, (blocks,) f64.
+    """
+    n = positions.shape[0]
+    zero = np.float32(0)
+    for b in prange(moved.shape[0]):
+        total = 0.0
+        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
+            nx, ny, nz = normals[s, 0], normals[s, 1], normals[s, 2]
+            spacing = unit * support[s]
+            i = order[s]
+            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+            if not (spacing > 0 and rows[s + 1] > rows[s]):
+                continue
+            inverse = np.float32(1) / (support[s] * support[s])
+            fx, fy, fz = zero, zero, zero
+            weights, height, mx, my, mz = zero, zero, zero, zero, zero
+            for e in range(rows[s], rows[s + 1]):
+                j = neighbors[e]
+                px, py, pz = positions[j, 0], positions[j, 1], positions[j, 2]
+                d2 = squared_distance(px, py, pz, x, y, z)
+                dx, dy, dz = x - px, y - py, z - pz
+                f = push(d2, spacing, unit * support[j])
+                fx, fy, fz = fx + f * dx, fy + f * dy, fz + f * dz
+                ox, oy, oz = normals[j, 0], normals[j, 1], normals[j, 2]
+                w = falloff(d2 * inverse)
+                side = w if ox * nx + oy * ny + oz * nz >= 0 else -w
+                ox, oy, oz = w * nx + side * ox, w * ny + side * oy, w * nz + side * oz
+                weights += w
+                height += ox * dx + oy * dy + oz * dz
+                mx, my, mz = mx + ox, my + oy, mz + oz
+            along = fx * nx + fy * ny + fz * nz
+            fx, fy, fz = fx - along * nx, fy - along * ny, fz - along * nz
+            length = np.float32(math.sqrt(fx * fx + fy * fy + fz * fz))
+            step = (
+                strength * spacing * min(np.float32(1), LONGEST / max(strength * length, LONGEST))
+            )
+            fx, fy, fz = step * fx, step * fy, step * fz
+            # A chord makes equal angles with both normals of an arc, so their mean leaves a splat
+            # on a sphere where it is; the neighbours' centroid would draw it inwards.
+            back = zero
+            if weights > 0:
+                back = -RETURN * np.float32(0.5) * (height + mx * fx + my * fy + mz * fz) / weights
+            out[i, 0] = x + fx + back * nx
+            out[i, 1] = y + fy + back * ny
+            out[i, 2] = z + fz + back * nz
+            total += np.float64(step * length / spacing)
+        moved[b] = total

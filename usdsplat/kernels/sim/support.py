@@ -1,0 +1,83 @@
+"""The radius of each splat's neighbourhood: how many neighbours it has, and what it should be.
+
+The count is smooth: each neighbour counts by K(q) = (1 - q^2)^3, q = distance / radius, times a
+factor with which an even density gives the number of points in the circle or ball.
+
+Source: Hernquist & Katz 1989, "TreeSPH"; Price 2012, "Smoothed particle hydrodynamics and
+magnetohydrodynamics".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .grid import BLOCK, squared_distance
+
+FACTOR = {2: 4.0, 3: 105 / 16}
+"""Dimension -> area or volume of the unit ball over the integral of K."""
+
+# --- 1. mathematics ---------------------------------------------------------------------
+
+
+@scalar
+def falloff(q2):
+    """K of a squared relative distance, float32: 1 at 0, 0 from 1 on."""
+    t = max(np.float32(1) - q2, np.float32(0))
+    return t * t * t
+
+
+@scalar
+def corrected(h, count, target, power, least, most):
+    """The next radius: a step towards as many neighbours as the target; at most half or double."""
+    factor = (target / max(count, np.float32(0.5))) ** power
+    return min(max(h * min(max(factor, np.float32(0.5)), np.float32(2)), least), most)
+
+
+# --- 2. CPU -----------------------------------------------------------------------------
+
+
+@parallel
+def crowding(positions, support, order, rows, neighbors, factor, out):
+    """Smooth number of neighbours.
+
+    Args:
+        positions, support, order, rows, neighbors: A graph's.
+        factor: Of the dimension, f32.
+        out: Receives that of each row, (n,) f32.
+    """
+    n = positions.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
+            total = np.float32(0)
+            if support[s] > 0:
+                inverse = np.float32(1) / (support[s] * support[s])
+                for e in range(rows[s], rows[s + 1]):
+                    j = neighbors[e]
+                    d2 = squared_distance(
+                        x, y, z, positions[j, 0], positions[j, 1], positions[j, 2]
+                    )
+                    total += falloff(d2 * inverse)
+            out[order[s]] = factor * total
+
+
+@parallel
+def control(support, count, target, power, least, most, out):
+    """Correct radii by the number of neighbours.
+
+    Args:
+        support: Clamped, (n,) f32; 0 stays.
+        count: Smooth number of neighbours, (n,) f32.
+        target: Number there is to be, f32.
+        power: Gain over dimension, f32: stable below 2 / (d ln count / d ln h).
+        least, most: Limits, f32.
+        out: Receives (n,) f32.
+    """
+    n = support.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            h = support[i]
+            out[i] = corrected(h, count[i], target, power, least, most) if h > 0 else h

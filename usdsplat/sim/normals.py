@@ -1,0 +1,69 @@
+"""Which way splats face."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import normals as kernels
+from usdsplat.sim.neighbors import Graph
+
+FLAT = 0.3
+"""Surfaceness from which a splat counts as part of a surface."""
+
+
+def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F32:
+    """The thin axes of captured splats, all on the outer side of each connected part.
+
+    Args:
+        device: Where to.
+        graph: Of the splats; symmetric, so that what is connected does not depend on the order.
+        rotations: Unit quaternions, shape (n, 4).
+        scales: [unit], shape (n, 3).
+
+    Returns:
+        Unit vectors by row, shape (n, 3). A part's outermost splat, the farthest from the mean of
+        all, faces away from it; the rest follows its neighbours.
+    """
+    axes: F32 = device.empty(scales.shape, np.float32)
+    device.run(kernels.thin_axes, rotations, scales, axes)
+    return oriented(device, graph, axes)
+
+
+def oriented(device: CpuDevice, graph: Graph, normals: F32) -> F32:
+    """Normals of rows, shape (n, 3), with sides as those of `captured`."""
+    n = len(normals)
+    outward = np.zeros((n, 3), np.float32)
+    sound = np.isfinite(graph.positions).all(axis=1)
+    if sound.any():
+        centre = graph.positions[sound].mean(axis=0, dtype=np.float64)
+        outward[sound] = graph.positions[sound] - centre
+    distance = np.einsum("ij,ij->i", outward, outward, dtype=np.float64)
+    seeds = np.argsort(-distance, kind="stable")
+    turned = normals[graph.order]
+    queue, state = device.empty(n, np.int32), np.zeros(n, np.uint8)
+    device.run(kernels.orient, turned, graph.rows, graph.neighbors, seeds, outward, queue, state)
+    return turned[graph.rank]
+
+
+def grown(device: CpuDevice, graph: Graph, before: F32) -> tuple[F32, F32]:
+    """Normals of the planes through neighbours, and how much like a surface they are.
+
+    Args:
+        device: Where to.
+        graph: Of the splats.
+        before: Normals by row whose sides are kept, and that stay where neighbours define no plane,
+            shape (n, 3); zeros where there are none yet.
+
+    Returns:
+        Unit vectors by row, shape (n, 3), and surfaceness, shape (n,): 1 on a sheet, 0 where
+        neighbours are all around. Below FLAT a splat is part of a volume.
+    """
+    normals: F32 = device.empty(before.shape, np.float32)
+    surfaceness: F32 = device.empty(len(before), np.float32)
+    device.run(
+        kernels.planes, graph.positions, graph.support, graph.order, graph.rows, graph.neighbors,
+        before, normals, surfaceness,
+    )  # fmt: skip
+    return normals, surfaceness

@@ -1,0 +1,110 @@
+"""Redistribution: the same splats, evenly spaced on the same surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import grid
+from usdsplat.kernels.sim import relax as kernels
+from usdsplat.sim import support as radii
+from usdsplat.sim.neighbors import Graph, Neighbors
+from usdsplat.sim.normals import FLAT, grown
+from usdsplat.sim.parameters import Parameters
+
+CONVERGED = 1e-3
+"""Mean step, in spacings, from which more sweeps change nothing."""
+
+Projection = Callable[[F32], tuple[F32, F32]]
+"""Points to those of a surface, and its unit normals there, both shape (n, 3)."""
+
+
+def relax(
+    device: CpuDevice,
+    positions: F32,
+    normals: F32 | None,
+    parameters: Parameters,
+    iterations: int,
+    surface: Projection | None = None,
+    *,
+    dimension: int = 2,
+) -> tuple[F32, F32]:
+    """Spread splats evenly.
+
+    Args:
+        device: Where to.
+        positions: [unit], shape (n, 3); are not changed. Those not finite stay.
+        normals: Unit vectors to begin with, shape (n, 3); None has them found. They follow the
+            surface; of their sides nothing depends.
+        parameters: `relax:strength` and the group `neighbors`.
+        iterations: Sweeps, at most.
+        surface: What splats stay on; None is the planes through neighbours.
+        dimension: 2 moves splats along surfaces, 3 in all directions.
+
+    Returns:
+        Positions [unit], shape (n, 3), and radii of their neighbourhoods [unit], shape (n,).
+    """
+    positions = positions.copy()
+    neighbors = Neighbors(device, parameters.neighbors, symmetric=True, seed=parameters.sim.seed)
+    support = radii.fitted(neighbors, positions, dimension)
+    if surface is not None:
+        positions, normals = surface(positions)
+    for _ in range(iterations):
+        graph = neighbors.update(positions, support)
+        if dimension == 3:
+            normals = np.zeros_like(positions)
+        elif surface is None or normals is None:
+            normals = _planes(device, graph, normals)
+        positions, moved = swept(device, graph, normals, parameters, dimension)
+        count = radii.crowding(device, graph, dimension)
+        support = radii.corrected(neighbors, support, count, dimension)
+        if surface is not None:
+            positions, normals = surface(positions)
+        if moved < CONVERGED:
+            break
+    return positions, support
+
+
+def swept(
+    device: CpuDevice, graph: Graph, normals: F32, parameters: Parameters, dimension: int
+) -> tuple[F32, float]:
+    """One sweep.
+
+    Args:
+        device: Where to.
+        graph: Symmetric.
+        normals: Unit vectors by row, shape (n, 3); zeros move freely.
+        parameters: `relax:strength` and `neighbors:target`.
+        dimension: 2 or 3, of the spacing.
+
+    Returns:
+        Positions by row [unit], shape (n, 3), and the mean step in spacings.
+    """
+    n = len(graph.order)
+    out: F32 = device.empty((n, 3), np.float32)
+    moved = device.empty(math.ceil(n / grid.BLOCK), np.float64)
+    device.run(
+        kernels.sweep, graph.positions, graph.support, normals[graph.order], graph.order,
+        graph.rows, graph.neighbors, np.float32(spacing(parameters.neighbors.target, dimension)),
+        np.float32(parameters.relax.strength), out, moved,
+    )  # fmt: skip
+    return out, float(moved.sum()) / max(n, 1)
+
+
+def spacing(target: float, dimension: int) -> float:
+    """Spacing of splats over the radius within which each has `target` neighbours."""
+    if dimension == 2:
+        return math.sqrt(math.pi / target)
+    return float((4 * math.pi / (3 * target)) ** (1 / 3))
+
+
+def _planes(device: CpuDevice, graph: Graph, before: F32 | None) -> F32:
+    """Normals by row; zeros, which let splats go, where they are all around."""
+    start = np.zeros((len(graph.order), 3), np.float32) if before is None else before
+    normals, surfaceness = grown(device, graph, start)
+    normals[surfaceness < FLAT] = 0
+    return normals

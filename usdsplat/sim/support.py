@@ -1,0 +1,85 @@
+"""Radii with which each splat has about as many neighbours as it is to have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import support as kernels
+from usdsplat.sim.nearest import nearest
+from usdsplat.sim.neighbors import Graph, Neighbors
+
+STEPS = 8
+"""Of the controller, until radii fit at first."""
+TOLERANCE, PART = 0.1, 0.99
+"""Radii fit where this part of the counts is within this of the target."""
+
+
+def crowding(device: CpuDevice, graph: Graph, dimension: int) -> F32:
+    """Smooth number of neighbours of each row, shape (n,); at an even density, how many splats lie
+    in its circle (dimension 2) or ball (3)."""
+    out: F32 = device.empty(len(graph.order), np.float32)
+    device.run(
+        kernels.crowding, graph.positions, graph.support, graph.order, graph.rows, graph.neighbors,
+        np.float32(kernels.FACTOR[dimension]), out,
+    )  # fmt: skip
+    return out
+
+
+def corrected(neighbors: Neighbors, support: F32, count: F32, dimension: int) -> F32:
+    """Radii after a step towards the target [unit], within the limits of the last build.
+
+    Args:
+        neighbors: Of which `count` is the crowding.
+        support: Radii that were counted with [unit], shape (n,).
+        count: Shape (n,).
+        dimension: 2 or 3.
+    """
+    parameters = neighbors.parameters
+    least, most = neighbors.limits
+    clamped = neighbors.clamped(support)
+    out: F32 = neighbors.device.empty(len(support), np.float32)
+    neighbors.device.run(
+        kernels.control, clamped, count, np.float32(parameters.target),
+        np.float32(parameters.gain / dimension), np.float32(least), np.float32(most), out,
+    )  # fmt: skip
+    return out
+
+
+def fits(neighbors: Neighbors, support: F32, count: F32) -> bool:
+    """Whether nearly all splats that no limit holds have about as many neighbours as they are to
+    have."""
+    least, most = (np.float32(each) for each in neighbors.limits)
+    clamped = neighbors.clamped(support)
+    judged = count[(clamped > least) & (clamped < most)]
+    target = neighbors.parameters.target
+    close = np.abs(judged - target) <= TOLERANCE * target
+    return bool(close.sum() >= PART * len(judged))
+
+
+def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = STEPS) -> F32:
+    """Radii for splats that have none [unit], shape (n,).
+
+    Args:
+        neighbors: With which they are counted; its lists are then those of the result or nearly.
+        positions: [unit], shape (n, 3).
+        dimension: 2 or 3.
+        steps: Of the controller, at most.
+    """
+    support = first_guess(neighbors, positions)
+    for _ in range(steps):
+        count = crowding(neighbors.device, neighbors.update(positions, support), dimension)
+        if fits(neighbors, support, count):
+            break
+        support = corrected(neighbors, support, count, dimension)
+    return neighbors.clamped(support)
+
+
+def first_guess(neighbors: Neighbors, positions: F32) -> F32:
+    """Distance to the neighbour whose number is the target, or to the last there is [unit], shape
+    (n,); 1 where a splat is alone."""
+    k = round(neighbors.parameters.target) + 1
+    _, distances = nearest(neighbors.device, positions, positions, k)
+    radii: F32 = np.where(np.isfinite(distances), distances, 0).max(axis=1)
+    return np.where(radii > 0, radii, 1).astype(np.float32)
