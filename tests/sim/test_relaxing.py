@@ -55,6 +55,20 @@ def test_planes_of_neighbours_draw_splats_back() -> None:
     assert after[inner, 2].std() < points[inner, 2].std() / 3
 
 
+def test_borders_of_open_surfaces_stay() -> None:
+    """Oracle: closed form: the square that the noise was in, to one and a half spacings, with even
+    distances up to its border."""
+    device = open_device()
+    points = np.random.default_rng(5).uniform(0, 1, (5000, 3)).astype(np.float32)
+    points[:, 2] = 0
+    after, _ = relax(device, points, None, Parameters(), 20)
+    spacing = 5000**-0.5
+    assert after[:, :2].min() > -1.5 * spacing
+    assert after[:, :2].max() < 1 + 1.5 * spacing
+    assert not after[:, 2].any()
+    assert unevenness(device, after) < 0.12
+
+
 def test_volumes_become_even_in_all_directions() -> None:
     """Oracle: statistics of white noise, whose nearest distances vary by .36 of their mean; the
     walls of the box stop those that are pushed out."""

@@ -19,6 +19,8 @@ from .grid import BLOCK, squared_distance
 
 DEPTH = 32
 """Levels of a tree, at most."""
+NONE, ONE = np.uint64(0), np.uint64(1)
+"""Unsigned, for which indexing needs no test."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
@@ -42,6 +44,12 @@ def box_distance(x, y, z, x0, y0, z0, x1, y1, z1):
     return dx * dx + dy * dy + dz * dz
 
 
+@exact
+def goes_before(row, other):
+    """Whether of two as near the first is the nearer; -1 is none."""
+    return row < other or other < 0
+
+
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
@@ -51,19 +59,21 @@ def divide(points, index, axis, first, end, middle):
 
     Source: Hoare 1961, "Algorithm 65: find".
     """
-    left, right = first, end - 1
+    left, right = np.int64(first), np.int64(end) - 1
     while left < right:
-        pivot = points[(left + right) // 2, axis]
+        pivot = points[np.uint64((left + right) // 2), axis]
         i, j = left, right
         while i <= j:
-            while points[i, axis] < pivot:
+            while points[np.uint64(i), axis] < pivot:
                 i += 1
-            while pivot < points[j, axis]:
+            while pivot < points[np.uint64(j), axis]:
                 j -= 1
             if i <= j:
-                for a in range(3):
-                    points[i, a], points[j, a] = points[j, a], points[i, a]
-                index[i], index[j] = index[j], index[i]
+                p, q = np.uint64(i), np.uint64(j)
+                x, y, z, row = points[p, 0], points[p, 1], points[p, 2], index[p]
+                points[p, 0], points[p, 1], points[p, 2] = points[q, 0], points[q, 1], points[q, 2]
+                points[q, 0], points[q, 1], points[q, 2] = x, y, z
+                index[p], index[q] = index[q], row
                 i += 1
                 j -= 1
         if middle <= j:
@@ -90,7 +100,7 @@ def plant(points, index, levels, boxes):
             first, end = first_of(node, level, n), first_of(node + 1, level, n)
             for a in range(3):
                 low, high = points[first, a], points[first, a]
-                for i in range(first, end):
+                for i in range(np.uint64(first), np.uint64(end)):
                     low, high = min(low, points[i, a]), max(high, points[i, a])
                 boxes[node, a], boxes[node, 3 + a] = low, high
             if level < levels:
@@ -106,72 +116,76 @@ def plant(points, index, levels, boxes):
 
 
 @parallel
-def nearest(points, index, levels, boxes, queries, order, indices, distances):
+def nearest(points, index, levels, boxes, queries, order, k, indices, distances):
     """Find the nearest of each query.
 
     Args:
         points, index, levels, boxes: As `plant` left them.
         queries: (m, 3) f32.
         order: In which queries are taken, near ones together: (m,) i32.
-        indices: Receives the entries of `index` of the nearest, nearest first, (m, k) i32; -1 where
-            there are no more.
-        distances: Receives squared distances, (m, k) f32; inf where there are no more.
+        k: How many of each.
+        indices: Receives the entries of `index` of the nearest, nearest first, (m * k,) i32; -1
+            where there are no more.
+        distances: Receives squared distances, (m * k,) f32; inf where there are no more.
     """
     n = np.int64(points.shape[0])
-    m, k = indices.shape
+    m = order.shape[0]
     for b in prange((m + BLOCK - 1) // BLOCK):
         nodes = np.empty(DEPTH, np.int64)
         bounds = np.empty(DEPTH, np.float32)
         depths = np.empty(DEPTH, np.int64)
         for row in range(b * BLOCK, min(m, (b + 1) * BLOCK)):
             q = order[row]
-            for c in range(k):
-                indices[q, c] = -1
-                distances[q, c] = np.inf
+            base = np.uint64(q * k)
+            last = base + np.uint64(k - 1)
+            for c in range(base, last + ONE):
+                indices[c] = -1
+                distances[c] = np.inf
             x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
             if n == 0 or not np.isfinite(x + y + z):
                 continue
             nodes[0], bounds[0], depths[0] = 1, np.float32(0), 0
-            top = 1
-            while top > 0:
-                top -= 1
+            worst = np.float32(np.inf)
+            top = NONE
+            waiting = True
+            while waiting:
                 node, level = nodes[top], depths[top]
-                if bounds[top] > distances[q, k - 1]:
-                    continue
-                while level < levels:
-                    left, right = 2 * node, 2 * node + 1
-                    to_left = box_distance(
-                        x, y, z, boxes[left, 0], boxes[left, 1], boxes[left, 2],
-                        boxes[left, 3], boxes[left, 4], boxes[left, 5],
-                    )  # fmt: skip
-                    to_right = box_distance(
-                        x, y, z, boxes[right, 0], boxes[right, 1], boxes[right, 2],
-                        boxes[right, 3], boxes[right, 4], boxes[right, 5],
-                    )  # fmt: skip
-                    level += 1
-                    node = left if to_left <= to_right else right
-                    nodes[top] = right if to_left <= to_right else left
-                    bounds[top] = max(to_left, to_right)
-                    depths[top] = level
-                    top += 1
-                for i in range(first_of(node, level, n), first_of(node + 1, level, n)):
-                    d2 = squared_distance(x, y, z, points[i, 0], points[i, 1], points[i, 2])
-                    if d2 > distances[q, k - 1]:
-                        continue
-                    me = index[i]
-                    last = indices[q, k - 1]
-                    if d2 == distances[q, k - 1] and last >= 0 and me > last:
-                        continue
-                    c = k - 1
-                    while c > 0 and (
-                        d2 < distances[q, c - 1]
-                        or (
-                            d2 == distances[q, c - 1]
-                            and (me < indices[q, c - 1] or indices[q, c - 1] < 0)
-                        )
-                    ):
-                        distances[q, c] = distances[q, c - 1]
-                        indices[q, c] = indices[q, c - 1]
-                        c -= 1
-                    distances[q, c] = d2
-                    indices[q, c] = me
+                if not bounds[top] > worst:
+                    while level < levels:
+                        left = np.uint64(2 * node)
+                        right = left + ONE
+                        to_left = box_distance(
+                            x, y, z, boxes[left, 0], boxes[left, 1], boxes[left, 2],
+                            boxes[left, 3], boxes[left, 4], boxes[left, 5],
+                        )  # fmt: skip
+                        to_right = box_distance(
+                            x, y, z, boxes[right, 0], boxes[right, 1], boxes[right, 2],
+                            boxes[right, 3], boxes[right, 4], boxes[right, 5],
+                        )  # fmt: skip
+                        level += 1
+                        swap = to_right < to_left
+                        node = 2 * node + swap
+                        far = max(to_left, to_right)
+                        nodes[top], bounds[top], depths[top] = node + 1 - 2 * swap, far, level
+                        top += np.uint64(far <= worst)
+                    first, end = first_of(node, level, n), first_of(node + 1, level, n)
+                    for i in range(np.uint64(first), np.uint64(end)):
+                        d2 = squared_distance(x, y, z, points[i, 0], points[i, 1], points[i, 2])
+                        if d2 > worst:
+                            continue
+                        me = index[i]
+                        if d2 == worst and indices[last] >= 0 and me > indices[last]:
+                            continue
+                        c = last
+                        while c > base and (
+                            d2 < distances[c - ONE]
+                            or (d2 == distances[c - ONE] and goes_before(me, indices[c - ONE]))
+                        ):
+                            distances[c] = distances[c - ONE]
+                            indices[c] = indices[c - ONE]
+                            c -= ONE
+                        distances[c] = d2
+                        indices[c] = me
+                        worst = distances[last]
+                waiting = top > NONE
+                top -= np.uint64(waiting)

@@ -21,6 +21,11 @@ RANGE = np.float32(1.8)
 """Distance at which splats let go of each other, in spacings."""
 LONGEST = np.float32(0.25)
 """Step of a sweep, at most, in spacings."""
+ASIDE = np.float32(0.1)
+"""Distance from the neighbours' centroid, in radii, from which a splat may be on a border; it is
+0.26 on a straight one."""
+CONE = np.float32(0.5)
+"""Cosine between that direction and any neighbour's which shows that there is no border."""
 RETURN = np.float32(0.5)
 """Part of the way back to the surface that a sweep takes."""
 
@@ -71,6 +76,7 @@ def sweep(positions, support, normals, order, rows, neighbors, unit, strength, o
             inverse = np.float32(1) / (support[s] * support[s])
             fx, fy, fz = zero, zero, zero
             weights, height, mx, my, mz = zero, zero, zero, zero, zero
+            cx, cy, cz = zero, zero, zero
             for e in range(rows[s], rows[s + 1]):
                 j = neighbors[e]
                 px, py, pz = positions[j, 0], positions[j, 1], positions[j, 2]
@@ -83,10 +89,28 @@ def sweep(positions, support, normals, order, rows, neighbors, unit, strength, o
                 side = w if ox * nx + oy * ny + oz * nz >= 0 else -w
                 ox, oy, oz = w * nx + side * ox, w * ny + side * oy, w * nz + side * oz
                 weights += w
+                cx, cy, cz = cx + w * dx, cy + w * dy, cz + w * dz
                 height += ox * dx + oy * dy + oz * dz
                 mx, my, mz = mx + ox, my + oy, mz + oz
             along = fx * nx + fy * ny + fz * nz
             fx, fy, fz = fx - along * nx, fy - along * ny, fz - along * nz
+            along = cx * nx + cy * ny + cz * nz
+            cx, cy, cz = cx - along * nx, cy - along * ny, cz - along * nz
+            away = np.float32(math.sqrt(cx * cx + cy * cy + cz * cz))
+            # Nothing holds a border against those that push it from one side: it would run away.
+            if away > ASIDE * weights * support[s]:
+                cx, cy, cz = cx / away, cy / away, cz / away
+                outward = fx * cx + fy * cy + fz * cz
+                is_border = outward > 0
+                for e in range(rows[s], rows[s + 1]):
+                    j = neighbors[e]
+                    dx, dy, dz = positions[j, 0] - x, positions[j, 1] - y, positions[j, 2] - z
+                    d2 = dx * dx + dy * dy + dz * dz
+                    d = np.float32(math.sqrt(d2))
+                    ahead = dx * cx + dy * cy + dz * cz > CONE * d
+                    is_border &= not (ahead and d < support[s])
+                if is_border:
+                    fx, fy, fz = fx - outward * cx, fy - outward * cy, fz - outward * cz
             length = np.float32(math.sqrt(fx * fx + fy * fy + fz * fz))
             step = (
                 strength * spacing * min(np.float32(1), LONGEST / max(strength * length, LONGEST))
