@@ -9,7 +9,7 @@ from tests.sim.clouds import even_sphere, sphere
 from usdsplat.core import quaternion
 from usdsplat.kernels.device import open_device
 from usdsplat.sim.neighbors import Neighbors
-from usdsplat.sim.normals import captured, grown
+from usdsplat.sim.normals import captured, grown, manifold_dimension
 from usdsplat.sim.parameters import NeighborsParameters
 
 
@@ -81,10 +81,13 @@ def test_grown_normals_are_those_of_the_surface() -> None:
 
 
 def test_volumes_are_no_surfaces() -> None:
-    """Oracle: the definition: sheets are near 1, volumes well below."""
+    """Oracle: closed form: noise in a box fills it, noise in a thin one is a sheet."""
     points = np.random.default_rng(3).uniform(0, 1, (8000, 3)).astype(np.float32)
     _, surfaceness = grown(open_device(), graph_of(points, 0.12), np.zeros_like(points))
-    assert np.median(surfaceness) < 0.5
+    assert manifold_dimension(surfaceness) == 3
+    sheet = points * np.array([1, 1, 0.01], np.float32)
+    _, surfaceness = grown(open_device(), graph_of(sheet, 0.05), np.zeros_like(points))
+    assert manifold_dimension(surfaceness) == 2
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 20])

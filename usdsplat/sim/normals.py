@@ -13,6 +13,17 @@ FLAT = 0.3
 """Surfaceness from which a splat counts as part of a surface."""
 
 
+SHEET = 0.7
+"""Median surfaceness from which splats as a whole lie on surfaces: that of white noise is 0.93 on a
+sheet and 0.4 to 0.5 in a volume."""
+
+
+def manifold_dimension(surfaceness: F32) -> int:
+    """2 for splats that lie on surfaces, 3 for those that fill a volume, by that of each, shape
+    (n,)."""
+    return 2 if len(surfaceness) == 0 or np.median(surfaceness) >= SHEET else 3
+
+
 def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F32:
     """The thin axes of captured splats, all on the outer side of each connected part.
 
