@@ -1,0 +1,202 @@
+"""3x3 matrices and quaternions in numbers: product, polar and singular value decomposition.
+
+A matrix is nine float32 in row order, a quaternion four, real part first. Decompositions are by
+one-sided Jacobi rotations: the columns of a matrix are turned pairwise until they are orthogonal.
+That keeps small singular values to their own relative accuracy where forming A A^T would lose them.
+
+Source: Hestenes 1958, "Inversion of matrices by biorthogonalization"; Demmel & Veselić 1992,
+"Jacobi's method is more accurate than QR"; Higham 1986 for what the polar factors are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.kernels.jit import scalar
+
+SWEEPS = 4
+"""Over the three pairs; convergence is quadratic."""
+
+ZERO, ONE, TWO, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
+_ORTHOGONAL = np.float32((3 * 2.0**-24) ** 2)
+"""Square of the cosine below which two columns are orthogonal: less is rounding, and turning by it
+would give round splats another orientation at each frame."""
+_FLAT = np.float32(1e-6)
+"""Singular values below this part of the largest are none."""
+_TINY = np.float32(1e-30)
+
+
+@scalar
+def product(a, b):
+    """A B."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@scalar
+def transposed(a):
+    """A^T."""
+    return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+
+
+@scalar
+def by_columns(a, x, y, z):
+    """A diag(x, y, z)."""
+    return a[0] * x, a[1] * y, a[2] * z, a[3] * x, a[4] * y, a[5] * z, a[6] * x, a[7] * y, a[8] * z
+
+
+@scalar
+def cross(ax, ay, az, bx, by, bz):
+    """a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@scalar
+def determinant(a):
+    """|A|."""
+    x, y, z = cross(a[0], a[3], a[6], a[1], a[4], a[7])
+    return x * a[2] + y * a[5] + z * a[8]
+
+
+@scalar
+def is_identity(a):
+    """Whether each number is exactly that of the identity."""
+    return (
+        (a[0] == ONE) & (a[4] == ONE) & (a[8] == ONE)
+        & (a[1] == ZERO) & (a[2] == ZERO) & (a[3] == ZERO)
+        & (a[5] == ZERO) & (a[6] == ZERO) & (a[7] == ZERO)
+    )  # fmt: skip
+
+
+@scalar
+def squares(a):
+    """Squared length of each column."""
+    return (
+        a[0] * a[0] + a[3] * a[3] + a[6] * a[6],
+        a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
+        a[2] * a[2] + a[5] * a[5] + a[8] * a[8],
+    )
+
+
+@scalar
+def quat_matrix(w, x, y, z):
+    """Rotation of a quaternion of any length but 0."""
+    s = TWO / (w * w + x * x + y * y + z * z)
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    xx, yy, zz = s * x * x, s * y * y, s * z * z
+    xy, yz, zx = s * x * y, s * y * z, s * z * x
+    return (
+        ONE - (yy + zz), xy - wz, zx + wy,
+        xy + wz, ONE - (xx + zz), yz - wx,
+        zx - wy, yz + wx, ONE - (xx + yy),
+    )  # fmt: skip
+
+
+@scalar
+def matrix_quat(a):
+    """Unit quaternion of a rotation; the sign is that which makes its largest part positive.
+
+    Source: Shepperd 1978, "Quaternion from rotation matrix".
+    """
+    if a[0] + a[4] + a[8] > ZERO:
+        w, x, y, z = ONE + a[0] + a[4] + a[8], a[7] - a[5], a[2] - a[6], a[3] - a[1]
+    elif (a[0] >= a[4]) & (a[0] >= a[8]):
+        w, x, y, z = a[7] - a[5], ONE + a[0] - a[4] - a[8], a[3] + a[1], a[2] + a[6]
+    elif a[4] >= a[8]:
+        w, x, y, z = a[2] - a[6], a[3] + a[1], ONE + a[4] - a[0] - a[8], a[7] + a[5]
+    else:
+        w, x, y, z = a[3] - a[1], a[2] + a[6], a[7] + a[5], ONE + a[8] - a[0] - a[4]
+    s = ONE / math.sqrt(w * w + x * x + y * y + z * z)
+    return w * s, x * s, y * s, z * s
+
+
+@scalar
+def angle_between(a, b, c):
+    """Cosine and sine that make two columns orthogonal, of an angle of at most 45 degrees; so each
+    column stays nearest to what it was.
+
+    a, b: their squared lengths; c: their scalar product.
+    """
+    d, e = b - a, TWO * c
+    r = ONE / math.sqrt(d * d + e * e)
+    cosine = math.sqrt(HALF + HALF * abs(d) * r)
+    sine = math.copysign(c * r / cosine, c * d)
+    if c * c <= _ORTHOGONAL * a * b:
+        return ONE, ZERO
+    return cosine, sine
+
+
+@scalar
+def jacobi(a, v):
+    """(A Q, V Q) with a rotation Q that makes the columns of A Q orthogonal."""
+    a0, a1, a2, a3, a4, a5, a6, a7, a8 = a
+    v0, v1, v2, v3, v4, v5, v6, v7, v8 = v
+    for _ in range(SWEEPS):
+        aa, bb, cc = squares((a0, a1, a2, a3, a4, a5, a6, a7, a8))
+        c, s = angle_between(aa, bb, a0 * a1 + a3 * a4 + a6 * a7)
+        a0, a1, a3, a4 = c * a0 - s * a1, s * a0 + c * a1, c * a3 - s * a4, s * a3 + c * a4
+        a6, a7 = c * a6 - s * a7, s * a6 + c * a7
+        v0, v1, v3, v4 = c * v0 - s * v1, s * v0 + c * v1, c * v3 - s * v4, s * v3 + c * v4
+        v6, v7 = c * v6 - s * v7, s * v6 + c * v7
+        aa, bb, cc = squares((a0, a1, a2, a3, a4, a5, a6, a7, a8))
+        c, s = angle_between(aa, cc, a0 * a2 + a3 * a5 + a6 * a8)
+        a0, a2, a3, a5 = c * a0 - s * a2, s * a0 + c * a2, c * a3 - s * a5, s * a3 + c * a5
+        a6, a8 = c * a6 - s * a8, s * a6 + c * a8
+        v0, v2, v3, v5 = c * v0 - s * v2, s * v0 + c * v2, c * v3 - s * v5, s * v3 + c * v5
+        v6, v8 = c * v6 - s * v8, s * v6 + c * v8
+        aa, bb, cc = squares((a0, a1, a2, a3, a4, a5, a6, a7, a8))
+        c, s = angle_between(bb, cc, a1 * a2 + a4 * a5 + a7 * a8)
+        a1, a2, a4, a5 = c * a1 - s * a2, s * a1 + c * a2, c * a4 - s * a5, s * a4 + c * a5
+        a7, a8 = c * a7 - s * a8, s * a7 + c * a8
+        v1, v2, v4, v5 = c * v1 - s * v2, s * v1 + c * v2, c * v4 - s * v5, s * v4 + c * v5
+        v7, v8 = c * v7 - s * v8, s * v7 + c * v8
+    return (a0, a1, a2, a3, a4, a5, a6, a7, a8), (v0, v1, v2, v3, v4, v5, v6, v7, v8)
+
+
+@scalar
+def _smallest_last(a, x, y, z):
+    """Columns in cyclic order, those of the smallest of x, y, z last."""
+    if (z <= x) & (z <= y):
+        return a
+    if y <= x:
+        return a[2], a[0], a[1], a[5], a[3], a[4], a[8], a[6], a[7]
+    return a[1], a[2], a[0], a[4], a[5], a[3], a[7], a[8], a[6]
+
+
+@scalar
+def decompose(f):
+    """F = U diag(s) V^T with rotations U and V: (U, (s0, s1, s2), V), smallest s last.
+
+    Where F mirrors, it is the nearest matrix that does not: U is what it would be if the smallest
+    s were not negative. Where F has less than rank 2, U and V are the identity.
+    """
+    a, v = jacobi(f, (ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE))
+    xx, yy, zz = squares(a)
+    a, v = _smallest_last(a, xx, yy, zz), _smallest_last(v, xx, yy, zz)
+    xx, yy, zz = squares(a)
+    x, y, z = math.sqrt(xx), math.sqrt(yy), math.sqrt(zz)
+    if not min(x, y) > max(max(x, y) * _FLAT, _TINY):
+        one = (ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE)
+        return one, (x, y, z), one
+    ux, uy, uz = a[0] / x, a[3] / x, a[6] / x
+    wx, wy, wz = a[1] / y, a[4] / y, a[7] / y
+    nx, ny, nz = cross(ux, uy, uz, wx, wy, wz)
+    return (ux, wx, nx, uy, wy, ny, uz, wz, nz), (x, y, z), v
+
+
+@scalar
+def polar(f):
+    """The rotation nearest to F: R of F = R U, where F does not mirror."""
+    u, _, v = decompose(f)
+    return product(u, transposed(v))

@@ -1,0 +1,170 @@
+"""How a splat's ellipsoid follows the space it is in: Sigma' = F Sigma F^T, by its axes.
+
+F is the gradient of the deformation at the splat. The columns of F R(q) diag(scales) span the new
+ellipsoid; made orthogonal they are its axes, and Sigma' itself is never formed: its smallest
+eigenvalue would drown in the rounding of its largest.
+
+Source: Xie et al. 2024, "PhysGaussian" for Sigma'; the rest in `matrix`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+
+from .matrix import (
+    ONE,
+    ZERO,
+    by_columns,
+    cross,
+    decompose,
+    determinant,
+    is_identity,
+    jacobi,
+    matrix_quat,
+    polar,
+    product,
+    quat_matrix,
+    squares,
+    transposed,
+)
+
+FULL, RIGID, VOLUME = range(3)
+"""Of a deformation a splat takes all, only the rotation, or all but the change of volume."""
+
+BLOCK = 1024
+_THIRD = np.float32(-1 / 3)
+_THIN = np.float32(1e-6)
+"""Axes below this part of the longest are carried along as if they had it."""
+_TINY = np.float32(1e-30)
+
+
+@scalar
+def is_mild(f, limit):
+    """Whether all principal stretches are surely within [1 / limit, limit], by the size of
+    F^T F - I; and F does not mirror."""
+    xx, yy, zz = squares(f)
+    xy = f[0] * f[1] + f[3] * f[4] + f[6] * f[7]
+    yz = f[1] * f[2] + f[4] * f[5] + f[7] * f[8]
+    zx = f[2] * f[0] + f[5] * f[3] + f[8] * f[6]
+    xx, yy, zz = xx - ONE, yy - ONE, zz - ONE
+    most = ONE - ONE / (limit * limit)
+    size = xx * xx + yy * yy + zz * zz + (xy * xy + yz * yz + zx * zx) * np.float32(2)
+    return (size <= most * most) & (determinant(f) > ZERO)
+
+
+@scalar
+def guarded(f, limit):
+    """F with its principal stretches within [1 / limit, limit]; the nearest rotation where F
+    mirrors or flattens."""
+    u, (x, y, z), v = decompose(f)
+    if determinant(f) > ZERO:
+        least = ONE / limit
+        x, y, z = min(max(x, least), limit), min(max(y, least), limit), min(max(z, least), limit)
+    else:
+        x, y, z = ONE, ONE, ONE
+    return product(by_columns(u, x, y, z), transposed(v))
+
+
+@scalar
+def face(a, sx, sy, sz):
+    """Area that the two longer axes span; `a` has the axes as columns, of lengths sx, sy, sz."""
+    if (sz <= sx) & (sz <= sy):
+        x, y, z = cross(a[0], a[3], a[6], a[1], a[4], a[7])
+    elif sy <= sx:
+        x, y, z = cross(a[2], a[5], a[8], a[0], a[3], a[6])
+    else:
+        x, y, z = cross(a[1], a[4], a[7], a[2], a[5], a[8])
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@scalar
+def carried(f, w, x, y, z, sx, sy, sz):
+    """Unit quaternion and scales of the ellipsoid that F makes of one, and by how much its face
+    has grown."""
+    longest = max(sx, max(sy, max(sz, _TINY)))
+    px, py, pz = sx / longest, sy / longest, sz / longest
+    ux, uy, uz = max(px, _THIN), max(py, _THIN), max(pz, _THIN)
+    turned = product(f, quat_matrix(w, x, y, z))
+    area = face(turned, sx, sy, sz)
+    axes, _ = jacobi(by_columns(turned, ux, uy, uz), turned)
+    xx, yy, zz = squares(axes)
+    lx, ly, lz = math.sqrt(xx), math.sqrt(yy), math.sqrt(zz)
+    w, x, y, z = matrix_quat(by_columns(axes, ONE / lx, ONE / ly, ONE / lz))
+    return w, x, y, z, lx * longest * px / ux, ly * longest * py / uy, lz * longest * pz / uz, area
+
+
+@parallel
+def transport(gradient, rest_rotations, rest_scales, policy, limit, rotations, scales, areas):
+    """Ellipsoids of all splats from those at rest; returns how many are not at rest.
+
+    Args:
+        gradient: Shape (n, 3, 3). Rows that are exactly the identity, or not finite, are at rest.
+        rest_rotations: Shape (n, 4).
+        rest_scales: Shape (n, 3).
+        policy: FULL, RIGID or VOLUME.
+        limit: Largest principal stretch, f32, at least 1.
+        rotations: Those of the time before, replaced; of q and -q the nearer one, shape (n, 4).
+        scales: Receives, shape (n, 3).
+        areas: Receives the factor of each one's face, shape (n,), or (0,) for nobody.
+    """
+    n = len(gradient)
+    moved = 0
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            f = (
+                gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
+                gradient[i, 1, 0], gradient[i, 1, 1], gradient[i, 1, 2],
+                gradient[i, 2, 0], gradient[i, 2, 1], gradient[i, 2, 2],
+            )  # fmt: skip
+            w, x, y, z = (
+                rest_rotations[i, 0], rest_rotations[i, 1],
+                rest_rotations[i, 2], rest_rotations[i, 3],
+            )  # fmt: skip
+            sx, sy, sz = rest_scales[i, 0], rest_scales[i, 1], rest_scales[i, 2]
+            area = ONE
+            total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
+            if not is_identity(f) and math.isfinite(total):
+                moved += 1
+                if policy == RIGID:
+                    w, x, y, z = matrix_quat(product(polar(f), quat_matrix(w, x, y, z)))
+                else:
+                    if not is_mild(f, limit):
+                        f = guarded(f, limit)
+                    if policy == VOLUME:
+                        k = determinant(f) ** _THIRD
+                        f = by_columns(f, k, k, k)
+                    w, x, y, z, sx, sy, sz, area = carried(f, w, x, y, z, sx, sy, sz)
+            dot = (
+                w * rotations[i, 0] + x * rotations[i, 1]
+                + y * rotations[i, 2] + z * rotations[i, 3]
+            )  # fmt: skip
+            if dot < ZERO:
+                w, x, y, z = -w, -x, -y, -z
+            rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3] = w, x, y, z
+            scales[i, 0], scales[i, 1], scales[i, 2] = sx, sy, sz
+            if len(areas) > 0:
+                areas[i] = area
+    return moved
+
+
+@parallel
+def thin(opacities, areas, out):
+    """Opacity of the same matter on a face that has grown: 1 - (1 - a)^(1 / area).
+
+    Args:
+        opacities: At rest, shape (n,).
+        areas: As `transport` gives them, shape (n,).
+        out: Receives, shape (n,).
+    """
+    n = len(opacities)
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            a = opacities[i]
+            if areas[i] != ONE:
+                a = ONE - (ONE - a) ** (ONE / areas[i])
+            out[i] = a
