@@ -17,7 +17,6 @@ from usdsplat.kernels.jit import parallel, scalar
 from .deform import BLOCK, fade, inside, moved
 from .noise import curl_noise, gradient_noise
 
-NOISE, CURL = range(2)
 STEPS = 4
 _SECOND, _THIRD = np.uint32(0x9E3779B9), np.uint32(0x3C6EF372)
 _HALF, _ZERO = np.float32(0.5), np.float32(0)
@@ -25,6 +24,15 @@ _H = np.float32(1 / 128)
 """Half of the base of central differences [wavelength]."""
 _SLOPE = np.float32(64)
 """1 / 2 _H."""
+_SAMPLES = np.array(
+    [
+        [0, 0, 0, 1],
+        [1, 0, 0, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, -1, 0],
+    ],
+    np.float32,
+)  # fmt: skip
+"""Of central differences: which way, and 1 for the point itself. A table, and not conditions on the
+loop's index, for which compilers write the long loop out seven times."""
 
 
 # --- 1. mathematics: one point ---------------------------------------------------------
@@ -59,13 +67,6 @@ def stirred(x, y, z, amount, seed):
 
 
 @scalar
-def sign(sample, axis):
-    """1, -1 or 0: which way a sample of central differences lies along an axis; sample 0 is the
-    point itself."""
-    return np.float32((sample == 2 * axis + 1) - (sample == 2 * axis + 2))
-
-
-@scalar
 def flow(x, y, z, amount, seed, samples):
     """`stirred`, and its gradient by central differences if `samples` is 7 and not 1."""
     dx, dy, dz = _ZERO, _ZERO, _ZERO
@@ -74,10 +75,10 @@ def flow(x, y, z, amount, seed, samples):
     )  # fmt: skip
     # One loop, not seven calls: all of this is inlined, and the noise is long.
     for sample in range(samples):
-        hx, hy, hz = sign(sample, 0), sign(sample, 1), sign(sample, 2)
+        hx, hy, hz = _SAMPLES[sample, 0], _SAMPLES[sample, 1], _SAMPLES[sample, 2]
         ax, ay, az = stirred(x + _H * hx, y + _H * hy, z + _H * hz, amount, seed)
-        if sample == 0:
-            dx, dy, dz = ax, ay, az
+        own = _SAMPLES[sample, 3]
+        dx, dy, dz = dx + own * ax, dy + own * ay, dz + own * az
         hx, hy, hz = hx * _SLOPE, hy * _SLOPE, hz * _SLOPE
         j0, j1, j2 = j0 + ax * hx, j1 + ax * hy, j2 + ax * hz
         j3, j4, j5 = j3 + ay * hx, j4 + ay * hy, j5 + ay * hz
@@ -89,11 +90,10 @@ def flow(x, y, z, amount, seed, samples):
 
 
 @parallel
-def noise(kind, amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
-    """Noise or flow, on all splats; arguments as `deform.deform`.
+def noise(amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
+    """Noise, on all splats; arguments as `deform.deform`.
 
     Args:
-        kind: NOISE or CURL.
         amount: How far splats move [unit].
         size: Wavelength [unit].
         shift: How many wavelengths have passed by, along the axis.
@@ -109,9 +109,25 @@ def noise(kind, amount, size, shift, seed, space, weight, reach, mask, positions
             if w == 0.0:
                 continue
             u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
-            if kind == NOISE:
-                d, j = three_noises(u, v, t, far, seed)
-            else:
-                d, j = flow(u, v, t, far, seed, 7 if len(gradient) > 0 else 1)
+            d, j = three_noises(u, v, t, far, seed)
+            d = (d[0] * size, d[1] * size, d[2] * size)
+            moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
+
+
+@parallel
+def curl(amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
+    """The flow, on all splats; arguments as `noise`."""
+    n = len(positions)
+    far = np.float32(amount / size)
+    samples = 7 if len(gradient) > 0 else 1
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            x, y, z = inside(positions, i, space)
+            own = weight * mask[i] if len(mask) > 0 else weight
+            w, gx, gy, gz = fade(x, y, z, own, reach)
+            if w == 0.0:
+                continue
+            u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
+            d, j = flow(u, v, t, far, seed, samples)
             d = (d[0] * size, d[1] * size, d[2] * size)
             moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
