@@ -72,9 +72,9 @@ def deform(
             if factors is not None:
                 device.run(deform_lattice.lattice, factors, *last)
         elif p.type in ("noise", "curl"):
-            kind = deform_noise.NOISE if p.type == "noise" else deform_noise.CURL
+            kernel = deform_noise.noise if p.type == "noise" else deform_noise.curl
             shift, seed = float(p.speed * seconds), np.uint32(p.seed)
-            device.run(deform_noise.noise, kind, float(p.amount), float(p.size), shift, seed, *last)
+            device.run(kernel, float(p.amount), float(p.size), shift, seed, *last)
         else:
             kind, numbers = _closed_form(p, seconds)
             device.run(closed.deform, kind, np.array(numbers, np.float64), *last)
