@@ -39,20 +39,20 @@ lowest condition numbers, 1, 1.62, 1.90 and 2.45."""
 
 
 def _directions(degree):
-    """Unit vectors by component, shape (3, LANES)."""
+    """Unit vectors by component, 3 rows of LANES, flat."""
     rows = np.array(_DIRECTIONS[degree - 1], np.float64)
     rows = np.vstack([rows, np.repeat(rows[:1], LANES - len(rows), axis=0)])
-    return np.float32((rows / np.linalg.norm(rows, axis=1, keepdims=True)).T.copy())
+    return np.float32((rows / np.linalg.norm(rows, axis=1, keepdims=True)).T.ravel())
 
 
 def _solver(degree):
-    """Values in the directions to coefficients, shape (2 l + 1 values, LANES coefficients)."""
+    """Values in the directions to coefficients: 2 l + 1 rows of LANES coefficients, flat."""
     rows = np.array(_DIRECTIONS[degree - 1], np.float64)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     harmonics = basis_of.basis(rows, degree)[:, degree * degree :]
     out = np.zeros((len(rows), LANES), np.float32)
     out[:, : len(rows)] = np.linalg.inv(harmonics).T
-    return out
+    return out.ravel()
 
 
 _D2, _D3, _D4 = _directions(2), _directions(3), _directions(4)
@@ -135,7 +135,7 @@ def dot9(a, b):
 @scalar
 def unturned(r, d, m):
     """R^T e for the m-th of some directions."""
-    x, y, z = d[0, m], d[1, m], d[2, m]
+    x, y, z = d[m], d[LANES + m], d[2 * LANES + m]
     return (
         r[0] * x + r[3] * y + r[6] * z,
         r[1] * x + r[4] * y + r[7] * z,
@@ -169,38 +169,56 @@ def _coefficients9(sh, i, k, c):
 
 @scalar
 def _row5(a, i):
-    """The first 5 of a row."""
-    return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4]
+    """5 from the i-th on."""
+    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4]
 
 
 @scalar
 def _column5(a, i):
-    """The first 5 of a column."""
-    return a[0, i], a[1, i], a[2, i], a[3, i], a[4, i]
+    """The i-th of each of 5 rows."""
+    return a[i], a[LANES + i], a[2 * LANES + i], a[3 * LANES + i], a[4 * LANES + i]
 
 
 @scalar
 def _row7(a, i):
-    """The first 7 of a row."""
-    return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5], a[i, 6]
+    """7 from the i-th on."""
+    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6]
 
 
 @scalar
 def _column7(a, i):
-    """The first 7 of a column."""
-    return a[0, i], a[1, i], a[2, i], a[3, i], a[4, i], a[5, i], a[6, i]
+    """The i-th of each of 7 rows."""
+    return (
+        a[i],
+        a[LANES + i],
+        a[2 * LANES + i],
+        a[3 * LANES + i],
+        a[4 * LANES + i],
+        a[5 * LANES + i],
+        a[6 * LANES + i],
+    )
 
 
 @scalar
 def _row9(a, i):
-    """The first 9 of a row."""
-    return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5], a[i, 6], a[i, 7], a[i, 8]
+    """9 from the i-th on."""
+    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
 
 
 @scalar
 def _column9(a, i):
-    """The first 9 of a column."""
-    return a[0, i], a[1, i], a[2, i], a[3, i], a[4, i], a[5, i], a[6, i], a[7, i], a[8, i]
+    """The i-th of each of 9 rows."""
+    return (
+        a[i],
+        a[LANES + i],
+        a[2 * LANES + i],
+        a[3 * LANES + i],
+        a[4 * LANES + i],
+        a[5 * LANES + i],
+        a[6 * LANES + i],
+        a[7 * LANES + i],
+        a[8 * LANES + i],
+    )
 
 
 @scalar
@@ -213,18 +231,20 @@ def _turn2(r, rest, values, out, i):
     for m in range(8):
         x, y, z = unturned(r, _D2, m)
         y_m = degree2(x, y, z)
-        values[0, m], values[1, m], values[2, m] = (
+        values[m], values[LANES + m], values[2 * LANES + m] = (
             dot5(y_m, red), dot5(y_m, green), dot5(y_m, blue),
         )  # fmt: skip
     red, green, blue = (
-        _row5(values, 0), _row5(values, 1), _row5(values, 2),
+        _row5(values, 0), _row5(values, LANES), _row5(values, 2 * LANES),
     )  # fmt: skip
     for k in range(8):
         s = _column5(_S2, k)
-        values[0, k], values[1, k], values[2, k] = dot5(s, red), dot5(s, green), dot5(s, blue)
+        values[k], values[LANES + k], values[2 * LANES + k] = (
+            dot5(s, red), dot5(s, green), dot5(s, blue),
+        )  # fmt: skip
     for k in range(5):
         for c in range(3):
-            out[i, 4 + k, c] = values[c, k]
+            out[i, 4 + k, c] = values[c * LANES + k]
 
 
 @scalar
@@ -237,18 +257,20 @@ def _turn3(r, rest, values, out, i):
     for m in range(8):
         x, y, z = unturned(r, _D3, m)
         y_m = degree3(x, y, z)
-        values[0, m], values[1, m], values[2, m] = (
+        values[m], values[LANES + m], values[2 * LANES + m] = (
             dot7(y_m, red), dot7(y_m, green), dot7(y_m, blue),
         )  # fmt: skip
     red, green, blue = (
-        _row7(values, 0), _row7(values, 1), _row7(values, 2),
+        _row7(values, 0), _row7(values, LANES), _row7(values, 2 * LANES),
     )  # fmt: skip
     for k in range(8):
         s = _column7(_S3, k)
-        values[0, k], values[1, k], values[2, k] = dot7(s, red), dot7(s, green), dot7(s, blue)
+        values[k], values[LANES + k], values[2 * LANES + k] = (
+            dot7(s, red), dot7(s, green), dot7(s, blue),
+        )  # fmt: skip
     for k in range(7):
         for c in range(3):
-            out[i, 9 + k, c] = values[c, k]
+            out[i, 9 + k, c] = values[c * LANES + k]
 
 
 @scalar
@@ -261,18 +283,20 @@ def _turn4(r, rest, values, out, i):
     for m in range(9):
         x, y, z = unturned(r, _D4, m)
         y_m = degree4(x, y, z)
-        values[0, m], values[1, m], values[2, m] = (
+        values[m], values[LANES + m], values[2 * LANES + m] = (
             dot9(y_m, red), dot9(y_m, green), dot9(y_m, blue),
         )  # fmt: skip
     red, green, blue = (
-        _row9(values, 0), _row9(values, 1), _row9(values, 2),
+        _row9(values, 0), _row9(values, LANES), _row9(values, 2 * LANES),
     )  # fmt: skip
     for k in range(9):
         s = _column9(_S4, k)
-        values[0, k], values[1, k], values[2, k] = dot9(s, red), dot9(s, green), dot9(s, blue)
+        values[k], values[LANES + k], values[2 * LANES + k] = (
+            dot9(s, red), dot9(s, green), dot9(s, blue),
+        )  # fmt: skip
     for k in range(9):
         for c in range(3):
-            out[i, 16 + k, c] = values[c, k]
+            out[i, 16 + k, c] = values[c * LANES + k]
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -322,7 +346,7 @@ def rotate(rotations, rest, out, turned):
     """
     n, count = rest.shape[0], rest.shape[1]
     for b in prange((n + BLOCK - 1) // BLOCK):
-        values = np.empty((3, LANES), np.float32)
+        values = np.empty(3 * LANES, np.float32)
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
             w, x, y, z = rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3]
             turns_now = (x != ZERO) | (y != ZERO) | (z != ZERO)
