@@ -5,7 +5,7 @@ one-sided Jacobi rotations: the columns of a matrix are turned pairwise until th
 That keeps small singular values to their own relative accuracy where forming A A^T would lose them.
 
 Source: Hestenes 1958, "Inversion of matrices by biorthogonalization"; Demmel & Veselić 1992,
-"Jacobi's method is more accurate than QR"; Higham 1986 for what the polar factors are.
+"Jacobi's method is more accurate than QR"; Higham 1986 for the polar factors.
 """
 
 from __future__ import annotations
@@ -196,7 +196,36 @@ def decompose(f):
 
 
 @scalar
+def is_mild(f, limit):
+    """Whether all principal stretches are surely within [1 / limit, limit], by the size of
+    F^T F - I; and F does not mirror."""
+    xx, yy, zz = squares(f)
+    xy = f[0] * f[1] + f[3] * f[4] + f[6] * f[7]
+    yz = f[1] * f[2] + f[4] * f[5] + f[7] * f[8]
+    zx = f[2] * f[0] + f[5] * f[3] + f[8] * f[6]
+    xx, yy, zz = xx - ONE, yy - ONE, zz - ONE
+    most = ONE - ONE / (limit * limit)
+    size = xx * xx + yy * yy + zz * zz + (xy * xy + yz * yz + zx * zx) * TWO
+    return (size <= most * most) & (determinant(f) > ZERO)
+
+
+@scalar
 def polar(f):
-    """The rotation nearest to F: R of F = R U, where F does not mirror."""
-    u, _, v = decompose(f)
-    return product(u, transposed(v))
+    """The rotation nearest to F: R of F = R U, where F does not mirror.
+
+    By Newton's iteration where that is sure to end in four steps, by singular values elsewhere.
+    """
+    if not is_mild(f, TWO):
+        u, _, v = decompose(f)
+        return product(u, transposed(v))
+    for _ in range(4):
+        ax, ay, az = cross(f[1], f[4], f[7], f[2], f[5], f[8])
+        bx, by, bz = cross(f[2], f[5], f[8], f[0], f[3], f[6])
+        cx, cy, cz = cross(f[0], f[3], f[6], f[1], f[4], f[7])
+        k = HALF / (cx * f[2] + cy * f[5] + cz * f[8])
+        f = (
+            HALF * f[0] + k * ax, HALF * f[1] + k * bx, HALF * f[2] + k * cx,
+            HALF * f[3] + k * ay, HALF * f[4] + k * by, HALF * f[5] + k * cy,
+            HALF * f[6] + k * az, HALF * f[7] + k * bz, HALF * f[8] + k * cz,
+        )  # fmt: skip
+    return f

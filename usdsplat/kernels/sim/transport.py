@@ -24,6 +24,7 @@ from .matrix import (
     decompose,
     determinant,
     is_identity,
+    is_mild,
     jacobi,
     matrix_quat,
     polar,
@@ -41,20 +42,6 @@ _THIRD = np.float32(-1 / 3)
 _THIN = np.float32(1e-6)
 """Axes below this part of the longest are carried along as if they had it."""
 _TINY = np.float32(1e-30)
-
-
-@scalar
-def is_mild(f, limit):
-    """Whether all principal stretches are surely within [1 / limit, limit], by the size of
-    F^T F - I; and F does not mirror."""
-    xx, yy, zz = squares(f)
-    xy = f[0] * f[1] + f[3] * f[4] + f[6] * f[7]
-    yz = f[1] * f[2] + f[4] * f[5] + f[7] * f[8]
-    zx = f[2] * f[0] + f[5] * f[3] + f[8] * f[6]
-    xx, yy, zz = xx - ONE, yy - ONE, zz - ONE
-    most = ONE - ONE / (limit * limit)
-    size = xx * xx + yy * yy + zz * zz + (xy * xy + yz * yz + zx * zx) * np.float32(2)
-    return (size <= most * most) & (determinant(f) > ZERO)
 
 
 @scalar
