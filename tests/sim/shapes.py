@@ -20,7 +20,8 @@ def sphere(levels: int, radius: float = 1.0) -> Surface:
     )  # fmt: skip
     for _ in range(levels):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+        keys, inverse = np.unique(edges @ [len(corners), 1], return_inverse=True)
+        unique = np.stack(np.divmod(keys, len(corners)), axis=1)
         middle = corners[unique].mean(axis=1)
         ab, bc, ca = (inverse.reshape(-1, 3) + len(corners)).T
         corners = np.concatenate([corners, middle / np.linalg.norm(middle, axis=1)[:, None]])

@@ -1,0 +1,337 @@
+"""Splats take the shape of a mesh, and ride it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core import quaternion
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import conform as kernels
+from usdsplat.kernels.sim.facets import measure, smooth
+from usdsplat.sim.closest import Hits, Triangles
+from usdsplat.sim.fitting import growth, heights
+from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.parameters import ConformParameters, Parameters
+from usdsplat.sim.relaxing import relax
+from usdsplat.sim.specs import Surface
+
+NEIGHBORS = 16
+"""Of a splat, to which the capture's surface is fitted and by which spacing is measured."""
+MOST_GROWTH = 4.0
+"""Splats grow and shrink no more, however thinly a capture is spread."""
+FLAT = 0.15
+"""Thickness of what is flat, in mean sizes along the surface."""
+
+SWEEPS = 240
+"""Of redistribution over the target, at most: what is crowded on one side of it needs them all."""
+
+UNBOUND, HOPELESS = -1, -2
+"""Instead of a face: not bound yet; cannot be, for it is nowhere."""
+
+SCALE_MODES = {
+    "preserve": kernels.PRESERVE,
+    "density": kernels.DENSITY,
+    "flatten": kernels.FLATTEN,
+}
+
+Rows = npt.NDArray[np.integer[Any]]
+_NOTHING = (
+    np.zeros(0, np.int32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32),
+    np.zeros(0, np.float32),
+)  # fmt: skip
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class _Target:
+    """The mesh at one time."""
+
+    surface: Surface
+    tree: Triangles
+    starts: I64
+    around: I32
+    normals: F32
+    frames: F32
+    sizes: F32
+
+
+class Conform:
+    """What each splat is bound to on the target.
+
+    That is found the first time that `apply` is called, and then stays: a triangle, a place on it,
+    a height over it and a turn against it.
+
+    Args:
+        device: Whose threads.
+        positions, rotations, scales: Of the splats at rest, shape (n, 3), (n, 4), (n, 3).
+        ids: Their identities, shape (n,).
+        select: Weight of each, 0..1, shape (n,).
+        parameters: `conform:order`, `mode`, `axis` and `path` are taken from here, `sim:seed`, and
+            for optimalSpread `relax:strength` and the group `neighbors`.
+    """
+
+    def __init__(
+        self,
+        device: CpuDevice,
+        positions: F32,
+        rotations: F32,
+        scales: F32,
+        *,
+        ids: I64,
+        select: F32,
+        parameters: Parameters,
+    ) -> None:
+        self._device = device
+        self._all, self._parameters = parameters, parameters.conform
+        self._rest, self._ids, self._select = positions, ids, select
+        self._axes, self._flats = _shape(rotations, scales)
+        self._memory: dict[str, npt.NDArray[Any]] = {}
+        self._target: _Target | None = None
+
+    def __len__(self) -> int:
+        return len(self._rest)
+
+    # --- births, deaths, restarts -------------------------------------------------------
+
+    def extended(
+        self, parents: Rows, positions: F32, rotations: F32, scales: F32, ids: I64
+    ) -> Conform:
+        """With children appended: they set off with their parents and keep their height, and are
+        bound to what their own place says.
+
+        Args:
+            parents: Rows of the parents, shape (c,).
+            positions, rotations, scales, ids: Of the children, at rest.
+        """
+        n = len(self)
+        other = self.selected(np.concatenate([np.arange(n), parents]))
+        axes, flats = _shape(rotations, scales)
+        other._rest = np.concatenate([self._rest, positions])
+        other._ids = np.concatenate([self._ids, ids])
+        other._axes = np.concatenate([self._axes, axes])
+        other._flats = np.concatenate([self._flats, flats])
+        if other._memory:
+            other._memory["faces"][n:] = UNBOUND
+        return other
+
+    def selected(self, rows: Rows) -> Conform:
+        """With these rows only, in this order."""
+        other = object.__new__(Conform)
+        other._device, other._target = self._device, self._target
+        other._all, other._parameters = self._all, self._parameters
+        other._rest, other._ids = self._rest[rows], self._ids[rows]
+        other._select, other._axes = self._select[rows], self._axes[rows]
+        other._flats = self._flats[rows]
+        other._memory = {name: array[rows] for name, array in self._memory.items()}
+        return other
+
+    def memory(self) -> dict[str, npt.NDArray[Any]]:
+        """What splats are bound to, first axis n; empty before the first `apply`."""
+        return self._memory
+
+    def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        """Take what `memory` gave, and go on with the same bits."""
+        self._memory = dict(memory)
+
+    # --- one step -----------------------------------------------------------------------
+
+    def apply(
+        self,
+        target: Surface,
+        now: float,
+        parameters: ConformParameters,
+        positions: F32,
+        gradient: F32 | None = None,
+    ) -> None:
+        """Move splats towards the target.
+
+        Args:
+            target: The mesh now; only its points may change from time to time.
+            now: [s] after the simulation's start.
+            parameters: Now.
+            positions: [unit], shape (n, 3), changed in place.
+            gradient: Of what came before, shape (n, 3, 3), multiplied in place by the turn and
+                stretch of each.
+
+        Raises:
+            StageError: If the target is no mesh, or has other triangles than before.
+        """
+        if len(positions) == 0:
+            return
+        mesh = self._look_at(target)
+        slopes = np.zeros((0, 3, 3), np.float32) if gradient is None else gradient
+        self._bind(mesh, positions, slopes)
+        bound = self._memory
+        way = np.empty(len(positions), np.float32)
+        timing = (
+            float(parameters.weight), float(parameters.start),
+            float(parameters.duration), float(parameters.stagger),
+        )  # fmt: skip
+        run = self._device.run
+        run(kernels.advance, float(now), timing, bound["ranks"], self._select, way)
+        slide = _NOTHING
+        if self._parameters.path == "slide":
+            slide = self._slide(mesh, positions, way)
+        names = ("faces", "places", "turns", "heights", "spreads", "sizes")
+        run(
+            kernels.move, positions, slopes, way, tuple(bound[name] for name in names),
+            (target.points, target.triangles, mesh.normals, mesh.frames, mesh.sizes),
+            (self._axes, self._flats),
+            (
+                float(parameters.orient),
+                float(parameters.keep_thickness),
+                SCALE_MODES[parameters.scale_mode],
+            ),
+            slide,
+        )  # fmt: skip
+
+    def _look_at(self, surface: Surface) -> _Target:
+        """The target as it is now; nothing is done where it has not moved."""
+        mesh = self._target
+        if mesh is None:
+            tree = Triangles(self._device, surface)
+            t, corners = len(surface.triangles), surface.triangles.reshape(-1)
+            starts = np.zeros(len(surface.points) + 1, np.int64)
+            np.cumsum(np.bincount(corners, minlength=len(surface.points)), out=starts[1:])
+            mesh = _Target(
+                surface=surface,
+                tree=tree,
+                starts=starts,
+                around=np.argsort(corners, kind="stable").astype(np.int32),
+                normals=np.empty((t, 3, 3), np.float32),
+                frames=np.empty((t, 4), np.float32),
+                sizes=np.empty(t, np.float32),
+            )
+        elif mesh.surface is surface or np.array_equal(mesh.surface.points, surface.points):
+            return mesh
+        else:
+            mesh.tree.refit(surface)
+        flat, angles = np.empty_like(mesh.frames[:, :3]), np.empty_like(mesh.frames[:, :3])
+        points, triangles = surface.points, surface.triangles
+        self._device.run(measure, points, triangles, flat, angles, mesh.frames, mesh.sizes)
+        around = mesh.starts, mesh.around
+        self._device.run(smooth, triangles, *around, flat, angles, mesh.normals)
+        mesh.surface = surface
+        self._target = mesh
+        return mesh
+
+    # --- what splats are bound to ---------------------------------------------------------
+
+    def _bind(self, mesh: _Target, positions: F32, gradient: F32) -> None:
+        """Bind those that are not bound yet."""
+        n = len(positions)
+        is_first = not self._memory
+        if is_first:
+            self._memory = {
+                "faces": np.full(n, UNBOUND, np.int32),
+                "places": np.zeros((n, 3), np.float32),
+                "turns": np.zeros((n, 4), np.float32),
+                "heights": np.zeros(n, np.float32),
+                "spreads": np.ones(n, np.float32),
+                "sizes": np.zeros(n, np.float32),
+                "ranks": np.zeros(n, np.float32),
+            }
+        kept = self._memory
+        rows = np.flatnonzero(kept["faces"] == UNBOUND)
+        if len(rows) == 0:
+            return
+        axes = np.empty_like(self._axes)
+        self._device.run(kernels.look, gradient, self._axes, axes)
+        hits = self._aim(mesh.tree, positions[rows], axes[rows])
+        if is_first:
+            self._rank(hits)
+        if is_first and self._parameters.mode == "optimalSpread":
+            hits = self._spread(mesh, hits)
+        kept["faces"][rows] = np.where(hits.faces < 0, HOPELESS, hits.faces)
+        kept["places"][rows] = hits.weights
+        rows = rows[hits.faces >= 0]
+        kept["sizes"][rows] = mesh.sizes[kept["faces"][rows]]
+        ups = np.zeros((n, 3), np.float32)
+        self._device.run(
+            kernels.attach, rows, axes, kept["faces"], kept["places"], mesh.normals, mesh.frames,
+            kept["turns"], ups,
+        )  # fmt: skip
+        if is_first:
+            near, _ = nearest(self._device, self._rest, self._rest, NEIGHBORS + 1)
+            over, normals = heights(self._rest, near[:, 1:])
+            side = np.einsum("ni,ni->n", normals, ups)
+            kept["heights"] = np.where(side < 0, -over, over)
+            kept["spreads"] = growth(self._rest, hits.points, near[:, 1:], MOST_GROWTH)
+
+    def _aim(self, tree: Triangles, points: F32, axes: F32) -> Hits:
+        """The place on the target that is every splat's own."""
+        mode = self._parameters.mode
+        hits = tree.closest(points)
+        if mode == "projectAlong":
+            axis = np.tile(np.array(self._parameters.axis, np.float32), (len(points), 1))
+            ahead, behind = tree.rays(points, axis), tree.rays(points, -axis)
+            hits = _choose(behind.faces >= 0, behind, hits)
+            hits = _choose(ahead.faces >= 0, ahead, hits)
+        elif mode == "normalRay":
+            ahead, behind = tree.rays(points, axes), tree.rays(points, -axes)
+            nearer = _choose(behind.squared < ahead.squared, behind, ahead)
+            hits = _choose(nearer.faces >= 0, nearer, hits)
+        return hits
+
+    def _spread(self, mesh: _Target, hits: Hits) -> Hits:
+        """The same number of places, evenly spaced over the target."""
+
+        def onto(points: F32) -> tuple[F32, F32]:
+            found = mesh.tree.closest(points)
+            ups = np.einsum("nk,nki->ni", found.weights, mesh.normals[found.faces])
+            ups /= np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), np.float32(1e-30))
+            return found.points, ups
+
+        spread, _ = relax(self._device, hits.points, None, self._all, SWEEPS, onto, dimension=2)
+        return mesh.tree.closest(spread)
+
+    def _rank(self, hits: Hits) -> None:
+        """Who sets off when, 0..1."""
+        n = len(self)
+        ranks = np.empty(n, np.float32)
+        if self._parameters.order == "distance":
+            order = np.argsort(hits.squared, kind="stable")
+            ranks[order] = np.linspace(0, 1, n, dtype=np.float32)
+        else:
+            self._device.run(kernels.draw_ranks, self._all.sim.seed, self._ids, ranks)
+        self._memory["ranks"] = ranks
+
+    def _slide(self, mesh: _Target, positions: F32, way: F32) -> tuple[I32, F32, F32, F32]:
+        """Places under straight lines, and heights over the mesh where those begin."""
+        bound = self._memory
+        line = np.empty_like(positions)
+        surface = mesh.surface
+        self._device.run(
+            kernels.approach, positions, bound["faces"], bound["places"],
+            (surface.points, surface.triangles), way, line,
+        )  # fmt: skip
+        under, start = mesh.tree.closest(line), mesh.tree.closest(positions)
+        ups = np.einsum("nk,nki->ni", start.weights, mesh.normals[start.faces])
+        side = np.einsum("ni,ni->n", positions - start.points, ups)
+        over = np.sqrt(start.squared) * np.where(side < 0, np.float32(-1), np.float32(1))
+        return under.faces, under.weights, line, over
+
+
+def _choose(which: npt.NDArray[np.bool_], yes: Hits, no: Hits) -> Hits:
+    rows = which[:, None]
+    return Hits(
+        faces=np.where(which, yes.faces, no.faces),
+        weights=np.where(rows, yes.weights, no.weights),
+        squared=np.where(which, yes.squared, no.squared),
+        points=np.where(rows, yes.points, no.points),
+    )
+
+
+def _shape(rotations: F32, scales: F32) -> tuple[F32, F32]:
+    """The smallest axis of each splat, and what its size is multiplied by to be flat."""
+    smallest = np.argmin(scales, axis=1)
+    rows = np.arange(len(scales))
+    axes = quaternion.to_matrix(rotations)[rows, :, smallest]
+    sizes = np.sort(scales, axis=1)
+    thin = FLAT * np.sqrt(sizes[:, 1] * sizes[:, 2])
+    flats = np.divide(thin, sizes[:, 0], out=np.ones_like(thin), where=sizes[:, 0] > thin)
+    return np.ascontiguousarray(axes), flats
