@@ -309,11 +309,15 @@ class Conform:
             kernels.approach, positions, bound["faces"], bound["places"],
             (surface.points, surface.triangles), way, line,
         )  # fmt: skip
-        under, start = mesh.tree.closest(line), mesh.tree.closest(positions)
+        # Those that wait or have arrived are where they are bound to.
+        faces, places, over = bound["faces"].copy(), bound["places"].copy(), np.zeros_like(way)
+        rows = np.flatnonzero((way > 0) & (way < 1))
+        under, start = mesh.tree.closest(line[rows]), mesh.tree.closest(positions[rows])
+        faces[rows], places[rows] = under.faces, under.weights
         ups = np.einsum("nk,nki->ni", start.weights, mesh.normals[start.faces])
-        side = np.einsum("ni,ni->n", positions - start.points, ups)
-        over = np.sqrt(start.squared) * np.where(side < 0, np.float32(-1), np.float32(1))
-        return under.faces, under.weights, line, over
+        side = np.einsum("ni,ni->n", positions[rows] - start.points, ups)
+        over[rows] = np.copysign(np.sqrt(start.squared), side)
+        return faces, places, line, over
 
 
 def _choose(which: npt.NDArray[np.bool_], yes: Hits, no: Hits) -> Hits:

@@ -43,12 +43,13 @@ def closest_on_segment(ax, ay, az, bx, by, bz):
         ax, ay, az, bx, by, bz = bx, by, bz, ax, ay, az
     ex, ey, ez = bx - ax, by - ay, bz - az
     length = ex * ex + ey * ey + ez * ez
-    part = -(ax * ex + ay * ey + az * ez) / length if length > 0.0 else 0.0
-    if part <= 0.0:
+    along = -(ax * ex + ay * ey + az * ez)
+    if along <= 0.0:
         distance, part = ax * ax + ay * ay + az * az, 0.0
-    elif part >= 1.0:
+    elif along >= length:
         distance, part = bx * bx + by * by + bz * bz, 1.0
     else:
+        part = along / length
         x, y, z = ax + part * ex, ay + part * ey, az + part * ez
         distance = x * x + y * y + z * z
     return distance, 1.0 - part if swap else part
@@ -64,17 +65,22 @@ def closest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     # Weights of the foot of the perpendicular: areas of what it makes with the edges.
     v = nx * (az * e1y - ay * e1z) + ny * (ax * e1z - az * e1x) + nz * (ay * e1x - ax * e1y)
     w = nx * (ay * e0z - az * e0y) + ny * (az * e0x - ax * e0z) + nz * (ax * e0y - ay * e0x)
-    if area > 0.0 and v >= 0.0 and w >= 0.0 and v + w <= area:
+    is_flat = not area > 0.0
+    by_ca, by_ab, by_bc = v < 0.0 or is_flat, w < 0.0 or is_flat, v + w > area or is_flat
+    if not (by_ab or by_bc or by_ca):
         height = ax * nx + ay * ny + az * nz
         return height * height / area, v / area, w / area
-    best, part = closest_on_segment(ax, ay, az, bx, by, bz)
-    v, w = part, 0.0
-    distance, part = closest_on_segment(bx, by, bz, cx, cy, cz)
-    if distance < best:
-        best, v, w = distance, 1.0 - part, part
-    distance, part = closest_on_segment(cx, cy, cz, ax, ay, az)
-    if distance < best:
-        best, v, w = distance, 0.0, 1.0 - part
+    best, v, w = np.inf, 0.0, 0.0  # only edges that the foot is beyond can be closest
+    if by_ab:
+        best, v = closest_on_segment(ax, ay, az, bx, by, bz)
+    if by_bc:
+        distance, part = closest_on_segment(bx, by, bz, cx, cy, cz)
+        if distance < best:
+            best, v, w = distance, 1.0 - part, part
+    if by_ca:
+        distance, part = closest_on_segment(cx, cy, cz, ax, ay, az)
+        if distance < best:
+            best, v, w = distance, 0.0, 1.0 - part
     return best, v, w
 
 
