@@ -27,7 +27,7 @@ def device():
 
 @pytest.fixture(scope="module")
 def ball():
-    """Edges of 0.006: nowhere farther than 0.00001 from the sphere."""
+    """Edges of 0.006: nowhere farther than 0.00002 from the sphere."""
     return sphere(8)
 
 
