@@ -1,0 +1,217 @@
+"""The union of solids that move, smoothly joined, and what its surface does at a point.
+
+Solids are joined in the order of their table by the quadratic smooth minimum, each by its own
+blending distance. The first solid is what the union begins with: a large number instead would
+cancel all digits of what is joined to it.
+
+Source: I. Quilez 2013, "Smooth minimum".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.sim.solids import HALF, ONE, ZERO, solid
+
+BLOCK = 1024
+NOTHING = 1e30
+"""Distance [unit] where there is no solid."""
+TINY = np.float32(1e-30)
+RIDGE = 0.3
+"""Length of the joined gradient below which it says little about the way out."""
+
+(
+    KIND,
+    FIELD,
+    FIELD_BEFORE,
+    BLEND,
+    CLEARANCE,
+    FRICTION,
+    RESTITUTION,
+    SWEPT,
+    THIN,
+    RESHAPES,
+    BOUND,
+) = range(11)
+CENTRE, SIZE, SIZE_BEFORE, LOW, HIGH = 11, 14, 18, 22, 25
+TURN, PLACE, TURN_BEFORE, PLACE_BEFORE, SLIP, SHIFT = 28, 37, 40, 49, 52, 61
+COLUMNS = 64
+"""Columns of the table of solids, float64, all at the end of a substep but where said.
+
+KIND of solids.py; FIELD, FIELD_BEFORE: its distance field; BLEND [unit], CLEARANCE [sigma];
+FRICTION: coefficient; RESTITUTION; SWEPT: whether it is to catch what it passes; THIN: motion
+[unit] from which it may pass; RESHAPES: whether its shape is another at the start; BOUND: radius
+[unit] about CENTRE (3, simulation's space). SIZE, SIZE_BEFORE (4): as `solid` wants them.
+LOW, HIGH (3): its box in its own frame. TURN (9, row-major), PLACE (3): own frame to the
+simulation's; likewise at the start. SLIP (9), SHIFT (3): velocity [unit/s] of its matter at x is
+SLIP x + SHIFT."""
+
+
+@scalar
+def join(d, e, blend):
+    """How much of e, 0 to 1, is in the smooth minimum of d and e, and that minimum."""
+    part = min(max(HALF + HALF * (d - e) / max(blend, TINY), ZERO), ONE)
+    return part, d + (e - d) * part - blend * part * (ONE - part)
+
+
+@scalar
+def into(bodies, j, turn, place, x, y, z):
+    """A point of the simulation's space in the frame of solid j."""
+    x, y, z = x - bodies[j, place], y - bodies[j, place + 1], z - bodies[j, place + 2]
+    return (
+        bodies[j, turn] * x + bodies[j, turn + 3] * y + bodies[j, turn + 6] * z,
+        bodies[j, turn + 1] * x + bodies[j, turn + 4] * y + bodies[j, turn + 7] * z,
+        bodies[j, turn + 2] * x + bodies[j, turn + 5] * y + bodies[j, turn + 8] * z,
+    )
+
+
+@scalar
+def times(bodies, j, first, x, y, z):
+    """A vector by one of the matrices of solid j."""
+    return (
+        bodies[j, first] * x + bodies[j, first + 1] * y + bodies[j, first + 2] * z,
+        bodies[j, first + 3] * x + bodies[j, first + 4] * y + bodies[j, first + 5] * z,
+        bodies[j, first + 6] * x + bodies[j, first + 7] * y + bodies[j, first + 8] * z,
+    )
+
+
+@scalar
+def local_solid(bodies, j, size, field, fields, voxels, x, y, z):
+    """Distance and gradient of solid j at a point of its own frame."""
+    return solid(
+        int(bodies[j, KIND]), x, y, z,
+        bodies[j, size], bodies[j, size + 1], bodies[j, size + 2], bodies[j, size + 3],
+        fields, int(bodies[j, field]), voxels,
+    )  # fmt: skip
+
+
+@scalar
+def is_far(bodies, j, reach, x, y, z):
+    """Whether solid j is certain to be further than `reach` [unit]."""
+    x, y, z = x - bodies[j, CENTRE], y - bodies[j, CENTRE + 1], z - bodies[j, CENTRE + 2]
+    limit = bodies[j, BOUND] + reach
+    return x * x + y * y + z * z > limit * limit
+
+
+@serial
+def union(bodies, fields, voxels, x, y, z, sigma, reach):
+    """What is left of the clearance at a point, and which way is out.
+
+    Args:
+        bodies: Shape (k, COLUMNS) f64.
+        fields, voxels: As `field_solid` wants them.
+        x, y, z: In the simulation's space [unit], float64.
+        sigma: Largest deviation of the splat [unit].
+        reach: Solids further than this [unit] are left out; at least three times the largest
+            blend and the clearance keeps every result that is below zero as it is.
+
+    Returns:
+        distance less clearance [unit], its gradient (3), direction out of the deepest solid (3).
+    """
+    d, gx, gy, gz = NOTHING, 0.0, 0.0, 0.0
+    least, nx, ny, nz = NOTHING, 0.0, 0.0, 1.0
+    for j in range(bodies.shape[0]):
+        if is_far(bodies, j, reach, x, y, z):
+            continue
+        u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
+        e, u, v, w = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
+        u, v, w = times(bodies, j, TURN, u, v, w)
+        e -= bodies[j, CLEARANCE] * sigma
+        if e < least:
+            least = e
+            length = np.sqrt(u * u + v * v + w * w)
+            if length > 1e-6:
+                nx, ny, nz = u / length, v / length, w / length
+            else:
+                nx, ny, nz = 0.0, 0.0, 1.0
+        if d == NOTHING:
+            d, gx, gy, gz = e, u, v, w
+            continue
+        part, d = join(d, e, bodies[j, BLEND])
+        gx, gy, gz = gx + (u - gx) * part, gy + (v - gy) * part, gz + (w - gz) * part
+    return d, gx, gy, gz, nx, ny, nz
+
+
+@scalar
+def outward(gx, gy, gz, nx, ny, nz):
+    """Unit way out by what `union` returned, and the slope that it has in that direction."""
+    length = np.sqrt(gx * gx + gy * gy + gz * gz)
+    if length < RIDGE:
+        return nx, ny, nz, 1.0
+    return gx / length, gy / length, gz / length, length
+
+
+@scalar
+def surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z):
+    """Velocity [unit/s] of the surface of solid j at x: of its matter, mean over the substep, and
+    of its shape, where that changes.
+
+    per_dt: 1 / duration of the substep [1/s].
+    """
+    sx, sy, sz = times(bodies, j, SLIP, x, y, z)
+    sx, sy, sz = sx + bodies[j, SHIFT], sy + bodies[j, SHIFT + 1], sz + bodies[j, SHIFT + 2]
+    if bodies[j, RESHAPES] != 0.0:
+        u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
+        old, _, _, _ = local_solid(bodies, j, SIZE_BEFORE, FIELD_BEFORE, fields, voxels, u, v, w)
+        new, u, v, w = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
+        speed = (old - new) * per_dt
+        u, v, w = times(bodies, j, TURN, u, v, w)
+        sx, sy, sz = sx + u * speed, sy + v * speed, sz + w * speed
+    return sx, sy, sz
+
+
+@serial
+def touch(bodies, fields, voxels, per_dt, x, y, z, sigma, reach):
+    """What the joined surface does at a point, joined as `union` joins distances.
+
+    Returns:
+        velocity (3) [unit/s], coefficient of friction, restitution.
+    """
+    d, sx, sy, sz, friction, restitution = NOTHING, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(bodies.shape[0]):
+        if is_far(bodies, j, reach, x, y, z):
+            continue
+        u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
+        e, _, _, _ = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
+        e -= bodies[j, CLEARANCE] * sigma
+        u, v, w = surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z)
+        f, r = bodies[j, FRICTION], bodies[j, RESTITUTION]
+        if d == NOTHING:
+            d, sx, sy, sz, friction, restitution = e, u, v, w, f, r
+            continue
+        part, d = join(d, e, bodies[j, BLEND])
+        sx, sy, sz = sx + (u - sx) * part, sy + (v - sy) * part, sz + (w - sz) * part
+        friction = friction + (f - friction) * part
+        restitution = restitution + (r - restitution) * part
+    return sx, sy, sz, friction, restitution
+
+
+@scalar
+def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
+    """Velocity after contact with a surface of normal n that moves with velocity s: no slower
+    outwards than the surface, and tangentially slowed after Coulomb."""
+    vx, vy, vz = vx - sx, vy - sy, vz - sz
+    out = vx * nx + vy * ny + vz * nz
+    if out >= 0.0:
+        return vx + sx, vy + sy, vz + sz
+    push = -(1.0 + restitution) * out
+    tx, ty, tz = vx - out * nx, vy - out * ny, vz - out * nz
+    speed = np.sqrt(tx * tx + ty * ty + tz * tz)
+    keep = max(0.0, 1.0 - friction * push / speed) if speed > 0.0 else 0.0
+    out = -restitution * out
+    return tx * keep + out * nx + sx, ty * keep + out * ny + sy, tz * keep + out * nz + sz
+
+
+@parallel
+def union_distances(bodies, fields, voxels, positions, out):
+    """Distance [unit] of every point from the union, out (n,) f32; positions (n, 3) f32."""
+    n = positions.shape[0]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            out[i] = union(
+                bodies, fields, voxels,
+                np.float64(positions[i, 0]), np.float64(positions[i, 1]),
+                np.float64(positions[i, 2]), 0.0, np.inf,
+            )[0]  # fmt: skip

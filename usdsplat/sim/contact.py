@@ -1,0 +1,106 @@
+"""Collisions: no splat is left inside an affector, and none is passed by a fast one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim.blend_solids import BLOCK, SWEPT
+from usdsplat.kernels.sim.contact import COUNTS, contact
+from usdsplat.kernels.sim.sweep import sweep
+from usdsplat.sim.bodies import pack_bodies
+from usdsplat.sim.fields import Fields
+from usdsplat.sim.specs import Affector
+from usdsplat.sim.state import State
+
+SINCE = "contact:since"
+"""In `State.memory`: time since each splat's last contact [s], inf where there was none."""
+LEAST = 1e-7
+"""Distance outside at which splats are put, in radii of the smallest solid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactCounts:
+    """What happened in a substep."""
+
+    touched: int = 0
+    """Splats that were pushed out."""
+    struck: int = 0
+    """Strikes by solids that would have passed a splat."""
+    marched: int = 0
+    """Splats that took more than Newton's steps."""
+    trapped: int = 0
+    """Splats that are inside still: between solids without bound."""
+
+
+class Contacts:
+    """All affectors that collide, in one simulation.
+
+    Args:
+        device: Whose threads do it.
+        fields: Of the simulation's meshes; its own if None.
+    """
+
+    def __init__(self, device: CpuDevice, fields: Fields | None = None) -> None:
+        self._device = device
+        self._fields = Fields(device) if fields is None else fields
+
+    def step(
+        self,
+        state: State,
+        started: F32,
+        before: Sequence[Affector],
+        after: Sequence[Affector],
+        dt: float,
+    ) -> ContactCounts:
+        """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
+
+        Splats that are pinned stay. All others end outside of every enabled affector of the role
+        collide, by its clearance.
+
+        Args:
+            started: Positions at the start of the substep [unit], shape (n, 3).
+            before, after: All affectors at its start and its end.
+            dt: Its duration [s].
+
+        Raises:
+            StageError, UsageError: If a mesh has no distance field, as `bake_field`.
+        """
+        since = contact_times(state)
+        pairs = [
+            (old, new)
+            for old, new in zip(before, after, strict=True)
+            if new.parameters.enabled and new.parameters.role == "collide"
+        ]
+        bodies = pack_bodies(self._fields, *([p[k] for p in pairs] for k in (0, 1)), dt)
+        if not len(bodies) or not len(state):
+            return ContactCounts()
+        blocks = -(-len(state) // BLOCK)
+        near = self._device.empty((blocks, len(bodies)), np.int32)
+        shared = (bodies.table, bodies.fields.headers, bodies.fields.voxels, float(dt))
+        arrays = (
+            started, state.flags, state.scales, state.positions, state.velocities, since, near
+        )  # fmt: skip
+        strikes = np.zeros(blocks, np.int64)
+        if bodies.table[:, SWEPT].any():
+            self._device.run(sweep, *shared, bodies.clearance, *arrays, strikes)
+        counts = self._device.empty((blocks, COUNTS), np.int64)
+        least = LEAST * bodies.size if np.isfinite(bodies.size) else 0.0
+        self._device.run(
+            contact, *shared, bodies.blend, bodies.clearance, least, *arrays, counts
+        )  # fmt: skip
+        touched, marched, trapped = (int(total) for total in counts.sum(axis=0))
+        return ContactCounts(
+            touched=touched, struck=int(strikes.sum()), marched=marched, trapped=trapped
+        )
+
+
+def contact_times(state: State) -> F32:
+    """`state.memory[SINCE]`, shape (n,), begun where it is not there yet."""
+    if SINCE not in state.memory:
+        state.memory[SINCE] = np.full(len(state), np.inf, np.float32)
+    return state.memory[SINCE]
