@@ -81,17 +81,19 @@ class Contacts:
             return ContactCounts()
         blocks = -(-len(state) // BLOCK)
         near = self._device.empty((blocks, len(bodies)), np.int32)
-        shared = (bodies.table, bodies.fields.headers, bodies.fields.voxels, float(dt))
+        table, fields = bodies.table, (bodies.fields.headers, bodies.fields.voxels, float(dt))
         arrays = (
             started, state.flags, state.scales, state.positions, state.velocities, since, near
         )  # fmt: skip
         strikes = np.zeros(blocks, np.int64)
-        if bodies.table[:, SWEPT].any():
-            self._device.run(sweep, *shared, bodies.clearance, *arrays, strikes)
+        if table[:, SWEPT].any():
+            self._device.run(sweep, table, *fields, bodies.clearance, *arrays, strikes)
         counts = self._device.empty((blocks, COUNTS), np.int64)
         least = LEAST * bodies.size if np.isfinite(bodies.size) else 0.0
+        everyone = np.arange(len(bodies), dtype=np.int32)
         self._device.run(
-            contact, *shared, bodies.blend, bodies.clearance, least, *arrays, counts
+            contact, table, everyone, *fields, bodies.blend, bodies.clearance, least, *arrays,
+            counts,
         )  # fmt: skip
         touched, marched, trapped = (int(total) for total in counts.sum(axis=0))
         return ContactCounts(

@@ -36,8 +36,9 @@ def falloff(
     bodies = pack_bodies(
         Fields(device) if fields is None else fields, (affector,), (affector,), math.inf
     )
+    rows = np.arange(len(bodies), dtype=np.int32)
     headers, voxels = bodies.fields.headers, bodies.fields.voxels
-    device.run(union_distances, bodies.table, headers, voxels, positions, out)
+    device.run(union_distances, bodies.table, rows, headers, voxels, positions, out)
     if affector.parameters.falloff <= 0.0:
         return (out <= 0.0).astype(np.float32)
     part = np.clip(out / np.float32(affector.parameters.falloff), 0.0, 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import parallel, scalar, serial
-from usdsplat.kernels.sim.solids import HALF, ONE, ZERO, solid
+from usdsplat.kernels.sim.solids import HALF, ONE, ROUND, ZERO, round_distance, solid
 
 BLOCK = 1024
 NOTHING = 1e30
@@ -96,11 +96,12 @@ def is_far(bodies, j, reach, x, y, z):
 
 
 @serial
-def union(bodies, fields, voxels, x, y, z, sigma, reach):
+def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
     """What is left of the clearance at a point, and which way is out.
 
     Args:
         bodies: Shape (k, COLUMNS) f64.
+        rows: Of the solids that are joined, ascending, the first `count` of i32.
         fields, voxels: As `field_solid` wants them.
         x, y, z: In the simulation's space [unit], float64.
         sigma: Largest deviation of the splat [unit].
@@ -112,10 +113,19 @@ def union(bodies, fields, voxels, x, y, z, sigma, reach):
     """
     d, gx, gy, gz = NOTHING, 0.0, 0.0, 0.0
     least, nx, ny, nz = NOTHING, 0.0, 0.0, 1.0
-    for j in range(bodies.shape[0]):
+    for s in range(count):
+        j = rows[s]
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
+        if bodies[j, KIND] == ROUND and d != NOTHING:
+            # Most solids change nothing, which their distance alone tells.
+            e = round_distance(
+                u, v, w,
+                bodies[j, SIZE], bodies[j, SIZE + 1], bodies[j, SIZE + 2], bodies[j, SIZE + 3],
+            )  # fmt: skip
+            if e - bodies[j, CLEARANCE] * sigma > least + bodies[j, BLEND]:
+                continue
         e, u, v, w = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
         u, v, w = times(bodies, j, TURN, u, v, w)
         e -= bodies[j, CLEARANCE] * sigma
@@ -163,14 +173,15 @@ def surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z):
 
 
 @serial
-def touch(bodies, fields, voxels, per_dt, x, y, z, sigma, reach):
+def touch(bodies, rows, count, fields, voxels, per_dt, x, y, z, sigma, reach):
     """What the joined surface does at a point, joined as `union` joins distances.
 
     Returns:
         velocity (3) [unit/s], coefficient of friction, restitution.
     """
     d, sx, sy, sz, friction, restitution = NOTHING, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(bodies.shape[0]):
+    for s in range(count):
+        j = rows[s]
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
@@ -205,8 +216,9 @@ def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
 
 
 @parallel
-def union_distances(bodies, fields, voxels, positions, out):
-    """Distance [unit] of every point from the union, out (n,) f32; positions (n, 3) f32."""
+def union_distances(bodies, rows, fields, voxels, positions, out):
+    """Distance [unit] of every point from the union of all `rows`, out (n,) f32; positions (n, 3)
+    f32."""
     n = positions.shape[0]
     for block in prange((n + BLOCK - 1) // BLOCK):
         for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):

@@ -23,6 +23,7 @@ from usdsplat.kernels.sim.blend_solids import (
     KIND,
     LOW,
     PLACE,
+    RIDGE,
     SIZE,
     TURN,
     into,
@@ -58,7 +59,7 @@ ALIVE_ONLY = 1
 
 
 @serial
-def push_out(bodies, fields, voxels, x, y, z, sigma, reach, least):
+def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     """Move a point out of the union, if it is inside.
 
     At most NEWTON steps along the gradient, then at most MARCH along the first of its directions:
@@ -68,51 +69,63 @@ def push_out(bodies, fields, voxels, x, y, z, sigma, reach, least):
         least: Distance outside at which it is put [unit], beside what float32 rounds away.
 
     Returns:
-        where (3), depth before [unit], 0 where it was outside already, and whether it marched and
-        whether it is inside still.
+        where (3), the way out there (3), depth before [unit], 0 where it was outside already, and
+        whether it marched and whether it is inside still.
     """
-    d, gx, gy, gz, nx, ny, nz = union(bodies, fields, voxels, x, y, z, sigma, reach)
+    d, gx, gy, gz, nx, ny, nz = union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach)
+    px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
     if not d < 0.0:
-        return x, y, z, 0.0, False, False
+        return x, y, z, px, py, pz, 0.0, False, False
     depth = -d
-    fx, fy, fz, slope = outward(gx, gy, gz, nx, ny, nz)
-    px, py, pz = fx, fy, fz
-    for _ in range(NEWTON):
+    fx, fy, fz, floor = px, py, pz, 0.0
+    for k in range(NEWTON + MARCH):
         gap = ROUNDING * (abs(x) + abs(y) + abs(z)) + least
-        step = (gap - d) / slope
+        if k < NEWTON:
+            step = (gap - d) / slope
+            floor = 4.0 * gap
+        else:
+            px, py, pz = fx, fy, fz
+            step = max((gap - d) / max(gx * fx + gy * fy + gz * fz, RIDGE), floor)
+            floor *= GROWTH
         x, y, z = x + step * px, y + step * py, z + step * pz
-        d, gx, gy, gz, nx, ny, nz = union(bodies, fields, voxels, x, y, z, sigma, reach)
-        if d >= 0.75 * gap:
-            return x, y, z, depth, False, False
+        d, gx, gy, gz, nx, ny, nz = union(
+            bodies, rows, count, fields, voxels, x, y, z, sigma, reach
+        )
         px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
-    floor = 4.0 * gap
-    for _ in range(MARCH):
-        gap = ROUNDING * (abs(x) + abs(y) + abs(z)) + least
-        step = max(gap - d, floor)
-        floor *= GROWTH
-        x, y, z = x + step * fx, y + step * fy, z + step * fz
-        d, _, _, _, _, _, _ = union(bodies, fields, voxels, x, y, z, sigma, reach)
         if d >= 0.75 * gap:
-            return x, y, z, depth, True, False
-    return x, y, z, depth, True, True
+            return x, y, z, px, py, pz, depth, k >= NEWTON, False
+    return x, y, z, px, py, pz, depth, True, True
 
 
 @serial
-def contact_row(bodies, fields, voxels, dt, least, i, started, positions, velocities, sigma, reach):
-    """Resolve splat i; returns whether it touched, marched and is trapped."""
-    x, y, z = (
-        np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
-    )  # fmt: skip
-    x, y, z, depth, marched, trapped = push_out(
-        bodies, fields, voxels, x, y, z, sigma, reach, least
+def contact_row(
+    bodies,
+    rows,
+    count,
+    everyone,
+    fields,
+    voxels,
+    dt,
+    least,
+    i,
+    started,
+    positions,
+    velocities,
+    sigma,
+    reach,
+):
+    """Resolve splat i, first against the near solids, then against all; returns whether it touched,
+    marched and is trapped."""
+    total = everyone.shape[0]
+    x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
+    x, y, z, nx, ny, nz, depth, marched, trapped = push_out(
+        bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least
     )
     if depth == 0.0:
         return False, False, False
     sx, sy, sz, friction, restitution = touch(
-        bodies, fields, voxels, 1.0 / dt, x, y, z, sigma, reach
+        bodies, rows, count, fields, voxels, 1.0 / dt, x, y, z, sigma, reach
     )
-    _, gx, gy, gz, nx, ny, nz = union(bodies, fields, voxels, x, y, z, sigma, reach)
-    nx, ny, nz, _ = outward(gx, gy, gz, nx, ny, nz)
     rx = x - started[i, 0] - dt * sx
     ry = y - started[i, 1] - dt * sy
     rz = z - started[i, 2] - dt * sz
@@ -121,17 +134,17 @@ def contact_row(bodies, fields, voxels, dt, least, i, started, positions, veloci
     slid = np.sqrt(rx * rx + ry * ry + rz * rz)
     if friction > 0.0 and slid > 0.0:
         part = min(1.0, friction * depth / slid)
-        x, y, z, _, again, trapped = push_out(
-            bodies, fields, voxels, x - part * rx, y - part * ry, z - part * rz, sigma, reach, least
-        )
-        marched = marched or again
+        x, y, z = x - part * rx, y - part * ry, z - part * rz
+    x, y, z, _, _, _, _, again, trapped = push_out(
+        bodies, everyone, total, fields, voxels, x, y, z, sigma, reach, least
+    )
     vx, vy, vz = respond(
         velocities[i, 0], velocities[i, 1], velocities[i, 2],
         sx, sy, sz, nx, ny, nz, friction, restitution,
     )  # fmt: skip
     positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
     velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
-    return True, marched, trapped
+    return True, marched or again, trapped
 
 
 # --- a block of splats ----------------------------------------------------------------------------
@@ -156,61 +169,57 @@ def is_near(bodies, j, turn, place, middle, half, reach):
 
 
 @scalar
-def near_distances(bodies, j, fields, voxels, first, m, xs, ys, zs, sigmas, out):
-    """Join the distances less clearance of m points from solid j with `out`, float32."""
-    kind = int(bodies[j, KIND])
-    a00, a01, a02 = (
-        np.float32(bodies[j, TURN]),
-        np.float32(bodies[j, TURN + 3]),
-        np.float32(bodies[j, TURN + 6]),
-    )
-    a10, a11, a12 = (
-        np.float32(bodies[j, TURN + 1]),
-        np.float32(bodies[j, TURN + 4]),
-        np.float32(bodies[j, TURN + 7]),
-    )
-    a20, a21, a22 = (
-        np.float32(bodies[j, TURN + 2]),
-        np.float32(bodies[j, TURN + 5]),
-        np.float32(bodies[j, TURN + 8]),
-    )
-    ox, oy, oz = (
-        np.float32(bodies[j, PLACE]),
-        np.float32(bodies[j, PLACE + 1]),
-        np.float32(bodies[j, PLACE + 2]),
-    )
+def gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, out):
+    """Distances of m points from solid j, float32."""
+    kind, field = int(bodies[j, KIND]), int(bodies[j, FIELD])
+    r00, r01, r02 = bodies[j, TURN], bodies[j, TURN + 1], bodies[j, TURN + 2]
+    r10, r11, r12 = bodies[j, TURN + 3], bodies[j, TURN + 4], bodies[j, TURN + 5]
+    r20, r21, r22 = bodies[j, TURN + 6], bodies[j, TURN + 7], bodies[j, TURN + 8]
+    a00, a01, a02 = np.float32(r00), np.float32(r10), np.float32(r20)
+    a10, a11, a12 = np.float32(r01), np.float32(r11), np.float32(r21)
+    a20, a21, a22 = np.float32(r02), np.float32(r12), np.float32(r22)
+    ox, oy = np.float32(bodies[j, PLACE]), np.float32(bodies[j, PLACE + 1])
+    oz = np.float32(bodies[j, PLACE + 2])
     a, b = np.float32(bodies[j, SIZE]), np.float32(bodies[j, SIZE + 1])
     c, d = np.float32(bodies[j, SIZE + 2]), np.float32(bodies[j, SIZE + 3])
-    clearance, blend = np.float32(bodies[j, CLEARANCE]), np.float32(bodies[j, BLEND])
-    field = int(bodies[j, FIELD])
-    for i in range(m):
-        x, y, z = xs[i] - ox, ys[i] - oy, zs[i] - oz
-        u = a00 * x + a01 * y + a02 * z
-        v = a10 * x + a11 * y + a12 * z
-        w = a20 * x + a21 * y + a22 * z
-        if kind == ROUND:
-            e = round_distance(u, v, w, a, b, c, d)
-        elif kind == BOX:
-            e = box_distance(u, v, w, a, b, c)
-        elif kind == MESH:
-            e = np.float32(
-                field_solid(np.float64(u), np.float64(v), np.float64(w), fields, field, voxels)[0]
-            )
-        else:
-            e = w
-        e -= clearance * sigmas[i]
-        out[i] = e if first else join(out[i], e, blend)[1]
+    if kind == ROUND:
+        for i in range(m):
+            x, y, z = xs[i] - ox, ys[i] - oy, zs[i] - oz
+            out[i] = round_distance(
+                a00 * x + a01 * y + a02 * z,
+                a10 * x + a11 * y + a12 * z,
+                a20 * x + a21 * y + a22 * z,
+                a, b, c, d,
+            )  # fmt: skip
+    elif kind == BOX:
+        for i in range(m):
+            x, y, z = xs[i] - ox, ys[i] - oy, zs[i] - oz
+            out[i] = box_distance(
+                a00 * x + a01 * y + a02 * z,
+                a10 * x + a11 * y + a12 * z,
+                a20 * x + a21 * y + a22 * z,
+                a, b, c,
+            )  # fmt: skip
+    elif kind == MESH:
+        for i in range(m):
+            x, y, z = np.float64(xs[i]), np.float64(ys[i]), np.float64(zs[i])
+            x, y, z = into(bodies, j, TURN, PLACE, x, y, z)
+            out[i] = field_solid(x, y, z, fields, field, voxels)[0]
+    else:
+        for i in range(m):
+            out[i] = a20 * (xs[i] - ox) + a21 * (ys[i] - oy) + a22 * (zs[i] - oz)
 
 
 @parallel
 def contact(
-    bodies, fields, voxels, dt, blend, clearance, least, started, flags, scales, positions,
-    velocities, since, near, counts,
+    bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
+    positions, velocities, since, near, counts,
 ):  # fmt: skip
     """Resolve all contacts at the end of a substep.
 
     Args:
-        bodies: Shape (k, COLUMNS) f64; fields, voxels: as `field_solid` wants them.
+        bodies: Shape (k, COLUMNS) f64; everyone: the numbers 0 to k - 1, i32.
+        fields, voxels: As `field_solid` wants them.
         dt: Duration of the substep [s].
         blend: Largest of the solids' [unit]; clearance: likewise [sigma].
         least: Distance outside at which splats are put [unit].
@@ -252,22 +261,28 @@ def contact(
         slack = MARGIN * (far + slack)
         xs, ys = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
         zs, sigmas = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        gaps = np.empty(BLOCK, np.float32)
+        gaps, others = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
         for i in range(m):
             xs[i], ys[i] = positions[start + i, 0], positions[start + i, 1]
             zs[i] = positions[start + i, 2]
             sigmas[i] = max(scales[start + i, 0], max(scales[start + i, 1], scales[start + i, 2]))
         for s in range(found):
-            near_distances(
-                bodies, near[block, s], fields, voxels, s == 0, m, xs, ys, zs, sigmas, gaps
-            )
+            j = near[block, s]
+            gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, others)
+            own, joined = np.float32(bodies[j, CLEARANCE]), np.float32(bodies[j, BLEND])
+            if s == 0:
+                for i in range(m):
+                    gaps[i] = others[i] - own * sigmas[i]
+            else:
+                for i in range(m):
+                    gaps[i] = join(gaps[i], others[i] - own * sigmas[i], joined)[1]
         for i in range(m):
             if not gaps[i] < slack or flags[start + i] & PINNED_OR_DEAD != ALIVE_ONLY:
                 continue
             sigma = np.float64(sigmas[i])
             touched, marched, trapped = contact_row(
-                bodies, fields, voxels, dt, least, start + i, started, positions, velocities,
-                sigma, 3.0 * blend + clearance * sigma,
+                bodies, near[block], found, everyone, fields, voxels, dt, least, start + i, started,
+                positions, velocities, sigma, 3.0 * blend + clearance * sigma,
             )  # fmt: skip
             if touched:
                 since[start + i] = 0.0

@@ -201,6 +201,13 @@ def sweep_row(bodies, j, fields, voxels, dt, clearance, i, started, positions, v
     if not way > bodies[j, THIN]:
         return False
     dx, dy, dz = dx / way, dy / way, dz / way
+    ends, others = (ax, ay, az), (bx, by, bz)
+    for axis in range(3):
+        if (
+            min(ends[axis], others[axis]) > bodies[j, HIGH + axis] + clearance
+            or max(ends[axis], others[axis]) < bodies[j, LOW + axis] - clearance
+        ):
+            return False
     nx, ny, nz = 0.0, 0.0, 0.0
     struck = pressed = False
     for _ in range(STRIKES):
