@@ -82,8 +82,10 @@ class Contacts:
         blocks = -(-len(state) // BLOCK)
         near = self._device.empty((blocks, len(bodies)), np.int32)
         table, fields = bodies.table, (bodies.fields.headers, bodies.fields.voxels, float(dt))
+        struck = np.zeros(len(state), np.uint8)
         arrays = (
-            started, state.flags, state.scales, state.positions, state.velocities, since, near
+            started, state.flags, state.scales, state.positions, state.velocities, since, struck,
+            near,
         )  # fmt: skip
         strikes = np.zeros(blocks, np.int64)
         if table[:, SWEPT].any():

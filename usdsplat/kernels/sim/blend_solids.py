@@ -223,7 +223,7 @@ def union_distances(bodies, rows, fields, voxels, positions, out):
     for block in prange((n + BLOCK - 1) // BLOCK):
         for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             out[i] = union(
-                bodies, fields, voxels,
+                bodies, rows, rows.shape[0], fields, voxels,
                 np.float64(positions[i, 0]), np.float64(positions[i, 1]),
                 np.float64(positions[i, 2]), 0.0, np.inf,
             )[0]  # fmt: skip

@@ -81,7 +81,8 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     for k in range(NEWTON + MARCH):
         gap = ROUNDING * (abs(x) + abs(y) + abs(z)) + least
         if k < NEWTON:
-            step = (gap - d) / slope
+            # Deep inside, joined gradients are short only there: the first step must not overshoot.
+            step = (gap - d) / (slope if k > 0 else 1.0)
             floor = 4.0 * gap
         else:
             px, py, pz = fx, fy, fz
@@ -113,9 +114,10 @@ def contact_row(
     velocities,
     sigma,
     reach,
+    rubs,
 ):
-    """Resolve splat i, first against the near solids, then against all; returns whether it touched,
-    marched and is trapped."""
+    """Resolve splat i, first against the near solids, then against all, rubbed or not; returns
+    whether it touched, marched and is trapped."""
     total = everyone.shape[0]
     x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     x, y, z, nx, ny, nz, depth, marched, trapped = push_out(
@@ -132,7 +134,7 @@ def contact_row(
     out = rx * nx + ry * ny + rz * nz
     rx, ry, rz = rx - out * nx, ry - out * ny, rz - out * nz
     slid = np.sqrt(rx * rx + ry * ry + rz * rz)
-    if friction > 0.0 and slid > 0.0:
+    if rubs and friction > 0.0 and slid > 0.0:
         part = min(1.0, friction * depth / slid)
         x, y, z = x - part * rx, y - part * ry, z - part * rz
     x, y, z, _, _, _, _, again, trapped = push_out(
@@ -213,7 +215,7 @@ def gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, out):
 @parallel
 def contact(
     bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
-    positions, velocities, since, near, counts,
+    positions, velocities, since, struck, near, counts,
 ):  # fmt: skip
     """Resolve all contacts at the end of a substep.
 
@@ -229,6 +231,7 @@ def contact(
         positions: At its end, shape (n, 3) f32; written.
         velocities: [unit/s], shape (n, 3) f32; written.
         since: Time since the last contact [s], shape (n,) f32; set to 0 where there is one.
+        struck: Whether `sweep` moved a splat, which then has been rubbed, shape (n,) u8.
         near: Room for solids near each block, shape (blocks, k) i32.
         counts: Shape (blocks, COUNTS) i64; written.
     """
@@ -283,6 +286,7 @@ def contact(
             touched, marched, trapped = contact_row(
                 bodies, near[block], found, everyone, fields, voxels, dt, least, start + i, started,
                 positions, velocities, sigma, 3.0 * blend + clearance * sigma,
+                struck[start + i] == 0,
             )  # fmt: skip
             if touched:
                 since[start + i] = 0.0

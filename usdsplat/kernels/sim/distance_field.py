@@ -31,7 +31,6 @@ def spread(low, size, counts, points, squared):
         squared: Distance² from it, inf where it is not known, shape (n,) f32; written.
     """
     nx, ny, nz = counts
-    strides = (1, nx, nx * ny)
     for corner in range(8):
         sx, sy, sz = 1 - 2 * (corner & 1), 1 - (corner & 2), 1 - (corner & 4) // 2
         for c in range(nz):
@@ -45,10 +44,11 @@ def spread(low, size, counts, points, squared):
                     x = low[0] + np.float32(i) * size
                     at = (k * ny + j) * nx + i
                     best, source = squared[at], -1
-                    for axis in range(3):
-                        if (a, b, c)[axis] == 0:
+                    for step in range(1, 8):
+                        da, db, dc = step & 1, (step >> 1) & 1, step >> 2
+                        if a < da or b < db or c < dc:
                             continue
-                        other = at - (sx, sy, sz)[axis] * strides[axis]
+                        other = at - sx * da - sy * db * nx - sz * dc * nx * ny
                         if squared[other] == np.inf:
                             continue
                         d = squared_distance(x, y, z, points, other)

@@ -46,8 +46,10 @@ SLIDES = 256
 """Steps along it."""
 STRIKES = 4
 """Times that a splat may leave a solid and be struck again."""
-COARSE, FINE = 5e-3, 5e-4
+COARSE, FINE = 1e-3, 1e-4
 """1 - cos of the surface's turn along a step: halve it above, double it below."""
+FLAT = 1e-10
+"""Likewise: above, it is not doubled beyond THIN, for slight turns may grow exponentially."""
 
 # --- where the segment hits -----------------------------------------------------------------------
 
@@ -176,7 +178,7 @@ def slide(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz, way):
             step *= 0.5
             continue
         way -= step
-        if turn < FINE:
+        if turn < FINE and (step < bodies[j, THIN] or turn < FLAT):
             step *= 2.0
         # While pressed it stays on the surface; in front of a corner it may have left it.
         if d < clearance or dx * mx + dy * my + dz * mz < 0.0:
@@ -272,11 +274,12 @@ def may_pass(bodies, j, before, after, far, reach):
 @parallel
 def sweep(
     bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities, since,
-    near, counts,
+    struck, near, counts,
 ):  # fmt: skip
     """Let no solid whose SWEPT is set pass a splat during a substep.
 
     Args are those of `contact`; counts: strikes in each block, shape (blocks,) i64, written.
+    struck: Set to 1 where there was one, shape (n,) u8.
     """
     n = positions.shape[0]
     for block in prange(counts.shape[0]):
@@ -305,7 +308,6 @@ def sweep(
             0.5 * (bhx - blx), 0.5 * (bhy - bly), 0.5 * (bhz - blz),
         )  # fmt: skip
         found = 0
-        # Half a part in a million of slack stands for what float32 boxes round away.
         for j in range(bodies.shape[0]):
             if bodies[j, SWEPT] != 0.0 and may_pass(
                 bodies, j, before, after, 1.001 * np.sqrt(moved), 1.001 * clearance * largest
@@ -325,4 +327,5 @@ def sweep(
                     positions, velocities,
                 ):  # fmt: skip
                     since[i] = 0.0
+                    struck[i] = 1
                     counts[block] += 1
