@@ -23,7 +23,7 @@ def test_a_hundred_frames_of_sixteen_capsules(data: Path) -> None:
     that overlap, move and pull splats back between them, none is inside by more than 1e-5 R; and
     what a seventeenth capsule struck, which crosses the capture within frame 50, is nowhere in the
     way that it took."""
-    cloud = read(data / "splats" / "statue_angel.sog")
+    cloud = read(data / "splats" / "statue_angel.sog").cloud
     state = State.of(cloud)
     middle = np.median(state.positions, axis=0)
     reach = float(np.quantile(np.linalg.norm(state.positions - middle, axis=1), 0.6))

@@ -20,8 +20,8 @@ def smooth(distance, width):
 
 @pytest.mark.parametrize("kind", ["sphere", "capsule", "box", "plane", "mesh"])
 def test_every_solid(kind: str) -> None:
-    """Oracle: closed form of the distance, and of the curve over it; far from a mesh's field too,
-    within what its box adds."""
+    """Oracle: closed form of the distance, and of the curve over it; outside of a mesh's field
+    too, where distances may be too large."""
     turn, place = rotation((1, -2, 1), 0.8), np.array([0.5, 0.1, -0.3])
     points = np.random.default_rng(0).uniform(-2, 2, (3000, 3)).astype(np.float32)
     local = (points - place) @ turn
@@ -37,14 +37,12 @@ def test_every_solid(kind: str) -> None:
     elif kind == "plane":
         distance = local[:, 2]
     else:
-        surface, tolerance = icosphere(3, 0.4), 0.12
+        surface, tolerance = icosphere(3, 0.4), 0.06
         distance = np.linalg.norm(local, axis=1) - 0.4
     body = affector(kind, size, placed(place, turn), surface=surface, role="mask", falloff=0.7)
     found = falloff(open_device(), body, points)
     assert found.dtype == np.float32
     assert np.abs(found - smooth(distance, 0.7)).max() < tolerance
-    near = distance < 0.05
-    assert np.abs(found - smooth(distance, 0.7))[near].max() < 0.01
     assert (found[distance < -0.01] == 1).all()
 
 

@@ -76,7 +76,7 @@ class Contacts:
             for old, new in zip(before, after, strict=True)
             if new.parameters.enabled and new.parameters.role == "collide"
         ]
-        bodies = pack_bodies(self._fields, *([p[k] for p in pairs] for k in (0, 1)), dt)
+        bodies = pack_bodies(self._fields, [old for old, _ in pairs], [new for _, new in pairs], dt)
         if not len(bodies) or not len(state):
             return ContactCounts()
         blocks = -(-len(state) // BLOCK)

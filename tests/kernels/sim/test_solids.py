@@ -118,31 +118,49 @@ def test_planes() -> None:
     assert (gradients == [0, 0, 1]).all()
 
 
+SIZE, LOW = 0.25, np.array([-0.5, 0.1, 0.2])
+HIGH = LOW + SIZE * np.array([4, 5, 6])
+
+
+def field_of(value):
+    """Header and voxels of a field between LOW and HIGH."""
+    z, y, x = np.indices((7, 6, 5))
+    grid = LOW + SIZE * np.stack((x, y, z), axis=-1).reshape(-1, 3)
+    voxels = np.concatenate([np.zeros(3), value(grid)]).astype(np.float32)
+    return np.array([[*LOW, SIZE, 5, 6, 7, 3]]), voxels
+
+
 def test_fields() -> None:
-    """Oracle: a trilinear function, which interpolation repeats exactly, inside; outside the
-    distance to the box and the value there; gradients by central differences."""
-    nx, ny, nz, size, low = 5, 6, 7, 0.25, np.array([-0.5, 0.1, 0.2])
-    header = np.array([[*low, size, nx, ny, nz, 3]])
+    """Oracle: a trilinear function, which interpolation repeats exactly; gradients by central
+    differences."""
 
     def value(p):
         x, y, z = p.T
         return 0.3 + x - 2 * y + 0.5 * z + x * y - y * z + 0.7 * x * y * z
 
-    z, y, x = np.indices((nz, ny, nx))
-    grid = low + size * np.stack((x, y, z), axis=-1).reshape(-1, 3)
-    voxels = np.concatenate([np.zeros(3), value(grid)]).astype(np.float32)
-    high = low + size * (np.array([nx, ny, nz]) - 1)
-    rng = np.random.default_rng(3)
-    points = rng.uniform(low - 0.4, high + 0.4, (2000, 3))
-    found, gradients = solids(MESH, (0.0,) * 4, points, header, voxels)
-    nearest = np.clip(points, low, high)
-    exact = value(nearest) + np.linalg.norm(points - nearest, axis=1)
-    assert np.abs(found - exact).max() < 1e-6
-    error = np.abs(gradients - differences(MESH, (0.0,) * 4, points, header, voxels))
-    assert error.max() < 1e-3  # the voxels are float32: at a cell's face slopes differ by as much
+    field = field_of(value)
+    points = np.random.default_rng(3).uniform(LOW, HIGH, (2000, 3))
+    found, gradients = solids(MESH, (0.0,) * 4, points, *field)
+    assert np.abs(found - value(points)).max() < 1e-6
+    error = np.abs(gradients - differences(MESH, (0.0,) * 4, points, *field))
     assert np.quantile(error, 0.99) < 1e-6
-    nan = solids(MESH, (0.0,) * 4, np.full((1, 3), np.nan), header, voxels)[0]
-    assert np.isnan(nan).all()
+    nan = solids(MESH, (0.0,) * 4, np.full((1, 3), np.nan), *field)[0]
+    assert len(nan) == 1  # read from within the field, whatever it says
+
+
+def test_outside_of_fields() -> None:
+    """Oracle: closed form for the field of a plane, whose closest points are known: a point outside
+    is as far as the one that is closest to the box's nearest point."""
+    normal = np.array([2.0, -1.0, 2.0]) / 3
+    field = field_of(lambda p: p @ normal + 2.0)
+    points = np.random.default_rng(3).uniform(LOW - 1, HIGH + 1, (2000, 3))
+    nearest = np.clip(points, LOW, HIGH)
+    feet = nearest - (nearest @ normal + 2.0)[:, None] * normal
+    found, gradients = solids(MESH, (0.0,) * 4, points, *field)
+    assert np.abs(found - np.linalg.norm(points - feet, axis=1)).max() < 1e-5
+    outside = (nearest != points).any(axis=1)
+    directions = (points - feet)[outside] / found[outside, None]
+    assert np.abs(gradients[outside] - directions).max() < 1e-5
 
 
 def test_joining() -> None:
@@ -164,7 +182,8 @@ def test_where_a_segment_hits_a_capsule() -> None:
     part = np.linspace(0, 1, 20_001)
     hits = 0
     for _ in range(300):
-        p, way = rng.uniform(-1.5, 1.5, 3), rng.normal(size=3) * 2
+        p, way = rng.uniform(-1.5, 1.5, 3), rng.normal(size=3)
+        way = way * 0.3 - 1.5 * p
         path = p + part[:, None] * way
         gap = solids(ROUND, (radius, 0.0, half, 0.0), path)[0] - 0.0
         if gap[0] < 0:

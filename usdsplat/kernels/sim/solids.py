@@ -97,8 +97,8 @@ def _cell(u, count):
 def field_solid(x, y, z, fields, field, voxels):
     """Distance to a mesh by its field, and the gradient of just that.
 
-    Between voxels it is trilinear. Outside the field it is the distance to the field's box added
-    to what the field says at the nearest point of it.
+    Between voxels it is trilinear. Outside the field it is the distance to the point of the surface
+    that the field's nearest point says, at most a little more than its own.
 
     fields: shape (f, FIELD_COLUMNS) f64; voxels: all fields' voxels, x fastest, flat.
     """
@@ -126,13 +126,15 @@ def field_solid(x, y, z, fields, field, voxels):
     dy = (1.0 - r) * (cd - ab) + r * (gh - ef)
     dz = high - low
     ou, ov, ow = (u - cu) * size, (v - cv) * size, (w - cw) * size
-    beyond = np.sqrt(ou * ou + ov * ov + ow * ow)
-    if beyond > 0.0:
-        gx = ou / beyond if ou != 0.0 else dx / size
-        gy = ov / beyond if ov != 0.0 else dy / size
-        gz = ow / beyond if ow != 0.0 else dz / size
-        return distance + beyond, gx, gy, gz
-    return distance + beyond, dx / size, dy / size, dz / size
+    dx, dy, dz = dx / size, dy / size, dz / size
+    slope = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if ou * ou + ov * ov + ow * ow > 0.0:
+        # From the surface's point that is nearest to the field's nearest point.
+        back = distance / slope if slope > 0.0 and distance > 0.0 else 0.0
+        ou, ov, ow = ou + back * dx, ov + back * dy, ow + back * dz
+        distance = np.sqrt(ou * ou + ov * ov + ow * ow)
+        return distance, ou / distance, ov / distance, ow / distance
+    return distance, dx, dy, dz
 
 
 @scalar
