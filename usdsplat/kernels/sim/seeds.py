@@ -1,0 +1,75 @@
+"""Where a pattern begins: random numbers of points, and patches of noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.sim.philox import SEEDS, uniforms
+
+BLOCK = 1024
+"""Points that one thread takes at a time."""
+
+ONE = np.float32(1)
+HALF_RANGE = 1 << 20
+"""Corners of the noise's lattice on either side of the origin, after which it repeats."""
+
+
+# --- 1. mathematics: one point ----------------------------------------------------------
+
+
+@scalar
+def corner(seed, x, y, z):
+    """The value of a corner of the lattice, 0 to 1."""
+    mask = 2 * HALF_RANGE - 1
+    identity = (((z & mask) << 42) | ((y & mask) << 21)) | (x & mask)
+    return uniforms(seed, SEEDS, identity, 0, 1)[0]
+
+
+@scalar
+def eased(t):
+    """Smooth from 0 to 1."""
+    return t * t * (np.float32(3) - np.float32(2) * t)
+
+
+@scalar
+def mixed(a, b, t):
+    """Linearly between two values."""
+    return a + t * (b - a)
+
+
+# --- 2. loops ---------------------------------------------------------------------------
+
+
+@parallel
+def draw(ids, seed, out):
+    """A number in [0, 1) for each identity. ids: int64 (n,); out: float32 (n,), written."""
+    n = len(ids)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
+            out[i] = uniforms(seed, SEEDS, ids[i], 0, 0)[0]
+
+
+@parallel
+def noise(positions, seed, size, out):
+    """Value noise: smooth, 0 to 1, of patches about `size` across.
+
+    positions: float32 (n, 3), finite; size: float64; out: float32 (n,), written.
+    """
+    n = len(positions)
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
+            px, py, pz = positions[i, 0] / size, positions[i, 1] / size, positions[i, 2] / size
+            x, y, z = math.floor(px), math.floor(py), math.floor(pz)
+            tx = eased(np.float32(px - x))
+            ty = eased(np.float32(py - y))
+            tz = eased(np.float32(pz - z))
+            low = high = np.float32(0)
+            for k in range(2):
+                near = mixed(corner(seed, x, y, z + k), corner(seed, x + 1, y, z + k), tx)
+                far = mixed(corner(seed, x, y + 1, z + k), corner(seed, x + 1, y + 1, z + k), tx)
+                low, high = high, mixed(near, far, ty)
+            out[i] = mixed(low, high, tz)

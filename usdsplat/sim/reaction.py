@@ -1,0 +1,184 @@
+"""Gray and Scott's reaction-diffusion on particles that hold still while it runs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import laplacian as weights
+from usdsplat.kernels.sim import reaction as kernels
+from usdsplat.sim.neighbors import Graph
+from usdsplat.sim.parameters import RdParameters
+from usdsplat.sim.presets_rd import rates
+
+FINEST = 0.8
+"""Least lattice unit, in mean spacings: below it the points do not resolve the pattern."""
+
+LARGEST_V = 0.6
+"""That the length of a step is safe for; the reaction stays below."""
+
+COUNTS = {2: 4.0, 3: 105 / 16}
+"""Dimension -> factor that makes the sum of K the number of neighbours, where they are even."""
+
+
+class Reaction:
+    """A pattern on points that do not move: weights are worked out once.
+
+    Args:
+        device: Where it runs.
+        graph: Neighbours of each of n points, and where they are; a skin only costs time.
+        parameters: Of the reaction. All may change by `adopt`.
+        dimension: 2 where points lie on a surface, 3 where they fill a volume; one number or
+            shape (n,).
+        normals: Unit vectors, shape (n, 3), to which a direction is made tangential; None where
+            points fill a volume.
+    """
+
+    def __init__(
+        self,
+        device: CpuDevice,
+        graph: Graph,
+        parameters: RdParameters,
+        *,
+        dimension: int | F32 = 2,
+        normals: F32 | None = None,
+    ) -> None:
+        self._device = device
+        self.graph = graph
+        self._normals = None if normals is None else normals[graph.order]
+        every = np.broadcast_to(np.asarray(dimension, np.float32), len(graph.order))
+        self._dimension = np.ascontiguousarray(every[graph.order])
+        self.spacing = 0.0
+        """Mean distance of neighbours [unit]: the root of the area, or volume, that a point has."""
+        self.parameters = parameters
+        self._weigh()
+
+    def adopt(self, parameters: RdParameters) -> None:
+        """Go on with other parameters; weights change only where diffusion does."""
+        before, self.parameters = self.parameters, parameters
+        if _diffusion(before) != _diffusion(parameters):
+            self._weigh()
+
+    @property
+    def scale(self) -> float:
+        """Length of a lattice unit [unit]."""
+        own = self.parameters.pattern_scale
+        return own if own > 0 else self.spacing
+
+    @property
+    def is_too_fine(self) -> bool:
+        """Whether the lattice unit is so small that the points cannot show the pattern."""
+        return self.scale < FINEST * self.spacing
+
+    @property
+    def subdivisions(self) -> int:
+        """Steps that one of `d_tau` is divided into, so that it is stable.
+
+        Gershgorin bounds the rates of diffusion by 2 D S, and what u decays with is F + v^2.
+        """
+        most = max(self.parameters.diffusion_u, self.parameters.diffusion_v)
+        feed, kill = rates(self.parameters)
+        decay = feed + max(kill, LARGEST_V**2)
+        rate = most * self.scale**2 * self.largest_sum + decay / 2
+        return max(1, math.ceil(self.parameters.d_tau * rate))
+
+    def step(
+        self,
+        uv: F32,
+        count: int | None = None,
+        *,
+        feed_offset: F32 | None = None,
+        kill_offset: F32 | None = None,
+    ) -> F32:
+        """u and v after `count` reaction steps, those of a frame by default.
+
+        Args:
+            uv: Shape (n, 2); not changed.
+            count: Steps of `d_tau`.
+            feed_offset: Added to the feed rate, which is then kept from 0 to 0.1, shape (n,).
+            kill_offset: Added to the kill rate, which is then kept from 0 to 0.1, shape (n,).
+        """
+        rd, graph = self.parameters, self.graph
+        feed, kill = rates(rd)
+        f = np.float32
+        parts = self.subdivisions
+        area = self.scale**2
+        now = uv[graph.order].reshape(-1)
+        then = np.empty_like(now)
+        feeds, kills = self._per_point(feed, feed_offset), self._per_point(kill, kill_offset)
+        for _ in range((rd.substeps if count is None else count) * parts):
+            self._device.run(
+                kernels.gray_scott, *self.weights, now, feeds, kills,
+                f(rd.diffusion_u * area), f(rd.diffusion_v * area), f(rd.d_tau / parts), then,
+            )  # fmt: skip
+            now, then = then, now
+        after = np.empty((len(uv), 2), np.float32)
+        after[graph.order] = now.reshape(-1, 2)
+        return after
+
+    def _per_point(self, rate: float, offset: F32 | None) -> F32:
+        if offset is None:
+            return np.array([rate], np.float32)
+        return np.clip(np.float32(rate) + offset[self.graph.order], 0, np.float32(0.1))
+
+    def _weigh(self) -> None:
+        """Weights of all neighbours, their largest sum, and the mean spacing."""
+        graph, rd = self.graph, self.parameters
+        row = graph.rows
+        nbr = graph.neighbors
+        w = np.empty(len(nbr), np.float32)
+        sums = np.empty((len(graph.order), 2), np.float32)
+        self._device.run(
+            weights.laplacian, graph.positions, row, nbr, graph.support, self._directions(),
+            1.0 - rd.anisotropy, self._dimension, w, sums,
+        )  # fmt: skip
+        self.spacing = _spacing(graph.support, sums[:, 1], self._dimension)
+        if rd.conservative:
+            row, nbr, w = self._conserved(row, nbr, w)
+            sums = np.empty((len(graph.order), 1), np.float32)
+            self._device.run(weights.row_sums, row, w, sums[:, 0])
+        self.weights = row, nbr, w
+        """Of the Laplacian, [1/unit^2]: rows, neighbours and weights, in the graph's slots."""
+        self.largest_sum = float(sums[:, 0].max(initial=0))
+        """S of the point that diffuses fastest [1/unit^2]: what bounds a step."""
+
+    def _conserved(self, row: I64, nbr: I32, w: F32) -> tuple[I64, I32, F32]:
+        """The graph with both sides of each pair, weighted alike."""
+        extra = np.zeros(len(row) - 1, np.int64)
+        self._device.run(weights.missing, row, nbr, extra)
+        both = np.zeros_like(row)
+        np.cumsum(np.diff(row) + extra, out=both[1:])
+        both_nbr, both_w = np.empty(both[-1], np.int32), np.empty(both[-1], np.float32)
+        self._device.run(weights.merge, row, nbr, w, both, both_nbr, both_w)
+        return both, both_nbr, both_w
+
+    def _directions(self) -> F32:
+        """Unit vectors along which it diffuses faster; no rows where none does."""
+        direction = np.array(self.parameters.direction, np.float64)
+        length = float(np.linalg.norm(direction))
+        if self.parameters.anisotropy == 0 or length == 0:
+            return np.empty((0, 3), np.float32)
+        every = np.broadcast_to(direction / length, (len(self._dimension), 3))
+        if self._normals is not None:
+            n = self._normals.astype(np.float64)
+            every = every - n * (every * n).sum(1, keepdims=True)
+        lengths = np.linalg.norm(every, axis=1, keepdims=True)
+        return np.where(lengths > 0.01, every / np.maximum(lengths, 0.01), 0).astype(np.float32)
+
+
+def _diffusion(rd: RdParameters) -> tuple[object, ...]:
+    return (rd.conservative, rd.anisotropy, rd.direction if rd.anisotropy else None)
+
+
+def _spacing(h: F32, near: F32, dimension: F32) -> float:
+    """Mean spacing [unit] of points with a neighbour; 0 where none has."""
+    some = near > 0
+    if not some.any():
+        return 0.0
+    h, k = h[some].astype(np.float64), near[some] + 1.0  # each is in its own neighbourhood
+    on_surface = h * np.sqrt(np.pi / (COUNTS[2] * k))
+    in_volume = h * np.cbrt(4 / 3 * np.pi / (COUNTS[3] * k))
+    return float(np.where(dimension[some] == 2, on_surface, in_volume).mean())
