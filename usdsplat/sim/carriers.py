@@ -1,0 +1,261 @@
+"""Carriers: an even set of points on a capture's surface, where the reaction runs.
+
+Captured splats are many where there is detail and few, but large, where there is none; the
+Laplacian is worthless on them. So points are spread over the ellipses of all splats that one sees,
+a Poisson disk sample of them is taken, and it is relaxed until the Laplacian is accurate.
+
+Sources: Lagae & Dutre 2008 on Poisson disks; Turk 1991 on relaxing points and reacting on them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, I64, SplatCloud
+from usdsplat.core.quaternion import to_matrix
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.sim import carriers as kernels
+from usdsplat.sim.nearest import nearest
+from usdsplat.sim.neighbors import Graph, Neighbors
+from usdsplat.sim.normals import FLAT, grown, oriented
+from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
+from usdsplat.sim.relaxing import relax, spacing
+from usdsplat.sim.support import fitted
+
+MOST = 250_000
+"""Carriers, at most."""
+
+FAINT = 0.1
+"""Opacity below which a splat is no part of a surface."""
+
+HUGE = 0.05
+"""Deviation of a splat, in diagonals of the capture, beyond which it is background."""
+
+EDGE = 1.2
+"""Half axes of a splat's ellipse, in its deviations."""
+
+DENSITY = 4.0
+"""Points on an ellipse, for each square of the distance; enough for a sample without gaps."""
+
+MOST_POINTS = 256
+"""On one ellipse."""
+
+SWEEPS = 20
+"""Of relaxation: before points that have come too close on the surface are dropped, and after."""
+
+CLOSEST = 0.8
+"""Distance that is kept when points are dropped, in those of the first sample."""
+
+PER_DISTANCE = 1.25
+"""Mean spacing of a Poisson disk sample, in its least distance."""
+
+FEWEST = 4
+"""Neighbours without which a carrier is a speck, and dropped."""
+
+NEAREST = 8
+"""Carriers that a splat reads."""
+
+WIDEN = 1.2
+"""Radius of the weights with which it reads them, in distances of the last."""
+
+REACH = 3.0
+"""Distance to the first carrier from where a splat reads none, in spacings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Binding:
+    """What n splats read of the carriers; the same as long as both are at rest."""
+
+    near: I32
+    """Carriers, nearest first, -1 for none, shape (n, 8)."""
+    weights: F32
+    """Rows sum to 1, or are 0 far from all carriers, shape (n, 8)."""
+
+    def read(self, device: CpuDevice, uv: F32) -> F32:
+        """u and v of each splat, shape (n, 2), of those of the carriers, shape (c, 2); (1, 0) far
+        from all of them."""
+        out: F32 = device.empty((len(self.near), 2), np.float32)
+        device.run(kernels.read, self.near, self.weights, uv, out)
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Carriers:
+    """c points on a capture at rest."""
+
+    positions: F32
+    """[unit], shape (c, 3)."""
+    normals: F32
+    """Unit vectors, all on the outer side of each connected part, shape (c, 3)."""
+    dimension: F32
+    """2 on surfaces, 3 where points are all around, shape (c,)."""
+    graph: Graph
+    """Neighbours of each."""
+    spacing: float
+    """About what neighbours are apart [unit]."""
+
+    @classmethod
+    def of(
+        cls,
+        device: CpuDevice,
+        cloud: SplatCloud,
+        *,
+        distance: float = -1.0,
+        seed: int = 0,
+        target: float = 16.0,
+        most: int = MOST,
+    ) -> Carriers:
+        """An even set of points on a capture.
+
+        Args:
+            device: Where to.
+            cloud: At rest. Splats that are faint, huge or not finite have no carriers.
+            distance: Of neighbours [unit]; larger where there would be more than `most`. Negative
+                is the median distance of the capture's splats.
+            seed: Of the random numbers.
+            target: Neighbours that each is to have.
+            most: Carriers, at most.
+        """
+        rows = np.flatnonzero(_seen(cloud))
+        ellipses = _Ellipses.of(cloud, rows)
+        sample, closest = _sampled(device, ellipses, distance, seed, most)
+        even = _relaxed(device, sample, closest, seed, target)
+        priority = np.arange(len(even), dtype=np.float32)
+        even = even[_thrown(device, even, priority, CLOSEST * closest)]
+        even = _relaxed(device, even, closest, seed, target)
+        neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
+        graph = neighbors.update(even, fitted(neighbors, even, 2))
+        even = even[np.diff(graph.rows)[graph.rank] >= FEWEST]
+        graph = neighbors.update(even, fitted(neighbors, even, 2))
+        normals, surfaceness = grown(device, graph, np.zeros_like(even))
+        return cls(
+            positions=even,
+            normals=oriented(device, graph, normals),
+            dimension=np.where(surfaceness < FLAT, 3, 2).astype(np.float32),
+            graph=graph,
+            spacing=PER_DISTANCE * closest,
+        )
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def bind(self, device: CpuDevice, points: F32) -> Binding:
+        """What points at rest read of the carriers.
+
+        Args:
+            device: Where to.
+            points: [unit], shape (n, 3).
+        """
+        near, _ = nearest(device, self.positions, points, NEAREST)
+        weights: F32 = device.empty(near.shape, np.float32)
+        device.run(
+            kernels.bind, points, self.positions, near, np.float32(REACH * self.spacing),
+            np.float32(WIDEN), weights,
+        )  # fmt: skip
+        return Binding(near=near, weights=weights)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Ellipses:
+    """The two larger axes of splats."""
+
+    centres: F32
+    long: F32
+    """Half axes [unit], shape (n, 3)."""
+    short: F32
+    areas: F32
+    """Of the ellipses' boxes over 4 [unit^2], shape (n,), those of lines as wide as they are."""
+    ids: I64
+
+    @classmethod
+    def of(cls, cloud: SplatCloud, rows: I64) -> _Ellipses:
+        scales = cloud.scales[rows]
+        axes = to_matrix(cloud.rotations[rows].astype(np.float64))
+        order = np.argsort(-scales, axis=1, kind="stable")
+        every = np.arange(len(rows))
+        long, short = (
+            (EDGE * scales[every, order[:, i], None] * axes[every, :, order[:, i]]).astype(
+                np.float32
+            )
+            for i in range(2)
+        )
+        return cls(
+            centres=np.ascontiguousarray(cloud.positions[rows]),
+            long=long,
+            short=short,
+            areas=np.linalg.norm(long, axis=1) * np.linalg.norm(short, axis=1),
+            ids=rows if cloud.ids is None else cloud.ids[rows],
+        )
+
+    def points(self, device: CpuDevice, distance: float, seed: int) -> tuple[F32, F32]:
+        """Points on all of them, so many that none further apart than `distance` is without one
+        between; and in which order they are taken, centres first."""
+        half = np.linalg.norm(self.long, axis=1).astype(np.float64)
+        wide = np.maximum(np.linalg.norm(self.short, axis=1), distance / 4)
+        counts = np.minimum(1 + np.pi * DENSITY * half * wide / distance**2, MOST_POINTS)
+        counts = np.where(half < distance / 2, 1, counts).astype(np.int64)
+        first = np.zeros(len(counts) + 1, np.int64)
+        np.cumsum(counts, out=first[1:])
+        points: F32 = device.empty((int(first[-1]), 3), np.float32)
+        priority: F32 = device.empty(int(first[-1]), np.float32)
+        device.run(
+            kernels.scatter, self.centres, self.long, self.short, self.ids, first, seed, points,
+            priority,
+        )  # fmt: skip
+        return points, priority
+
+
+def _seen(cloud: SplatCloud) -> np.ndarray:
+    """Which splats are part of a surface, shape (n,)."""
+    sound = np.isfinite(cloud.positions).all(axis=1) & np.isfinite(cloud.scales).all(axis=1)
+    sound &= cloud.opacities >= FAINT
+    if not sound.any():
+        return sound
+    low, high = np.percentile(cloud.positions[sound], [2, 98], axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    return sound & (cloud.scales.max(axis=1) <= HUGE * diagonal) if diagonal > 0 else sound
+
+
+def _sampled(
+    device: CpuDevice, ellipses: _Ellipses, distance: float, seed: int, most: int
+) -> tuple[F32, float]:
+    """At most `most` points no closer than a distance, and that distance [unit]."""
+    if distance <= 0:
+        _, apart = nearest(device, ellipses.centres, ellipses.centres, 2)
+        apart = apart[np.isfinite(apart[:, -1]) & (apart[:, -1] > 0), -1]
+        distance = float(np.median(apart)) if len(apart) else 1.0
+    else:
+        distance /= PER_DISTANCE
+    while True:
+        points, priority = ellipses.points(device, distance, seed)
+        kept = _thrown(device, points, priority, distance)
+        if len(kept) <= most:
+            return points[kept], distance
+        distance *= 1.01 * math.sqrt(len(kept) / most)
+
+
+def _thrown(device: CpuDevice, points: F32, priority: F32, distance: float) -> I64:
+    """Rows of the points that are kept, ascending, none closer than `distance` to another."""
+    n = len(points)
+    kept = np.zeros(n, np.bool_)
+    table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
+    following: I32 = device.empty(n, np.int32)
+    order = np.argsort(priority, kind="stable")
+    device.run(kernels.throw, points, order, distance, table, following, kept)
+    return np.flatnonzero(kept)
+
+
+def _relaxed(device: CpuDevice, points: F32, closest: float, seed: int, target: float) -> F32:
+    """Points moved along their surface until they are even.
+
+    All have the same radius, else crowds and gaps would stay as they are.
+    """
+    radius = PER_DISTANCE * closest / spacing(target, 2)
+    parameters = Parameters(
+        sim=SimParameters(seed=seed),
+        neighbors=NeighborsParameters(target=target, h_min=radius, h_max=radius),
+    )
+    return relax(device, points, None, parameters, SWEEPS)[0]
