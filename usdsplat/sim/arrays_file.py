@@ -1,0 +1,137 @@
+"""Arrays in one file: uncompressed, each at a multiple of 64 bytes, so that they can be mapped.
+
+    8 bytes   "USDSPLA1"
+    8 bytes   length of the header [byte], little-endian
+    4 bytes   CRC-32 of the header
+    header    JSON: `meta`, and for each array its name, dtype, shape, offset and CRC-32
+    arrays    C order
+
+Arrays that are one object in memory are stored once and are one object again when they are read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.errors import FormatError
+from usdsplat.core.output import atomic_path
+
+Array = npt.NDArray[Any]
+
+MAGIC = b"USDSPLA1"
+ALIGNMENT = 64
+_PREFIX = struct.Struct("<8sQI")
+
+
+def save_arrays(target: Path, arrays: Mapping[str, Array], meta: Mapping[str, Any]) -> None:
+    """Write a file, replacing an older one as a whole or not at all.
+
+    Args:
+        target: Where to.
+        arrays: By name; of any shape and any dtype but object.
+        meta: What JSON can hold.
+
+    Raises:
+        OutputError: If it cannot be written there.
+    """
+    stored: dict[int, int] = {}
+    unique: list[Array] = []
+    entries: list[dict[str, Any]] = []
+    for name, array in arrays.items():
+        if id(array) not in stored:
+            stored[id(array)] = len(unique)
+            unique.append(np.asarray(array, order="C"))
+        entries.append({"name": name, "block": stored[id(array)]})
+    blocks: list[dict[str, Any]] = []
+    offset = 0
+    for array in unique:
+        if array.dtype.hasobject:
+            raise ValueError(f"{target}: found an array of objects, expected numbers")
+        blocks.append(
+            {"dtype": array.dtype.str, "shape": array.shape, "offset": offset, "crc": _crc(array)}
+        )
+        offset += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
+    header = json.dumps({"meta": dict(meta), "arrays": entries, "blocks": blocks}).encode()
+    with atomic_path(target) as path, path.open("wb") as file:
+        file.write(_PREFIX.pack(MAGIC, len(header), zlib.crc32(header)))
+        file.write(header)
+        start = _start(len(header))
+        for block, array in zip(blocks, unique, strict=True):
+            file.seek(start + block["offset"])
+            file.write(_bytes(array))
+        file.truncate(start + offset)
+
+
+def load_arrays(
+    source: Path, *, mapped: bool = False, checked: bool = True
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Read a file that `save_arrays` wrote.
+
+    Args:
+        source: The file.
+        mapped: Return read-only views of the file, which is read when they are used.
+        checked: Compare every byte with the checksums; the header is always compared.
+
+    Returns:
+        Arrays by name, with their bits, and `meta`.
+
+    Raises:
+        FormatError: If the file is damaged or another's.
+    """
+    try:
+        with source.open("rb") as file:
+            found, length, crc = _PREFIX.unpack(file.read(_PREFIX.size))
+            size = source.stat().st_size
+            header = file.read(length) if found == MAGIC and length < size else b""
+        if not header or zlib.crc32(header) != crc:
+            raise ValueError("a header")
+        content = json.loads(header)
+        blocks = [
+            _block(source, block, _start(length), size, mapped) for block in content["blocks"]
+        ]
+    except (ValueError, KeyError, struct.error) as error:
+        raise _damaged(source) from error
+    if checked and any(
+        _crc(block) != entry["crc"] for block, entry in zip(blocks, content["blocks"], strict=True)
+    ):
+        raise _damaged(source)
+    return {entry["name"]: blocks[entry["block"]] for entry in content["arrays"]}, content["meta"]
+
+
+def _block(source: Path, entry: Mapping[str, Any], start: int, size: int, mapped: bool) -> Array:
+    """One array of the file."""
+    dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
+    first, count = start + entry["offset"], math.prod(shape)
+    if first + count * dtype.itemsize > size:
+        raise ValueError("the end of the file")
+    if not count:
+        return np.empty(shape, dtype)
+    if mapped:
+        return np.memmap(source, dtype, "r", first, shape).view(np.ndarray)
+    return np.fromfile(source, dtype, count, offset=first).reshape(shape)
+
+
+def _start(header: int) -> int:
+    """Where the arrays begin."""
+    return -(-(_PREFIX.size + header) // ALIGNMENT) * ALIGNMENT
+
+
+def _bytes(array: Array) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
+
+
+def _crc(array: Array) -> int:
+    return zlib.crc32(_bytes(array))
+
+
+def _damaged(source: Path) -> FormatError:
+    return FormatError(str(source), "a damaged file", "one that was written whole")

@@ -1,0 +1,97 @@
+"""Where a simulation can go on from: every bit of its states, in one file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat import __version__
+from usdsplat.core.errors import FormatError
+from usdsplat.sim.arrays_file import load_arrays, save_arrays
+from usdsplat.sim.state import ARRAYS, State
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Checkpoint:
+    """All fields of a simulation after a frame."""
+
+    time: float
+    """Frame that the states belong to [time code]."""
+    states: Mapping[str, State]
+    """By the field's path."""
+    parameter_hash: str
+    code_version: str = __version__
+    extras: Mapping[str, Array] = field(default_factory=dict)
+    """What else must be kept, by name."""
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    """The same, for what JSON can hold."""
+
+
+def save(target: Path, checkpoint: Checkpoint) -> None:
+    """Replace the file at `target` as a whole.
+
+    Raises:
+        OutputError: If it cannot be written there.
+    """
+    arrays: dict[str, Array] = {f"extra|{key}": value for key, value in checkpoint.extras.items()}
+    scalars = []
+    for number, (path, state) in enumerate(checkpoint.states.items()):
+        scalars.append({"path": path, "step": state.step, "next_id": state.next_id})
+        arrays |= {f"{number}|{name}": array for name, array in state.per_splat()}
+        arrays |= {f"{number}|globals:{key}": array for key, array in state.globals.items()}
+    meta = {
+        "time": checkpoint.time,
+        "parameterHash": checkpoint.parameter_hash,
+        "codeVersion": checkpoint.code_version,
+        "states": scalars,
+        "meta": dict(checkpoint.meta),
+    }
+    save_arrays(target, arrays, meta)
+
+
+def load(source: Path) -> Checkpoint:
+    """Read a checkpoint: states with the bits that were saved, in arrays of their own; those that
+    were one array (`sh` and `rest_sh`) are one again.
+
+    Raises:
+        FormatError: If the file is damaged, or is no checkpoint.
+    """
+    arrays, meta = load_arrays(source)
+    try:
+        states = {
+            entry["path"]: _state(arrays, f"{number}|", entry)
+            for number, entry in enumerate(meta["states"])
+        }
+        return Checkpoint(
+            time=meta["time"],
+            states=states,
+            parameter_hash=meta["parameterHash"],
+            code_version=meta["codeVersion"],
+            extras=_under(arrays, "extra|"),
+            meta=meta["meta"],
+        )
+    except (KeyError, TypeError) as error:
+        raise FormatError(str(source), f"no {error}", "a checkpoint of a simulation") from error
+
+
+def _state(arrays: Mapping[str, Array], prefix: str, entry: Mapping[str, Any]) -> State:
+    mine = _under(arrays, prefix)
+    return State(
+        **{name: mine[name] for name in ARRAYS},
+        step=entry["step"],
+        next_id=entry["next_id"],
+        memory=_under(mine, "memory:"),
+        globals=_under(mine, "globals:"),
+    )
+
+
+def _under(arrays: Mapping[str, Array], prefix: str) -> dict[str, np.ndarray]:
+    """The arrays whose names begin so, without that."""
+    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}

@@ -1,0 +1,302 @@
+"""A bake: frames come in, a layer of opinions over the capture comes out.
+
+with Bake.open(stage, target, fields, times, parameters, provenance, resume=True) as bake:
+    for time in bake.left:                       # after bake.resumed.states, if there are any
+        ...
+        bake.write(path, frame)                  # each field, at each frame
+        if bake.is_checkpoint_due(time):
+            bake.checkpoint(time, states)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+from pxr import Sdf, Usd
+
+from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.sim import checkpoint as checkpoints
+from usdsplat.sim.checkpoint import Checkpoint
+from usdsplat.sim.parameters import BakeParameters
+from usdsplat.sim.stage import plan as plans
+from usdsplat.sim.stage.bake_dense import DenseAuthor
+from usdsplat.sim.stage.bake_edit import EditAuthor
+from usdsplat.sim.stage.bake_layers import BakeLayers
+from usdsplat.sim.stage.bake_packed import PackedAuthor
+from usdsplat.sim.stage.epochs import Sample, samples
+from usdsplat.sim.stage.part import Part, new_part
+from usdsplat.sim.stage.plan import BakedField, Plan
+from usdsplat.sim.stage.provenance import Provenance, read_record
+from usdsplat.sim.stage.spool import Spool, ids_of, match
+from usdsplat.sim.state import Frame, State
+
+_EXTRA = "bake:"
+
+
+class _Author(Protocol):
+    def write(self, part: Part, sample: Sample) -> None:
+        """Add a sample to a part."""
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class _Field:
+    plan: Plan
+    spool: Spool
+    author: _Author
+
+
+class Bake:
+    """Of all fields of a simulation. Leaving it by an exception leaves what can be resumed."""
+
+    def __init__(
+        self,
+        layers: BakeLayers,
+        fields: dict[str, _Field],
+        times: Sequence[float],
+        parameters: BakeParameters,
+        provenance: Provenance,
+    ) -> None:
+        self._layers = layers
+        self._fields = fields
+        self._times = times
+        self._parameters = parameters
+        self._provenance = provenance
+        self._epochs = 0
+        self.resumed: Checkpoint | None = None
+        """Where it goes on from: states after the frame `resumed.time`."""
+        self.is_complete = False
+        """Whether all frames were there already."""
+
+    @classmethod
+    def open(
+        cls,
+        stage: Usd.Stage,
+        target: Path | str,
+        fields: Sequence[BakedField],
+        times: Sequence[float],
+        parameters: BakeParameters,
+        provenance: Provenance,
+        *,
+        resume: bool = False,
+    ) -> Bake:
+        """Begin, or go on.
+
+        Args:
+            stage: What is simulated; it has a file, and is not changed.
+            target: The layer to write, a .usda; its samples go to a folder beside it, of the same
+                name and "_data".
+            fields: At least one.
+            times: All frames, ascending, evenly spaced [time code].
+            parameters: Mode and rates.
+            provenance: What is remembered.
+            resume: Go on with the bake at `target`, from its last checkpoint. Without a bake there,
+                or before its first checkpoint, begin anew.
+
+        Raises:
+            StageError: If a field cannot be baked so, or the bake at `target` was made of other
+                parameters or files.
+            FormatError: If the checkpoint is damaged.
+            OutputError: If there is no room or no right to write.
+        """
+        found = [plans.plan(stage, field, parameters) for field in fields]
+        layers = BakeLayers(stage, Path(target), found)
+        known = _known(layers.target) if resume else None
+        if known is not None:
+            provenance.check(layers.target, known)
+        made = {
+            plan.path: _Field(
+                plan=plan,
+                spool=Spool(layers.folder, f"{number:02d}", plan.keeping),
+                author=_author(plan, parameters, times[0]),
+            )
+            for number, plan in enumerate(found)
+        }
+        bake = cls(layers, made, [float(time) for time in times], parameters, provenance)
+        if known is not None and not known.get("checkpoint"):
+            bake.is_complete = True
+            layers.end(keeps_clips=parameters.mode == "clips")
+        elif known is not None and layers.checkpoint.exists():
+            bake._restore(checkpoints.load(layers.checkpoint))
+        else:
+            layers.begin()
+        if not bake.is_complete:
+            bake._present()
+        return bake
+
+    @property
+    def left(self) -> Sequence[float]:
+        """Frames that have not come yet [time code]."""
+        return () if self.is_complete else self._times[self._frames :]
+
+    def is_checkpoint_due(self, time: float) -> bool:
+        """Whether `checkpoint` is to be called after a frame."""
+        done = self._times.index(time) + 1
+        return done % self._parameters.checkpoint_every == 0 and done < len(self._times)
+
+    def write(self, path: str, frame: Frame) -> None:
+        """Take the next frame of a field, in the field's own space.
+
+        Args:
+            path: Of the field.
+            frame: Rows ascend in id.
+
+        Raises:
+            UsageError: If it is not the next one.
+            StageError: If splats were born or died that must not.
+        """
+        field = self._fields[path]
+        index = field.spool.frames
+        if index >= len(self._times) or frame.time != self._times[index]:
+            expected = f"{self._times[index]:g}" if index < len(self._times) else "no more frames"
+            raise UsageError(f"{path}, next frame", f"{frame.time:g}", expected)
+        if field.plan.keeping.is_fixed and not _is_same(frame, field):
+            found = f"births or deaths ({len(frame.cloud)} splats)"
+            raise StageError(
+                f"{path} at {frame.time:g}", found, f"the capture's {len(field.plan.rest)} splats"
+            )
+        field.spool.take(frame, self._rate(index))
+        end = (self._epochs + 1) * self._parameters.clip_frames
+        if self._frames > end:
+            self._write_epoch(range(end - self._parameters.clip_frames, end), is_closed=True)
+
+    def checkpoint(self, time: float, states: Mapping[str, State]) -> None:
+        """Make a place to resume from, in place of the last one.
+
+        Args:
+            time: Frame that was written last, of all fields [time code].
+            states: As they are after it, by the field's path.
+        """
+        extras: dict[str, npt.NDArray[Any]] = {}
+        for number, field in enumerate(self._fields.values()):
+            kept = field.spool.arrays()
+            extras |= {f"{_EXTRA}{number}:{name}": array for name, array in kept.items()}
+        extras[f"{_EXTRA}epochs"] = np.array(self._epochs)
+        where = Checkpoint(
+            time=time, states=states, parameter_hash=self._provenance.param_hash, extras=extras
+        )
+        checkpoints.save(self._layers.checkpoint, where)
+        for field in self._fields.values():
+            field.spool.forget(self._epochs * self._parameters.clip_frames)
+
+    def close(self) -> Path:
+        """Write what is left, and present the result.
+
+        Returns:
+            The layer.
+
+        Raises:
+            UsageError: If frames are missing.
+        """
+        if self.is_complete:
+            return self._layers.target
+        if self._frames < len(self._times):
+            raise UsageError("bake", f"{self._frames} frames", f"{len(self._times)}")
+        for field in self._fields.values():
+            field.spool.finish()
+        first = self._epochs * self._parameters.clip_frames
+        self._write_epoch(range(first, len(self._times)), is_closed=False)
+        is_clips = self._parameters.mode == "clips"
+        record = self._provenance.record(completed=len(self._times), checkpoint="")
+        if is_clips:
+            self._layers.show_clips(self._spans(), record)
+        else:
+            self._layers.show_merged(self._epochs, record)
+        self._layers.end(keeps_clips=is_clips)
+        self.is_complete = True
+        return self._layers.target
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+
+    @property
+    def _frames(self) -> int:
+        """Frames that all fields have handed over."""
+        return min(field.spool.frames for field in self._fields.values())
+
+    def _rate(self, index: int) -> float:
+        """Frames in a second, by the distance of a frame from the one before."""
+        if not index:
+            return self._layers.rate
+        return self._layers.rate / (self._times[index] - self._times[index - 1])
+
+    def _write_epoch(self, frames: range, *, is_closed: bool) -> None:
+        """Turn frames into a clip, all fields in one file."""
+        with new_part(self._layers.clip(self._epochs), self._layers.rate) as part:
+            for field in self._fields.values():
+                for sample in samples(field.spool, frames, self._times, is_closed=is_closed):
+                    field.author.write(part, sample)
+                    part.save()
+        self._epochs += 1
+        self._present()
+
+    def _present(self) -> None:
+        """Show the clips that there are; the record comes last."""
+        done = min(self._epochs * self._parameters.clip_frames, len(self._times))
+        name = self._layers.checkpoint
+        record = self._provenance.record(
+            completed=done, checkpoint=f"./{name.parent.name}/{name.name}"
+        )
+        self._layers.show_clips(self._spans(), record)
+
+    def _spans(self) -> list[tuple[float, float]]:
+        """First time of each clip, and of the one after it [time code]."""
+        size, last = self._parameters.clip_frames, len(self._times) - 1
+        starts = [number * size for number in range(self._epochs)]
+        return [(self._times[start], self._times[min(start + size, last)]) for start in starts]
+
+    def _restore(self, found: Checkpoint) -> None:
+        """Go on from a checkpoint."""
+        if found.parameter_hash != self._provenance.param_hash:
+            raise StageError(
+                str(self._layers.checkpoint), "a checkpoint of other parameters", "this bake's"
+            )
+        self._epochs = int(found.extras[f"{_EXTRA}epochs"])
+        for number, field in enumerate(self._fields.values()):
+            prefix = f"{_EXTRA}{number}:"
+            kept = {k: v for k, v in found.extras.items() if k.startswith(prefix)}
+            field.spool.restore({k.removeprefix(prefix): v for k, v in kept.items()})
+        self.resumed = found
+
+
+def _is_same(frame: Frame, field: _Field) -> bool:
+    """Whether a frame holds the splats of the one before, as many as the capture's."""
+    before = field.spool.pending
+    if len(frame.cloud) != len(field.plan.rest):
+        return False
+    return before is None or match(ids_of(before.frame), ids_of(frame)) is None
+
+
+def _author(plan: Plan, parameters: BakeParameters, first: float) -> _Author:
+    """Who writes a field in this mode."""
+    if parameters.mode == "edit":
+        return EditAuthor(plan, first)
+    return PackedAuthor(plan) if plan.is_packed else DenseAuthor(plan)
+
+
+def _known(target: Path) -> Mapping[str, Any] | None:
+    """The record of the bake at a place, or None."""
+    if not target.exists():
+        return None
+    try:
+        layer = Sdf.Layer.OpenAsAnonymous(str(target))
+    except RuntimeError as error:  # how pxr says that a file cannot be read
+        raise FormatError(str(target), "a damaged file", "a layer of results") from error
+    record = read_record(layer)
+    if record is None:
+        raise StageError(str(target), "a layer that is no bake", "one to resume, or a new name")
+    return record

@@ -1,0 +1,107 @@
+"""Samples as the stock type's arrays, all splats at each time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pxr import Sdf, UsdGeom, Vt
+
+from usdsplat.core.encoding import HALF_MAX
+from usdsplat.core.errors import UsageError
+from usdsplat.schema import stock, tokens
+from usdsplat.schema.vt import to_vt
+from usdsplat.sim.stage.epochs import Sample
+from usdsplat.sim.stage.part import Part
+from usdsplat.sim.stage.plan import Plan
+
+Array = npt.NDArray[Any]
+
+_Type = Sdf.ValueTypeNames
+KINDS = {
+    tokens.POSITIONS: (_Type.Point3fArray, Vt.Vec3fArray),
+    tokens.POSITIONS_HALF: (_Type.Point3hArray, Vt.Vec3hArray),
+    tokens.ORIENTATIONS: (_Type.QuatfArray, Vt.QuatfArray),
+    tokens.ORIENTATIONS_HALF: (_Type.QuathArray, Vt.QuathArray),
+    tokens.SCALES: (_Type.Float3Array, Vt.Vec3fArray),
+    tokens.SCALES_HALF: (_Type.Half3Array, Vt.Vec3hArray),
+    tokens.OPACITIES: (_Type.FloatArray, Vt.FloatArray),
+    tokens.OPACITIES_HALF: (_Type.HalfArray, Vt.HalfArray),
+    tokens.SH_COEFFICIENTS: (_Type.Float3Array, Vt.Vec3fArray),
+    tokens.SH_COEFFICIENTS_HALF: (_Type.Half3Array, Vt.Vec3hArray),
+}
+"""Attribute -> its type in USD, and the class of its values."""
+U, V = "primvars:splatSim:u", "primvars:splatSim:v"
+
+
+class DenseAuthor:
+    """Writes one field."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def write(self, part: Part, sample: Sample) -> None:
+        """Add a sample to a part."""
+        plan = self._plan
+        part.prim(plan.path, plan.retype)
+        for array, name in plan.names.items():
+            value = getattr(sample, array)
+            if value is not None:
+                self._array(part, name, value, sample.time)
+        if plan.retype:
+            degree = part.attribute(plan.path, tokens.SH_DEGREE, _Type.Int, uniform=True)
+            degree.default = plan.rest.sh_degree
+        common(part, plan, sample)
+
+    def _array(self, part: Part, name: str, value: Array, time: float) -> None:
+        kind, vt = KINDS[name]
+        value = stored(name, value)
+        if name in (tokens.SH_COEFFICIENTS, tokens.SH_COEFFICIENTS_HALF):
+            spec = part.sample(self._plan.path, name, kind, to_vt(value.reshape(-1, 3), vt), time)
+            if not spec.HasInfo("interpolation"):
+                spec.SetInfo("elementSize", value.shape[1])
+                spec.SetInfo("interpolation", UsdGeom.Tokens.vertex)
+        else:
+            part.sample(self._plan.path, name, kind, to_vt(value, vt), time)
+
+
+def stored(name: str, value: Array) -> Array:
+    """Scales that do not vanish in half unless they are zero; all else as it is.
+
+    Raises:
+        UsageError: If a number is beyond half's range.
+    """
+    if name not in tokens.HALF_OF.values():
+        return value
+    peak = max(np.max(value, initial=0), -np.min(value, initial=0))
+    if peak > HALF_MAX:
+        raise UsageError(f"bake, {name}", f"the magnitude {peak:g}", f"at most {HALF_MAX:g}")
+    if name != tokens.SCALES_HALF:
+        return value
+    tiny = np.float32(stock.HALF_TINY)
+    return np.where((value > 0) & (value < tiny), tiny, value)
+
+
+def common(part: Part, plan: Plan, sample: Sample) -> None:
+    """What is written in every mode: extent, velocities, ids, pattern."""
+    path, time = plan.path, sample.time
+    if plan.moves:
+        box = to_vt(sample.box, Vt.Vec3fArray)
+        part.sample(path, tokens.EXTENT, _Type.Float3Array, box, time)
+    if sample.velocities is not None:
+        speeds = to_vt(sample.velocities, Vt.Vec3fArray)
+        part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, speeds, time)
+    elif plan.block_velocities:
+        part.attribute(path, tokens.VELOCITIES, _Type.Vector3fArray).default = Sdf.ValueBlock()
+    if sample.ids is not None:
+        ids = to_vt(sample.ids, Vt.Int64Array)
+        part.sample(path, tokens.IDS, _Type.Int64Array, ids, time)
+    elif plan.ids and sample.is_new:
+        rows = np.arange(len(plan.rest), dtype=np.int64)
+        part.attribute(path, tokens.IDS, _Type.Int64Array).default = to_vt(rows, Vt.Int64Array)
+    if sample.uv is not None:
+        for name, column in ((U, 0), (V, 1)):
+            value = to_vt(np.ascontiguousarray(sample.uv[:, column]), Vt.FloatArray)
+            spec = part.sample(path, name, _Type.FloatArray, value, time)
+            spec.SetInfo("interpolation", UsdGeom.Tokens.vertex)

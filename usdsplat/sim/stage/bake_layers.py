@@ -1,0 +1,158 @@
+"""The files of a bake.
+
+    bake.usda               what the user named: the capture's stage below the results; small
+    bake_data/clip.0000.usdc, ...   samples, a file for each epoch
+    bake_data/clips.usda    the clips as one layer of opinions; of mode clips, and until the end
+    bake_data/manifest.usda which attributes are in the clips
+    bake_data/samples.usdc  all samples; of the other modes, when they are complete
+    bake_data/checkpoint, bake_data/*.frame     until the end: what a bake is resumed from
+
+Whatever appears under these names is complete: files are written beside and renamed. The named
+layer comes last, so what it says is there.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd, Vt
+
+from usdsplat.core.errors import StageError
+from usdsplat.core.output import atomic_path
+from usdsplat.schema import tokens
+from usdsplat.sim.stage.part import declare, merge, sampled
+from usdsplat.sim.stage.plan import Plan
+from usdsplat.sim.stage.provenance import nested
+
+_CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
+_WORK = ("checkpoint", "*.frame", ".[0-9]*-*.*")
+
+
+class BakeLayers:
+    """Writes them."""
+
+    def __init__(self, stage: Usd.Stage, target: Path, plans: Sequence[Plan]) -> None:
+        self.target = target
+        self.folder = target.with_name(f"{target.stem}_data")
+        self._stage = stage
+        self._plans = plans
+        self.rate = float(stage.GetTimeCodesPerSecond())
+        self._check()
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the checkpoint is, when there is one."""
+        return self.folder / "checkpoint"
+
+    def clip(self, number: int) -> Path:
+        """File of an epoch."""
+        return self.folder / f"clip.{number:04d}.usdc"
+
+    def begin(self) -> None:
+        """Make the folder; of an older bake nothing is left in it."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._remove((*_CLIPS, *_WORK, "samples.usdc"))
+
+    def end(self, *, keeps_clips: bool) -> None:
+        """Leave what the named layer needs."""
+        self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
+
+    def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
+        """Present the clips that there are.
+
+        Args:
+            spans: First and last time of each [time code].
+            record: As `Provenance.record` gives it.
+        """
+        if not spans:
+            self._write_root([], record)
+            return
+        layer, manifest = _new(self.rate), _new(self.rate)
+        clip = Sdf.Layer.OpenAsAnonymous(str(self.clip(0)))  # all hold the same attributes
+        declare(clip, layer)
+        for path in sampled(clip):
+            spec = clip.GetAttributeAtPath(path)
+            owner = Sdf.CreatePrimInLayer(manifest, path.GetPrimPath())
+            Sdf.AttributeSpec(owner, spec.name, spec.typeName, spec.variability)
+        names = [f"./{self.clip(number).name}" for number in range(len(spans))]
+        stops = sorted({float(time) for span in spans for time in span})
+        for plan in self._plans:
+            clips = {
+                "primPath": plan.path,
+                "assetPaths": Sdf.AssetPathArray([Sdf.AssetPath(name) for name in names]),
+                "manifestAssetPath": Sdf.AssetPath("./manifest.usda"),
+                "active": Vt.Vec2dArray([(span[0], i) for i, span in enumerate(spans)]),
+                "times": Vt.Vec2dArray([(time, time) for time in stops]),
+            }
+            Sdf.CreatePrimInLayer(layer, plan.path).SetInfo("clips", {"default": clips})
+        _export(manifest, self.folder / "manifest.usda")
+        _export(layer, self.folder / "clips.usda")
+        self._write_root([self.folder / "clips.usda"], record)
+
+    def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
+        """Present all samples in one file."""
+        merged = self.folder / "samples.usdc"
+        merge([self.clip(number) for number in range(clips)], merged, self.rate)
+        self._write_root([merged], record)
+
+    def _remove(self, patterns: Sequence[str]) -> None:
+        """Take files away that a bake has made."""
+        for pattern in patterns:
+            for path in self.folder.glob(pattern):
+                path.unlink()
+
+    def _write_root(self, results: Sequence[Path], record: Mapping[str, Any]) -> None:
+        """The layer that the user opens."""
+        source = self._stage.GetRootLayer()
+        root = _new(self.rate)
+        for key in source.pseudoRoot.ListInfoKeys():
+            if key not in ("subLayers", "subLayerOffsets", "specifier"):
+                root.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
+        root.timeCodesPerSecond = self.rate
+        if any(plan.is_packed for plan in self._plans):
+            known = dict(root.pseudoRoot.GetInfo("fallbackPrimTypes") or {})
+            known[tokens.PACKED_TYPE] = Vt.TokenArray([tokens.BASE_TYPE])
+            root.pseudoRoot.SetInfo("fallbackPrimTypes", known)
+        first, last = record["frameRange"]
+        root.startTimeCode = min(first, source.startTimeCode) if _has_range(source) else first
+        root.endTimeCode = max(last, source.endTimeCode) if _has_range(source) else last
+        root.subLayerPaths = [self._relative(path) for path in (*results, source.realPath)]
+        root.customLayerData = {**source.customLayerData, **nested(record)}
+        for plan in self._plans:
+            mine = nested({**record, "epsilon": plan.epsilon})
+            Sdf.CreatePrimInLayer(root, plan.path).customData = mine
+        _export(root, self.target)
+
+    def _relative(self, path: Path | str) -> str:
+        """As seen from the named layer."""
+        relative = Path(os.path.relpath(path, self.target.parent)).as_posix()
+        return relative if relative.startswith("../") else f"./{relative}"
+
+    def _check(self) -> None:
+        """Refuse what would harm the input or cannot be referred to."""
+        root = self._stage.GetRootLayer()
+        if root.anonymous or not root.realPath:
+            raise StageError(root.identifier, "a stage without a file", "one that is saved")
+        used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
+        if self.target.resolve() in {path.resolve() for path in used}:
+            raise StageError(str(self.target), "a layer of the stage itself", "another name")
+        if self.target.suffix != ".usda":
+            raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
+
+
+def _new(rate: float) -> Sdf.Layer:
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.timeCodesPerSecond = rate
+    return layer
+
+
+def _export(layer: Sdf.Layer, target: Path) -> None:
+    with atomic_path(target) as path:
+        layer.Export(str(path))
+
+
+def _has_range(layer: Sdf.Layer) -> bool:
+    return bool(layer.HasStartTimeCode() and layer.HasEndTimeCode())

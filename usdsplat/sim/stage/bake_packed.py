@@ -1,0 +1,55 @@
+"""Samples as our compact type: the layer retypes the prim, the capture's arrays do not count."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pxr import Usd
+
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.schema import packed, packing, proxy, tokens
+from usdsplat.sim.stage.bake_dense import common
+from usdsplat.sim.stage.epochs import Sample
+from usdsplat.sim.stage.part import Part
+from usdsplat.sim.stage.plan import Plan
+
+
+class PackedAuthor:
+    """Writes one field."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._sh: F32 | None = None
+        self._packed: packing.PackedArrays | None = None
+
+    def write(self, part: Part, sample: Sample) -> None:
+        """Add a sample to a part."""
+        plan = self._plan
+        if sample.sh is not None:
+            self._sh = sample.sh
+        assert self._sh is not None  # every epoch begins with harmonics
+        cloud = SplatCloud(
+            positions=sample.positions,
+            rotations=sample.rotations,
+            scales=sample.scales,
+            opacities=sample.opacities,
+            sh=self._sh,
+        )
+        arrays = self._pack(cloud, is_new=sample.sh is not None)
+        stage = Usd.Stage.Open(part.layer)  # prims die with it
+        prim = stage.OverridePrim(plan.path)
+        prim.SetTypeName(tokens.PACKED_TYPE)
+        code = Usd.TimeCode(sample.time)
+        packed.author(prim, sample.positions, arrays, code=code)
+        proxy.author(prim, cloud, code=code)
+        if not plan.is_imageable:
+            prim.RemoveProperty(tokens.PURPOSE)
+        common(part, plan, sample)
+
+    def _pack(self, cloud: SplatCloud, *, is_new: bool) -> packing.PackedArrays:
+        """Pack a cloud; harmonics above degree 0 only if they are new."""
+        if is_new or self._packed is None:
+            self._packed = packing.pack(cloud)
+            return self._packed
+        core = packing.pack(replace(cloud, sh=cloud.sh[:, :1]))
+        return replace(self._packed, core=core.core, color_range=core.color_range)

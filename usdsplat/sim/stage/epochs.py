@@ -1,0 +1,174 @@
+"""Samples of an epoch: the same splats in the same rows at every one of them.
+
+USD interpolates arrays of equal length and holds others, so counts change only where epochs meet.
+Within one, whoever lives at any of its frames has a row: before their birth splats are where they
+are born, without size or opacity; after their death they are where they were last, without
+opacity. Where an epoch ends and another begins, a sample just before holds the old rows with the
+new frame's values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I64
+from usdsplat.sim.stage.spool import Spool
+from usdsplat.sim.state import Frame
+
+Array = npt.NDArray[Any]
+
+UNBORN_SCALE = np.float32(1e-6)
+"""Size of splats that are not born yet [unit]."""
+BEFORE = 2.0**-14
+"""How long before an epoch's end its last sample is, in frames."""
+_VALUES = ("positions", "rotations", "scales", "opacities")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sample:
+    """What is written at one time."""
+
+    time: float
+    positions: F32
+    rotations: F32
+    scales: F32
+    opacities: F32
+    box: F32
+    """Extent, from this sample to the next, shape (2, 3)."""
+    sh: F32 | None
+    """Where it is due."""
+    velocities: F32 | None
+    uv: F32 | None
+    ids: I64 | None
+    """At both ends of an epoch, for all of it; None elsewhere and where the population is fixed."""
+    is_new: bool
+    """Whether an epoch begins here."""
+
+
+def samples(
+    spool: Spool, frames: range, times: Sequence[float], *, is_closed: bool
+) -> Iterator[Sample]:
+    """Go through an epoch.
+
+    Args:
+        spool: Where its frames are.
+        frames: Their indices.
+        times: Of all frames [time code].
+        is_closed: Whether another follows; the spool's pending frame is its first.
+    """
+    if not len(frames):
+        return
+    following = spool.box() if is_closed else None
+    found = spool.read(frames[0])
+    rows = _Rows.of(spool, frames) if "ids" in found else None
+    for index in frames:
+        arrays = found
+        if index != frames[-1]:
+            found = spool.read(index + 1)
+        box = union(arrays["box"], following if index == frames[-1] else found["box"])
+        held = arrays if rows is None else rows.moved(arrays)
+        yield _sample(times[index], held, box, is_new=index == frames[0], is_end=False)
+    if rows is not None and is_closed:
+        end, step = times[frames[-1] + 1], times[frames[-1] + 1] - times[frames[-1]]
+        assert following is not None
+        held = rows.moved(_arrays(spool.closing()))
+        box = union(found["box"], following)
+        yield _sample(end - BEFORE * step, held, box, is_new=False, is_end=True)
+
+
+class _Rows:
+    """The rows of an epoch, as they are at the frame that came last."""
+
+    def __init__(self, ids: I64, values: dict[str, Array]) -> None:
+        self._ids = ids
+        self._values = values
+
+    @classmethod
+    def of(cls, spool: Spool, frames: range) -> _Rows:
+        """Everybody as they are when they first appear, not born yet."""
+        ids = np.empty(0, np.int64)
+        for index in frames:
+            found = spool.read(index)["ids"]
+            ids = ids if np.array_equal(found, ids) else np.union1d(ids, found)
+        values: dict[str, Array] = {"ids": ids}
+        unseen = np.ones(len(ids), np.bool_)
+        for index in frames:
+            arrays = spool.read(index)
+            if not unseen.any():
+                break
+            at = np.searchsorted(ids, arrays["ids"])
+            new = unseen[at]
+            if new.any():
+                _put(values, arrays, at, new, len(ids))
+                if "born_sh" in arrays:
+                    born = np.searchsorted(ids, arrays["born_ids"])
+                    values["sh"][born] = arrays["born_sh"]
+                unseen[at] = False
+        values["opacities"][:] = 0
+        values["scales"][:] = UNBORN_SCALE
+        return cls(ids, values)
+
+    def moved(self, arrays: dict[str, Array]) -> dict[str, Array]:
+        """Go on to another frame. What it does not say stays, and so do splats that it lacks, but
+        for their opacity and velocity. Harmonics are among the result where the frame has some."""
+        said = {name: arrays[name] for name in self._values if name in arrays}
+        if np.array_equal(said["ids"], self._ids):
+            self._values |= said
+        elif len(self._ids):
+            near = np.minimum(np.searchsorted(self._ids, said["ids"]), len(self._ids) - 1)
+            there = self._ids[near] == said["ids"]
+            alive = near[there]
+            for name, old in self._values.items():
+                fades = name in ("opacities", "velocities")
+                if name != "ids" and (fades or name in said):
+                    value = np.zeros_like(old) if fades else old.copy()
+                    value[alive] = said[name][there] if name in said else old[alive]
+                    self._values[name] = value
+        return {k: v for k, v in self._values.items() if k != "sh" or k in said}
+
+
+def union(first: F32, second: F32 | None) -> F32:
+    """Box around two boxes, shape (2, 3)."""
+    if second is None:
+        return first
+    low, high = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
+    return np.stack([low, high])
+
+
+def _put(values: dict[str, Array], arrays: dict[str, Array], at: Array, new: Array, n: int) -> None:
+    """Fill rows with what a frame holds."""
+    for name, array in arrays.items():
+        if name in ("ids", "box", "born_sh", "born_ids"):
+            continue
+        if name not in values:
+            values[name] = np.zeros((n, *array.shape[1:]), array.dtype)
+        values[name][at[new]] = array[new]
+
+
+def _arrays(frame: Frame) -> dict[str, Array]:
+    """A frame that is not spooled yet; without velocities, which nobody knows yet."""
+    cloud = frame.cloud
+    assert cloud.ids is not None
+    values = {name: getattr(cloud, name) for name in _VALUES}
+    return {**values, "sh": cloud.sh, "ids": cloud.ids, "uv": frame.uv}
+
+
+def _sample(time: float, arrays: dict[str, Array], box: F32, *, is_new: bool, is_end: bool) -> Sample:
+    return Sample(
+        time=time,
+        positions=arrays["positions"],
+        rotations=arrays["rotations"],
+        scales=arrays["scales"],
+        opacities=arrays["opacities"],
+        box=box,
+        sh=arrays.get("sh"),
+        velocities=arrays.get("velocities"),
+        uv=arrays.get("uv"),
+        ids=arrays.get("ids") if is_new or is_end else None,
+        is_new=is_new,
+    )

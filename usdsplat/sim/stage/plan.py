@@ -1,0 +1,177 @@
+"""What a bake says about one field, decided before its first frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.schema import packed, stock, tokens
+from usdsplat.sim.parameters import BakeParameters
+from usdsplat.sim.stage.spool import Keeping
+
+ARRAYS = {
+    "positions": tokens.POSITIONS,
+    "rotations": tokens.ORIENTATIONS,
+    "scales": tokens.SCALES,
+    "opacities": tokens.OPACITIES,
+    "sh": tokens.SH_COEFFICIENTS,
+}
+"""Array of a cloud -> the stock attribute."""
+HARMONICS = 1 / 512
+"""Of mode edit: change of a coefficient that is written."""
+_NEAREST = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BakedField:
+    """A field that is simulated."""
+
+    path: str
+    """On the stage."""
+    rest: SplatCloud
+    """The capture, as `schema.fetch` reads it."""
+    writes: frozenset[str]
+    """Arrays of the cloud that the simulation changes, of ARRAYS; others get no opinion."""
+    is_fixed: bool
+    """Whether it is sure that no splat is born and none dies."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Plan:
+    """How a field is written."""
+
+    path: str
+    rest: SplatCloud
+    names: dict[str, str]
+    """Arrays of the cloud that are written -> attributes."""
+    retype: str
+    """The type that the layer gives the prim, or nothing."""
+    is_packed: bool
+    ids: bool
+    """Whether a fixed population needs its ids said."""
+    block_velocities: bool
+    """Whether the capture's velocities are wrong now."""
+    is_imageable: bool
+    """Whether the field's purpose is the default one."""
+    epsilon: dict[str, float]
+    """Of mode edit: arrays of the cloud -> what is too small to be written."""
+    keeping: Keeping
+
+    @property
+    def moves(self) -> bool:
+        """Whether the extent changes."""
+        return bool({"positions", "rotations", "scales"} & set(self.names))
+
+
+def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Plan:
+    """Decide what is written about a field.
+
+    Raises:
+        StageError: If the prim cannot be written, or not in this mode.
+        UsageError: If `writes` names something else.
+    """
+    prim = stage.GetPrimAtPath(field.path)
+    _check(prim, field, parameters)
+    is_packed = parameters.mode == "packed"
+    form = schema.form_of(prim)
+    retype = tokens.PACKED_TYPE if is_packed and form != "packed" else ""
+    if not is_packed and form == "packed":
+        retype = tokens.STOCK_TYPE
+    is_whole = is_packed or bool(retype) or not field.is_fixed
+    writes = set(ARRAYS) if is_whole else set(field.writes)
+    names = {each: _name(prim, each, parameters.mode) for each in ARRAYS if each in writes}
+    velocities = "positions" in writes and parameters.velocities and parameters.mode != "edit"
+    half = any(name in tokens.HALF_OF.values() for name in names.values())
+    known = prim.GetAttribute(tokens.IDS)
+    return Plan(
+        path=field.path,
+        rest=field.rest,
+        names=names,
+        retype=retype,
+        is_packed=is_packed,
+        ids=field.is_fixed and parameters.mode != "edit" and not (known and known.HasValue()),
+        block_velocities="positions" in writes and not velocities and _has_velocities(prim),
+        is_imageable=_purpose(prim) == "default",
+        epsilon=_epsilon(field.rest, parameters) if parameters.mode == "edit" else {},
+        keeping=Keeping(
+            harmonics="sh" in field.writes,
+            is_whole=is_whole,
+            rate_sh=1 if is_packed and parameters.rate_sh < 0 else parameters.rate_sh,
+            epoch=parameters.clip_frames,
+            is_fixed=field.is_fixed,
+            velocities=velocities,
+            pattern=parameters.pattern,
+            slack=packed.SLACK if is_packed else stock.HALF_SLACK if half else 0.0,
+        ),
+    )
+
+
+def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> None:
+    """Refuse before anything is written."""
+    where = field.path
+    if not schema.is_splat_field(prim):
+        raise StageError(where, "no splat field", "a splat field to bake")
+    if prim.IsInstanceProxy() or prim.IsInPrototype() or prim.IsInstance():
+        raise StageError(where, "an instance", "a prim that can be edited")
+    if not field.writes <= set(ARRAYS):
+        found = ", ".join(sorted(field.writes - set(ARRAYS)))
+        raise UsageError("writes", found, f"some of {', '.join(ARRAYS)}")
+    ids = field.rest.ids
+    if not field.is_fixed and ids is not None and (np.diff(ids) <= 0).any():
+        raise StageError(f"{where}.ids", "ids out of order", "ascending ones, or no births")
+    if parameters.mode == "edit":
+        if Usd.GetVersion() < (0, 26, 3):
+            found = "usd-core " + ".".join(str(each) for each in Usd.GetVersion()[1:])
+            raise StageError("bake:mode edit", found, "26.3 or later")
+        if not field.is_fixed:
+            raise StageError(f"{where}, bake:mode edit", "births or deaths", "the same splats")
+        if schema.form_of(prim) == "packed":
+            raise StageError(f"{where}, bake:mode edit", "a packed field", "a stock one")
+
+
+def _name(prim: Usd.Prim, array: str, mode: str) -> str:
+    """The attribute that holds an array in the precision of the capture."""
+    name = ARRAYS[array]
+    if schema.is_packed(prim) or (array == "positions" and mode != "edit"):
+        return name  # half centres cost up to 27 dB, and float ones win over them
+    return stock.source_name(prim, name)
+
+
+def _has_velocities(prim: Usd.Prim) -> bool:
+    attribute = prim.GetAttribute(tokens.VELOCITIES)
+    return bool(attribute) and bool(attribute.HasAuthoredValue())
+
+
+def _purpose(prim: Usd.Prim) -> str:
+    return str(UsdGeom.Imageable(prim).ComputePurpose())
+
+
+def _epsilon(rest: SplatCloud, parameters: BakeParameters) -> dict[str, float]:
+    """[unit], [radian], relative, and differences."""
+    return {
+        "positions": parameters.position_epsilon * _spacing(rest),
+        "rotations": math.radians(parameters.rotation_epsilon),
+        "scales": parameters.scale_epsilon,
+        "opacities": parameters.opacity_epsilon,
+        "sh": HARMONICS,
+    }
+
+
+def _spacing(cloud: SplatCloud) -> float:
+    """Mean distance to the nearest neighbour, of a few splats that are spread over the rows."""
+    n = len(cloud)
+    if n < 2:
+        return 0.0
+    found = []
+    for row in np.unique(np.linspace(0, n - 1, _NEAREST).astype(np.int64)):
+        away = cloud.positions - cloud.positions[row]
+        squared = np.einsum("ni,ni->n", away, away)
+        squared[row] = np.inf
+        found.append(float(np.sqrt(squared.min())))
+    return float(np.mean(found))

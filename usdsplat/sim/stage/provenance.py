@@ -1,0 +1,200 @@
+"""What a bake was made of, so that it can be told, repeated, and gone on with."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import os
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Ar, Sdf, Usd, Vt
+
+from usdsplat import __version__
+from usdsplat.core.errors import StageError
+from usdsplat.sim.parameters import NAMESPACE
+
+KEY = ("usdsplat", "bake")
+"""The dictionary in customData and customLayerData, "usdsplat:bake" as USD spells it."""
+_PREFIXES = (f"{NAMESPACE}:", f"primvars:{NAMESPACE}:", f"collection:{NAMESPACE}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What is remembered of a bake, and must not change when it is resumed."""
+
+    param_hash: str
+    """As `parameter_hash` gives it."""
+    input_hash: tuple[str, ...]
+    """As `input_hash` gives it."""
+    seed: int
+    substeps: int
+    dt: float
+    """[s]"""
+    frame_range: tuple[float, float]
+    """First and last frame [time code]."""
+    mode: str
+    threads: int
+    """Of no influence on the result."""
+    resolved: Mapping[str, float] = field(default_factory=dict)
+    """Parameters that were automatic."""
+
+    def record(self, *, completed: int, checkpoint: str) -> dict[str, Any]:
+        """As USD stores it.
+
+        Args:
+            completed: Frames whose samples are in the layer.
+            checkpoint: Path of the checkpoint, relative to the layer; "" where there is none.
+        """
+        return {
+            "solverVersion": __version__,
+            "paramHash": self.param_hash,
+            "inputHash": Vt.StringArray(list(self.input_hash)),
+            "seed": self.seed,
+            "substeps": self.substeps,
+            "dt": self.dt,
+            "frameRange": Vt.DoubleArray(list(self.frame_range)),
+            "completedFrames": completed,
+            "mode": self.mode,
+            "threads": self.threads,
+            "cpu": _cpu(),
+            "numba": importlib.metadata.version("numba"),
+            "usd": ".".join(str(each) for each in Usd.GetVersion()[1:]),
+            "checkpoint": checkpoint,
+            "resolved": dict(self.resolved),
+        }
+
+    def check(self, target: Path, other: Mapping[str, Any]) -> None:
+        """Compare with the record of a bake that is to be resumed.
+
+        Raises:
+            StageError: If it was made of something else, saying what.
+        """
+        mine = self.record(completed=0, checkpoint="")
+        names = {
+            "solverVersion": "version of usdsplat",
+            "paramHash": "parameters",
+            "inputHash": "input files",
+            "mode": "mode",
+            "frameRange": "frame range",
+            "seed": "seed",
+            "substeps": "substeps",
+            "dt": "dt",
+        }
+        for key, name in names.items():
+            if _plain(other.get(key)) == _plain(mine[key]):
+                continue
+            found = f"other {name}" if "Hash" in key else f"another {name}"
+            if key == "inputHash":
+                found += f" ({', '.join(_differing(other.get(key) or (), self.input_hash))})"
+            elif key != "paramHash":
+                found += f", {_plain(mine[key])}"
+            expected = "those that the bake began with, or a new bake"
+            if key not in ("paramHash", "inputHash"):
+                expected = f"{_plain(other.get(key))}, as the bake began, or a new bake"
+            raise StageError(f"{target}, resumed", found, expected)
+
+
+def parameter_hash(
+    stage: Usd.Stage, times: Sequence[float], settings: Mapping[str, object] | None = None
+) -> str:
+    """SHA-256 over all opinions of a simulation at all its frames.
+
+    Args:
+        stage: Every prim is asked for properties under `splatSim:`.
+        times: The frames [time code].
+        settings: What else decides, such as options of a command.
+    """
+    total = hashlib.sha256(repr(sorted((settings or {}).items())).encode())
+    total.update(repr([float(time) for time in times]).encode())
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+        for item in prim.GetAuthoredProperties():
+            if item.GetName().startswith(_PREFIXES):
+                total.update(f"{item.GetPath()}\0".encode())
+                for text in _opinions(item, times):
+                    total.update(text)
+    return total.hexdigest()
+
+
+def input_hash(stage: Usd.Stage, without: Iterable[str] = ()) -> tuple[str, ...]:
+    """SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
+
+    Args:
+        stage: Its layers that are on disk count as files, edits in memory as text.
+        without: Identifiers of layers that do not count.
+    """
+    root = Path(stage.GetRootLayer().realPath or ".").parent
+    files: set[Path] = set()
+    lines = []
+    skipped = set(without)
+    for layer in stage.GetUsedLayers():
+        if layer.identifier in skipped:
+            continue
+        if layer.realPath and not layer.dirty:
+            files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
+        elif not layer.empty:
+            digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
+            lines.append((layer.GetDisplayName(), digest))
+    for path in files:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        lines.append((os.path.relpath(path, root), digest))
+    return tuple(f"{digest}  {name}" for name, digest in sorted(lines))
+
+
+def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
+    """What a bake's root layer says about it, or None."""
+    entry: Any = layer.customLayerData
+    for key in KEY:
+        entry = entry.get(key) if isinstance(entry, Mapping) else None
+    return entry if isinstance(entry, Mapping) else None
+
+
+def nested(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record in the dictionaries that KEY names."""
+    return {KEY[0]: {KEY[1]: dict(record)}}
+
+
+def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
+    """What a property says, at all frames if it changes."""
+    if isinstance(item, Usd.Relationship):
+        yield repr([str(path) for path in item.GetTargets()]).encode()
+        return
+    yield str(item.GetTypeName()).encode()
+    codes = [Usd.TimeCode.Default()]
+    if item.ValueMightBeTimeVarying():
+        codes += [Usd.TimeCode(time) for time in times]
+    for code in codes:
+        value = item.Get(code)
+        is_array = hasattr(value, "__len__") and not isinstance(value, str)
+        numbers = np.asarray(value) if is_array else None
+        if numbers is not None and numbers.dtype.kind in "biuf":
+            yield np.ascontiguousarray(numbers).tobytes()
+        else:
+            yield repr(value).encode()
+
+
+def _plain(value: Any) -> Any:
+    """A value as it compares: USD gives arrays of its own back."""
+    is_array = hasattr(value, "__len__") and not isinstance(value, str)
+    return list(value) if is_array else value
+
+
+def _differing(first: Iterable[str], second: Iterable[str]) -> list[str]:
+    """Names of the files that are not the same in two lists."""
+    return sorted({line.split("  ", 1)[-1] for line in set(first) ^ set(second)})
+
+
+def _cpu() -> str:
+    """Name of the processor: other ones may give other last bits."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

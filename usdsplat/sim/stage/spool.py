@@ -1,0 +1,276 @@
+"""Frames of one field on their way to the layer, on disk rather than in memory.
+
+A frame is kept back until the next one has come: its velocities lead there, and the sample before
+a change of the harmonics must be written, or the change would be smeared over all frames since
+the last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat import schema
+from usdsplat.core.cloud import F32, I64, SplatCloud
+from usdsplat.sim.arrays_file import load_arrays, save_arrays
+from usdsplat.sim.stage.radiance import Key
+from usdsplat.sim.state import Frame
+
+Array = npt.NDArray[Any]
+Bool = npt.NDArray[np.bool_]
+Rows: TypeAlias = I64 | None
+
+TURNED = math.radians(5.0)
+"""Splats that turn more between two frames are boxed in every direction."""
+_CLOUD = ("positions", "rotations", "scales", "opacities")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Keeping:
+    """What of a field is kept."""
+
+    harmonics: bool
+    """Whether they change."""
+    is_whole: bool
+    """Whether they are needed even so: the layer says all there is to say about the splats."""
+    rate_sh: int
+    """As `BakeParameters.rate_sh`."""
+    epoch: int
+    """Frames of an epoch."""
+    is_fixed: bool
+    """Whether it is the same splats at all frames."""
+    velocities: bool
+    pattern: bool
+    slack: float
+    """Of `schema.compute_extent`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Pending:
+    """The frame that waits for the next."""
+
+    index: int
+    frame: Frame
+    is_key: bool
+    """Whether its harmonics are written."""
+    is_natural: bool
+    """Whether they would be if no epoch began here."""
+    turned: Bool
+    """Splats that turned since the frame before, shape (n,)."""
+    born: Bool | None
+    """Splats that were not in the frame before, shape (n,)."""
+
+
+class Spool:
+    """Of one field."""
+
+    def __init__(self, folder: Path, name: str, keeping: Keeping) -> None:
+        self._folder = folder
+        self._name = name
+        self._keeping = keeping
+        self._key: Key | None = None
+        self.pending: Pending | None = None
+
+    @property
+    def frames(self) -> int:
+        """Frames that have come."""
+        return 0 if self.pending is None else self.pending.index + 1
+
+    def take(self, frame: Frame, rate: float) -> None:
+        """Keep a frame, and spool the one before.
+
+        Args:
+            frame: The next one.
+            rate: Frames in a second, by the distance from the one before.
+        """
+        index, before = self.frames, self.pending
+        is_natural = self._is_changed(index, frame)
+        turned, born = _none(frame), None
+        if before is not None:
+            rows = None if self._keeping.is_fixed else match(ids_of(before.frame), ids_of(frame))
+            old, new = before.frame.cloud, frame.cloud
+            now = _turned(old.rotations, new.rotations, rows)
+            turned, left = _both(now, rows, len(new))
+            if rows is not None:
+                born = np.ones(len(new), np.bool_)
+                born[rows[rows >= 0]] = False
+            is_key = before.is_key or (is_natural and self._keeping.rate_sh < 0)
+            self._write(
+                replace(before, is_key=is_key, turned=before.turned | left),
+                forward(old.positions, new.positions, rows, rate),
+            )
+        is_first = index % self._keeping.epoch == 0
+        self.pending = Pending(
+            index=index,
+            frame=frame,
+            is_key=is_natural or is_first,
+            is_natural=is_natural,
+            turned=turned,
+            born=born,
+        )
+        if self._keeping.harmonics and (is_natural or is_first):
+            self._key = Key.of(frame.cloud)
+
+    def finish(self) -> None:
+        """Spool the last frame: its velocities are the solver's."""
+        if self.pending is not None:
+            self._write(self.pending, self.pending.frame.cloud.velocities)
+
+    def read(self, index: int) -> dict[str, Array]:
+        """What was kept of a frame, mapped."""
+        return load_arrays(self._path(index), mapped=True, checked=False)[0]
+
+    def closing(self) -> Frame:
+        """The pending frame."""
+        assert self.pending is not None
+        return self.pending.frame
+
+    def box(self) -> F32:
+        """Around the pending frame, shape (2, 3)."""
+        assert self.pending is not None
+        return _box(self.pending.frame.cloud, self.pending.turned, self._keeping.slack)
+
+    def forget(self, before: int) -> None:
+        """Remove the frames before one."""
+        for path in self._folder.glob(f"{self._name}.*.frame"):
+            if int(path.name.split(".")[-2]) < before:
+                path.unlink()
+
+    def arrays(self) -> dict[str, Array]:
+        """What is needed to go on from here."""
+        pending = self.pending
+        if pending is None:
+            return {}
+        cloud = pending.frame.cloud
+        arrays: dict[str, Array] = {
+            "uv": pending.frame.uv,
+            "births": pending.frame.births,
+            "turned": pending.turned,
+            "marks": np.array([pending.index, pending.is_key, pending.is_natural], np.int64),
+            "time": np.array(pending.frame.time),
+        }
+        arrays |= {name: getattr(cloud, name) for name in (*_CLOUD, "sh", "ids", "velocities")}
+        arrays |= {} if pending.born is None else {"born": pending.born}
+        arrays |= {} if self._key is None else self._key.arrays()
+        return {name: array for name, array in arrays.items() if array is not None}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what `arrays` gave."""
+        cloud = SplatCloud(
+            positions=arrays["positions"],
+            rotations=arrays["rotations"],
+            scales=arrays["scales"],
+            opacities=arrays["opacities"],
+            sh=arrays["sh"],
+            ids=arrays["ids"],
+            velocities=arrays.get("velocities"),
+        )
+        index, is_key, is_natural = arrays["marks"].tolist()
+        self.pending = Pending(
+            index=index,
+            frame=Frame(
+                time=float(arrays["time"]), cloud=cloud, uv=arrays["uv"], births=arrays["births"]
+            ),
+            is_key=bool(is_key),
+            is_natural=bool(is_natural),
+            turned=arrays["turned"],
+            born=arrays.get("born"),
+        )
+        self._key = Key.restored(arrays)
+
+    def _is_changed(self, index: int, frame: Frame) -> bool:
+        """Whether the harmonics are due."""
+        if not self._keeping.harmonics:
+            return False
+        if self._keeping.rate_sh >= 0:
+            return index % max(self._keeping.rate_sh, 1) == 0
+        if self._key is None:
+            return True
+        rows = None if self._keeping.is_fixed else match(self._key.ids, ids_of(frame))
+        return self._key.is_left(frame.cloud, rows)
+
+    def _write(self, done: Pending, velocities: F32 | None) -> None:
+        """Spool a frame of which everything is known."""
+        keeping, cloud = self._keeping, done.frame.cloud
+        is_first = done.index % keeping.epoch == 0
+        arrays: dict[str, Array] = {name: getattr(cloud, name) for name in _CLOUD}
+        arrays["box"] = _box(cloud, done.turned, keeping.slack)
+        if keeping.velocities:
+            still = np.zeros((len(cloud), 3), np.float32)
+            arrays["velocities"] = still if velocities is None else velocities
+        if keeping.pattern:
+            arrays["uv"] = done.frame.uv
+        if not keeping.is_fixed:
+            arrays["ids"] = ids_of(done.frame)
+            if done.born is not None and not is_first:
+                arrays["born_sh"] = cloud.sh[done.born]
+                arrays["born_ids"] = ids_of(done.frame)[done.born]
+        if (done.is_key or is_first) and (keeping.harmonics or keeping.is_whole):
+            arrays["sh"] = cloud.sh
+        save_arrays(self._path(done.index), arrays, {"time": done.frame.time})
+
+    def _path(self, index: int) -> Path:
+        return self._folder / f"{self._name}.{index:06d}.frame"
+
+
+def match(first: I64, second: I64) -> Rows:
+    """Rows of `second` that hold the ids of `first`, -1 where it has gone; both ascend.
+
+    Returns:
+        Shape (len(first),), or None where they are the same, row by row.
+    """
+    if first is second or np.array_equal(first, second):
+        return None
+    if not len(second):
+        return np.full(len(first), -1, np.int64)
+    rows = np.minimum(np.searchsorted(second, first), len(second) - 1)
+    return np.where(second[rows] == first, rows, -1)
+
+
+def forward(old: F32, new: F32, rows: Rows, rate: float) -> F32:
+    """Velocities that lead from one frame to the next [unit/s]; 0 for those that are not there."""
+    there = new if rows is None else np.where((rows >= 0)[:, None], new[rows], old)
+    return np.asarray((there - old) * np.float32(rate))
+
+
+def _turned(old: F32, new: F32, rows: Rows) -> Bool:
+    """Which of the old splats turn by more than TURNED to the next frame, shape (len(old),)."""
+    there = new if rows is None else np.where((rows >= 0)[:, None], new[rows], old)
+    cosine = np.abs(np.einsum("ni,ni->n", old, there))
+    return np.asarray(cosine < math.cos(TURNED / 2))
+
+
+def _both(now: Bool, rows: Rows, new: int) -> tuple[Bool, Bool]:
+    """The same splats in rows of the new frame, and of the old."""
+    if rows is None:
+        return now, now
+    later = np.zeros(new, np.bool_)
+    later[rows[now & (rows >= 0)]] = True
+    return later, now
+
+
+def _box(cloud: SplatCloud, turned: Bool, slack: float) -> F32:
+    """Box around splats that are about to turn, or have just turned."""
+    scales = cloud.scales
+    if turned.any():
+        largest = scales.max(axis=1, keepdims=True)
+        scales = np.where(turned[:, None], largest, scales)
+    turning = 2 * math.sin(TURNED / 4)
+    return schema.compute_extent(replace(cloud, scales=scales), slack=slack + turning)
+
+
+def _none(frame: Frame) -> Bool:
+    return np.zeros(len(frame.cloud), np.bool_)
+
+
+def ids_of(frame: Frame) -> I64:
+    """Identities, shape (n,)."""
+    ids = frame.cloud.ids
+    assert ids is not None  # frames have ids
+    return ids
