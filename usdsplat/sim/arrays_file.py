@@ -32,13 +32,17 @@ ALIGNMENT = 64
 _PREFIX = struct.Struct("<8sQI")
 
 
-def save_arrays(target: Path, arrays: Mapping[str, Array], meta: Mapping[str, Any]) -> None:
+def save_arrays(
+    target: Path, arrays: Mapping[str, Array], meta: Mapping[str, Any], *, checked: bool = True
+) -> None:
     """Write a file, replacing an older one as a whole or not at all.
 
     Args:
         target: Where to.
         arrays: By name; of any shape and any dtype but object.
         meta: What JSON can hold.
+        checked: Compute checksums of the arrays; without them they read as damaged where they are
+            compared.
 
     Raises:
         OutputError: If it cannot be written there.
@@ -56,8 +60,9 @@ def save_arrays(target: Path, arrays: Mapping[str, Array], meta: Mapping[str, An
     for array in unique:
         if array.dtype.hasobject:
             raise ValueError(f"{target}: found an array of objects, expected numbers")
+        crc = _crc(array) if checked else None
         blocks.append(
-            {"dtype": array.dtype.str, "shape": array.shape, "offset": offset, "crc": _crc(array)}
+            {"dtype": array.dtype.str, "shape": array.shape, "offset": offset, "crc": crc}
         )
         offset += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
     header = json.dumps({"meta": dict(meta), "arrays": entries, "blocks": blocks}).encode()

@@ -30,7 +30,7 @@ def save_stage(folder: Path, clouds: Mapping[str, SplatCloud], form: str = "floa
     stage.SetTimeCodesPerSecond(24)
     for path, each in clouds.items():
         schema.author(stage, path, each, form=form)
-    stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
+    stage.SetDefaultPrim(stage.DefinePrim("/World", "Xform"))
     stage.Save()
     return stage
 
@@ -139,7 +139,9 @@ class Shot:
             resume=resume,
         )  # fmt: skip
 
-    def run(self, *, resume: bool = False, stop: Callable[[str], None] = lambda event: None) -> Path:
+    def run(
+        self, *, resume: bool = False, stop: Callable[[str], None] = lambda event: None
+    ) -> Path:
         """Simulate and bake; `stop` may raise at any event."""
         solvers = self.solvers()
         with self.open(resume=resume) as bake:
@@ -173,11 +175,13 @@ def shot(
     writes: frozenset[str] = ALL,
     n: int = 12,
     spin: float = 0.1,
+    stage: Usd.Stage | None = None,
     **knobs: object,
 ) -> Shot:
-    """A shot of `count` frames from 1 on."""
-    clouds = {path: cloud(seed, n=n, degree=1) for seed, path in enumerate(paths)}
-    stage = save_stage(folder, clouds, form)
+    """A shot of `count` frames from 1 on, of a stage or a new one."""
+    if stage is None:
+        clouds = {path: cloud(seed, n=n, degree=1) for seed, path in enumerate(paths)}
+        stage = save_stage(folder, clouds, form)
     read = {path: schema.fetch(stage.GetPrimAtPath(path)) for path in paths}
     options = {"clip_frames": 4, "checkpoint_every": 3, **knobs}
     return Shot(

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdVol, Vt
+from pxr import Sdf, Usd, Vt
 
-from tests.schema.clouds import angles, cloud
-from tests.sim.stage.bakes import ALL, PATH, Shot, everything, layer_of, save_stage, shot
+from tests.schema.clouds import cloud
+from tests.sim.stage.bakes import PATH, everything, layer_of, save_stage, shot
 from usdsplat import schema
+from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.extent import REACH
-from usdsplat.core.covariance import covariance
 from usdsplat.schema import tokens
+from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.epochs import BEFORE, UNBORN_SCALE
+from usdsplat.sim.stage.plan import BakedField
 
 HALF_ULP = 2.0**-10
 ARRAYS = ("positions", "rotations", "scales", "opacities", "sh")
@@ -52,8 +55,9 @@ def test_22_every_sample_is_the_state(tmp_path: Path, mode: str, form: str, live
         for name in ARRAYS:
             actual, expected = getattr(found, name)[at], getattr(frame.cloud, name)
             if form == "half":
-                np.testing.assert_allclose(actual, expected, rtol=HALF_ULP, atol=2e-7 + 1e-3 * (
-                    name == "rotations"))
+                np.testing.assert_allclose(
+                    actual, expected, rtol=HALF_ULP, atol=2e-7 + 1e-3 * (name == "rotations")
+                )
             else:
                 np.testing.assert_array_equal(actual, expected)
         absent = np.setdiff1d(np.arange(len(found)), at)
@@ -69,7 +73,7 @@ def test_between_frames_splats_are_on_lines(tmp_path: Path, mode: str) -> None:
     prim = field(bake.run())
     frames = bake.frames[PATH]
     coming = going = 0
-    for before, after in zip(frames[:-1], frames[1:], strict=True):
+    for before, after in itertools.pairwise(frames):
         found = schema.fetch(prim, before.time + 0.5)
         old, new = rows(before.cloud, found), np.isin(after.cloud.ids, found.ids)
         both = np.intersect1d(before.cloud.ids, after.cloud.ids)
@@ -105,30 +109,18 @@ def test_velocities_lead_to_the_next_frame(tmp_path: Path, velocities: bool) -> 
         Vt.Vec3fArray(12, (9, 9, 9))
     )
     stage.Save()
-    bake = shot(tmp_path / "x", lives=False, velocities=velocities) if False else None
-    del bake
-    found = _rebake(tmp_path, stage, velocities)
-    prim = field(found.target)
+    found = shot(tmp_path, stage=stage, lives=False, velocities=velocities)
+    prim = field(found.run())
     attribute = prim.GetAttribute(tokens.VELOCITIES)
     if not velocities:
         assert attribute.Get(1.0) is None
         return
     frames = found.frames[PATH]
-    for before, after in zip(frames[:-1], frames[1:], strict=True):
+    for before, after in itertools.pairwise(frames):
         speeds = np.asarray(attribute.Get(before.time))
         difference = (after.cloud.positions - before.cloud.positions) * 24
         np.testing.assert_allclose(speeds, difference, rtol=1e-6, atol=1e-5)
     np.testing.assert_array_equal(attribute.Get(99.0), frames[-1].cloud.velocities)
-
-
-def _rebake(folder: Path, stage: Usd.Stage, velocities: bool) -> Shot:
-    """A bake over a stage that is there already."""
-    other = folder / "other"
-    other.mkdir()
-    bake = shot(other, lives=False, velocities=velocities)
-    bake.stage, bake.target = stage, folder / "bake.usda"
-    bake.run()
-    return bake
 
 
 def test_what_does_not_change_gets_no_opinion(tmp_path: Path) -> None:
@@ -243,8 +235,6 @@ def test_the_extent_holds_splats_at_all_times(tmp_path: Path) -> None:
 
 
 def _matrices(found: SplatCloud) -> np.ndarray:
-    from usdsplat.core import quaternion
-
     axes = quaternion.to_matrix(found.rotations.astype(np.float64)) * found.scales[:, None, :]
     return axes @ np.swapaxes(axes, 1, 2)
 
@@ -265,12 +255,7 @@ def test_several_fields_wherever_they_are(tmp_path: Path) -> None:
         schema.author(stage, "/World/Varied/Splats", cloud(5, n=12, degree=2))
     stage.Save()
     paths = ("/World/Deep/Down/Splats", "/World/Ref/Scan", "/World/Varied/Splats")
-    bake = shot(tmp_path / "", paths=(PATH,))  # only for its options
-    from tests.sim.stage.bakes import Solver
-
-    bake.stage = stage
-    read = {path: schema.fetch(stage.GetPrimAtPath(path)) for path in paths}
-    bake.solvers = lambda: {path: Solver.of(each) for path, each in read.items()}
+    bake = shot(tmp_path, stage=stage, paths=paths)
     target = bake.run()
     for path in paths:
         prim = field(target, path)
@@ -322,27 +307,37 @@ def test_frames_out_of_turn_are_refused(tmp_path: Path) -> None:
     ("change", "sentence"),
     [
         ({"writes": frozenset({"colour"})}, "writes: found colour"),
-        ({"target": "shot.usda"}, "a layer of the stage itself"),
-        ({"target": "bake.usdc"}, "found the suffix '.usdc', expected .usda"),
-        ({"stage": Usd.Stage.CreateInMemory}, "found no splat field"),
+        ({"name": "shot.usda"}, "a layer of the stage itself"),
+        ({"name": "bake.usdc"}, "found the suffix '.usdc', expected .usda"),
+        ({"prim": "/World"}, "found no splat field"),
+        ({"prim": "/Nowhere"}, "found no splat field"),
     ],
-    ids=lambda value: str(value)[:12],
+    ids=str,
 )
 def test_what_cannot_be_baked_is_refused(tmp_path: Path, change: dict, sentence: str) -> None:
     """Oracle: the sentences; nothing is written."""
     bake = shot(tmp_path)
-    for name, value in change.items():
-        value = tmp_path / value if name == "target" else value() if name == "stage" else value
-        setattr(bake, name, value)
+    bake.writes = change.get("writes", bake.writes)
+    bake.target = tmp_path / change.get("name", "bake.usda")
+    rest = schema.fetch(bake.stage.GetPrimAtPath(PATH))
+    fields = [
+        BakedField(path=change.get("prim", PATH), rest=rest, writes=bake.writes, is_fixed=False)
+    ]
     with pytest.raises((StageError, UsageError), match=sentence):
-        if "stage" in change:
-            bake.stage = shot_without_field(bake.stage, tmp_path)
-        bake.open()
+        Bake.open(bake.stage, bake.target, fields, bake.times, bake.parameters, bake.provenance())
     assert not list(tmp_path.glob("*_data"))
 
 
-def shot_without_field(stage: Usd.Stage, folder: Path) -> Usd.Stage:
-    """A stage with a group where the field would be."""
-    stage.DefinePrim(PATH)
-    stage.Export(str(folder / "empty.usda"))
-    return Usd.Stage.Open(str(folder / "empty.usda"))
+def test_an_instance_is_refused(tmp_path: Path) -> None:
+    """Oracle: the sentence; an opinion on an instance's inside would say nothing."""
+    asset = Usd.Stage.CreateNew(str(tmp_path / "asset.usda"))
+    schema.author(asset, "/Asset/Scan", cloud(3, n=12, degree=1))
+    asset.SetDefaultPrim(asset.GetPrimAtPath("/Asset"))
+    asset.Save()
+    stage = save_stage(tmp_path, {})
+    prim = stage.DefinePrim("/World/Ref")
+    prim.GetReferences().AddReference("./asset.usda")
+    prim.SetInstanceable(True)
+    stage.Save()
+    with pytest.raises(StageError, match="found an instance"):
+        shot(tmp_path, stage=stage, paths=("/World/Ref/Scan",)).open()

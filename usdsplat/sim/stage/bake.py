@@ -112,7 +112,7 @@ class Bake:
         made = {
             plan.path: _Field(
                 plan=plan,
-                spool=Spool(layers.folder, f"{number:02d}", plan.keeping),
+                spool=Spool(layers.folder, f"{number:02d}", plan.keeping, plan.rest),
                 author=_author(plan, parameters, times[0]),
             )
             for number, plan in enumerate(found)

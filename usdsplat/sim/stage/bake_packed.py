@@ -27,20 +27,13 @@ class PackedAuthor:
         plan = self._plan
         if sample.sh is not None:
             self._sh = sample.sh
-        assert self._sh is not None  # every epoch begins with harmonics
-        cloud = SplatCloud(
-            positions=sample.positions,
-            rotations=sample.rotations,
-            scales=sample.scales,
-            opacities=sample.opacities,
-            sh=self._sh,
-        )
+        cloud = _cloud(sample, self._sh)
         arrays = self._pack(cloud, is_new=sample.sh is not None)
         stage = Usd.Stage.Open(part.layer)  # prims die with it
         prim = stage.OverridePrim(plan.path)
         prim.SetTypeName(tokens.PACKED_TYPE)
         code = Usd.TimeCode(sample.time)
-        packed.author(prim, sample.positions, arrays, code=code)
+        packed.author(prim, cloud.positions, arrays, code=code)
         proxy.author(prim, cloud, code=code)
         if not plan.is_imageable:
             prim.RemoveProperty(tokens.PURPOSE)
@@ -53,3 +46,14 @@ class PackedAuthor:
             return self._packed
         core = packing.pack(replace(cloud, sh=cloud.sh[:, :1]))
         return replace(self._packed, core=core.core, color_range=core.color_range)
+
+
+def _cloud(sample: Sample, sh: F32 | None) -> SplatCloud:
+    """All there is: samples of a whole field lack nothing, and epochs begin with harmonics."""
+    positions, rotations = sample.positions, sample.rotations
+    scales, opacities = sample.scales, sample.opacities
+    assert positions is not None and rotations is not None
+    assert scales is not None and opacities is not None and sh is not None
+    return SplatCloud(
+        positions=positions, rotations=rotations, scales=scales, opacities=opacities, sh=sh
+    )

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
-from usdsplat.sim.stage.spool import Spool
+from usdsplat.sim.stage.spool import Spool, union
 from usdsplat.sim.state import Frame
 
 Array = npt.NDArray[Any]
@@ -34,10 +34,11 @@ class Sample:
     """What is written at one time."""
 
     time: float
-    positions: F32
-    rotations: F32
-    scales: F32
-    opacities: F32
+    positions: F32 | None
+    """None for these where nothing is said about them."""
+    rotations: F32 | None
+    scales: F32 | None
+    opacities: F32 | None
     box: F32
     """Extent, from this sample to the next, shape (2, 3)."""
     sh: F32 | None
@@ -132,14 +133,6 @@ class _Rows:
         return {k: v for k, v in self._values.items() if k != "sh" or k in said}
 
 
-def union(first: F32, second: F32 | None) -> F32:
-    """Box around two boxes, shape (2, 3)."""
-    if second is None:
-        return first
-    low, high = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
-    return np.stack([low, high])
-
-
 def _put(values: dict[str, Array], arrays: dict[str, Array], at: Array, new: Array, n: int) -> None:
     """Fill rows with what a frame holds."""
     for name, array in arrays.items():
@@ -158,13 +151,15 @@ def _arrays(frame: Frame) -> dict[str, Array]:
     return {**values, "sh": cloud.sh, "ids": cloud.ids, "uv": frame.uv}
 
 
-def _sample(time: float, arrays: dict[str, Array], box: F32, *, is_new: bool, is_end: bool) -> Sample:
+def _sample(
+    time: float, arrays: dict[str, Array], box: F32, *, is_new: bool, is_end: bool
+) -> Sample:
     return Sample(
         time=time,
-        positions=arrays["positions"],
-        rotations=arrays["rotations"],
-        scales=arrays["scales"],
-        opacities=arrays["opacities"],
+        positions=arrays.get("positions"),
+        rotations=arrays.get("rotations"),
+        scales=arrays.get("scales"),
+        opacities=arrays.get("opacities"),
         box=box,
         sh=arrays.get("sh"),
         velocities=arrays.get("velocities"),

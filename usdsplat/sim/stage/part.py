@@ -86,8 +86,10 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
                 known = target.GetAttributeAtPath(spec.path)
                 new = known or Sdf.AttributeSpec(copy, spec.name, spec.typeName, spec.variability)
                 for key in spec.ListInfoKeys():
-                    if key not in ("timeSamples", "typeName", "variability"):
+                    if key not in ("timeSamples", "typeName", "variability", "default"):
                         new.SetInfo(key, spec.GetInfo(key))
+                if spec.HasDefaultValue():
+                    new.default = spec.default  # SetInfo would take tokens for strings
             else:
                 Sdf.CopySpec(source, spec.path, target, spec.path)
 

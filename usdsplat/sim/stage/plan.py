@@ -100,6 +100,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         is_imageable=_purpose(prim) == "default",
         epsilon=_epsilon(field.rest, parameters) if parameters.mode == "edit" else {},
         keeping=Keeping(
+            arrays=tuple(name for name in names if name != "sh"),
             harmonics="sh" in field.writes,
             is_whole=is_whole,
             rate_sh=1 if is_packed and parameters.rate_sh < 0 else parameters.rate_sh,

@@ -35,6 +35,8 @@ _CLOUD = ("positions", "rotations", "scales", "opacities")
 class Keeping:
     """What of a field is kept."""
 
+    arrays: tuple[str, ...]
+    """Of the cloud, but for harmonics."""
     harmonics: bool
     """Whether they change."""
     is_whole: bool
@@ -70,7 +72,9 @@ class Pending:
 class Spool:
     """Of one field."""
 
-    def __init__(self, folder: Path, name: str, keeping: Keeping) -> None:
+    def __init__(self, folder: Path, name: str, keeping: Keeping, rest: SplatCloud) -> None:
+        self._rest = rest
+        self._rest_box: F32 | None = None
         self._folder = folder
         self._name = name
         self._keeping = keeping
@@ -134,7 +138,7 @@ class Spool:
     def box(self) -> F32:
         """Around the pending frame, shape (2, 3)."""
         assert self.pending is not None
-        return _box(self.pending.frame.cloud, self.pending.turned, self._keeping.slack)
+        return self._box(self.pending.frame.cloud, self.pending.turned)
 
     def forget(self, before: int) -> None:
         """Remove the frames before one."""
@@ -199,8 +203,8 @@ class Spool:
         """Spool a frame of which everything is known."""
         keeping, cloud = self._keeping, done.frame.cloud
         is_first = done.index % keeping.epoch == 0
-        arrays: dict[str, Array] = {name: getattr(cloud, name) for name in _CLOUD}
-        arrays["box"] = _box(cloud, done.turned, keeping.slack)
+        arrays: dict[str, Array] = {name: getattr(cloud, name) for name in keeping.arrays}
+        arrays["box"] = self._box(cloud, done.turned)
         if keeping.velocities:
             still = np.zeros((len(cloud), 3), np.float32)
             arrays["velocities"] = still if velocities is None else velocities
@@ -213,7 +217,28 @@ class Spool:
                 arrays["born_ids"] = ids_of(done.frame)[done.born]
         if (done.is_key or is_first) and (keeping.harmonics or keeping.is_whole):
             arrays["sh"] = cloud.sh
-        save_arrays(self._path(done.index), arrays, {"time": done.frame.time})
+        save_arrays(self._path(done.index), arrays, {"time": done.frame.time}, checked=False)
+
+    def _box(self, cloud: SplatCloud, turned: Bool) -> F32:
+        """Box around splats that are about to turn, or have just turned.
+
+        Where few differ from the capture it is that of the capture and of those.
+        """
+        if self._keeping.is_fixed:
+            moved = turned.copy()
+            for name in ("positions", "rotations", "scales"):
+                new, old = getattr(cloud, name), getattr(self._rest, name)
+                if new is not old:
+                    moved |= (new != old).any(axis=1)
+            if 2 * np.count_nonzero(moved) < len(cloud):
+                if self._rest_box is None:
+                    none = np.zeros(len(cloud), np.bool_)
+                    self._rest_box = _box(self._rest, none, self._keeping.slack)
+                if not moved.any():
+                    return self._rest_box
+                some = _rows_of(cloud, np.flatnonzero(moved))
+                return union(self._rest_box, _box(some, turned[moved], self._keeping.slack))
+        return _box(cloud, turned, self._keeping.slack)
 
     def _path(self, index: int) -> Path:
         return self._folder / f"{self._name}.{index:06d}.frame"
@@ -255,16 +280,6 @@ def _both(now: Bool, rows: Rows, new: int) -> tuple[Bool, Bool]:
     return later, now
 
 
-def _box(cloud: SplatCloud, turned: Bool, slack: float) -> F32:
-    """Box around splats that are about to turn, or have just turned."""
-    scales = cloud.scales
-    if turned.any():
-        largest = scales.max(axis=1, keepdims=True)
-        scales = np.where(turned[:, None], largest, scales)
-    turning = 2 * math.sin(TURNED / 4)
-    return schema.compute_extent(replace(cloud, scales=scales), slack=slack + turning)
-
-
 def _none(frame: Frame) -> Bool:
     return np.zeros(len(frame.cloud), np.bool_)
 
@@ -274,3 +289,32 @@ def ids_of(frame: Frame) -> I64:
     ids = frame.cloud.ids
     assert ids is not None  # frames have ids
     return ids
+
+
+def union(first: F32, second: F32 | None) -> F32:
+    """Box around two boxes, shape (2, 3)."""
+    if second is None:
+        return first
+    low, high = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
+    return np.stack([low, high])
+
+
+def _rows_of(cloud: SplatCloud, rows: I64) -> SplatCloud:
+    """Some of the splats, without colours."""
+    return SplatCloud(
+        positions=cloud.positions[rows],
+        rotations=cloud.rotations[rows],
+        scales=cloud.scales[rows],
+        opacities=cloud.opacities[rows],
+        sh=np.zeros((len(rows), 1, 3), np.float32),
+    )
+
+
+def _box(cloud: SplatCloud, turned: Bool, slack: float) -> F32:
+    """Box around splats, whichever way those that turn are turned."""
+    scales = cloud.scales
+    if turned.any():
+        largest = scales.max(axis=1, keepdims=True)
+        scales = np.where(turned[:, None], largest, scales)
+    turning = 2 * math.sin(TURNED / 4)
+    return schema.compute_extent(replace(cloud, scales=scales), slack=slack + turning)
