@@ -10,7 +10,7 @@ import pytest
 from pxr import Sdf, Usd, Vt
 
 from tests.schema.clouds import cloud
-from tests.sim.stage.bakes import PATH, everything, layer_of, save_stage, shot
+from tests.sim.stage.bakes import PATH, Solver, everything, layer_of, save_stage, shot
 from usdsplat import schema
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
@@ -341,3 +341,35 @@ def test_an_instance_is_refused(tmp_path: Path) -> None:
     stage.Save()
     with pytest.raises(StageError, match="found an instance"):
         shot(tmp_path, stage=stage, paths=("/World/Ref/Scan",)).open()
+
+
+@pytest.mark.parametrize("mode", ["dense", "clips", "packed", "edit"])
+@pytest.mark.parametrize("count", [1, 4, 5])
+def test_any_number_of_frames(tmp_path: Path, mode: str, count: int) -> None:
+    """Oracle: the solver's centres; one frame, a whole epoch, and one more."""
+    bake = shot(tmp_path, mode, count=count, lives=mode != "edit")
+    prim = field(bake.run())
+    for frame in bake.frames[PATH]:
+        found = schema.fetch(prim, frame.time)
+        alive = found.opacities > 0
+        np.testing.assert_array_equal(found.positions[alive], frame.cloud.positions)
+
+
+@pytest.mark.parametrize("mode", ["dense", "clips", "packed"])
+def test_a_field_may_die_out(tmp_path: Path, mode: str) -> None:
+    """Oracle: the number of splats that can be seen."""
+    bake = shot(tmp_path, mode, n=2, count=10)
+
+    class Last(Solver):
+        def step(self) -> None:
+            s = self.state
+            s.step += 1
+            keep = np.zeros(len(s), np.bool_)
+            keep[: {1: 2, 2: 1}.get(s.step, 0)] = True
+            s.replace_rows({name: array[keep] for name, array in s.per_splat()})
+
+    read = schema.fetch(bake.stage.GetPrimAtPath(PATH))
+    bake.solvers = lambda: {PATH: Last.of(read)}
+    prim = field(bake.run())
+    seen = [(schema.fetch(prim, time).opacities > 0).sum() for time in bake.times]
+    assert seen == [2, 2, 1, *[0] * 7]

@@ -100,16 +100,16 @@ class _Rows:
         unseen = np.ones(len(ids), np.bool_)
         for index in frames:
             arrays = spool.read(index)
-            if not unseen.any():
-                break
             at = np.searchsorted(ids, arrays["ids"])
             new = unseen[at]
-            if new.any():
+            if index == frames[0] or new.any():
                 _put(values, arrays, at, new, len(ids))
                 if "born_sh" in arrays:
                     born = np.searchsorted(ids, arrays["born_ids"])
                     values["sh"][born] = arrays["born_sh"]
                 unseen[at] = False
+            if not unseen.any():
+                break
         values["opacities"][:] = 0
         values["scales"][:] = UNBORN_SCALE
         return cls(ids, values)

@@ -166,7 +166,7 @@ def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
         return
     yield str(item.GetTypeName()).encode()
     codes = [Usd.TimeCode.Default()]
-    if item.ValueMightBeTimeVarying():
+    if item.ValueMightBeTimeVarying() or item.GetNumTimeSamples():  # one sample hides the default
         codes += [Usd.TimeCode(time) for time in times]
     for code in codes:
         value = item.Get(code)

@@ -260,14 +260,21 @@ def match(first: I64, second: I64) -> Rows:
 
 def forward(old: F32, new: F32, rows: Rows, rate: float) -> F32:
     """Velocities that lead from one frame to the next [unit/s]; 0 for those that are not there."""
-    there = new if rows is None else np.where((rows >= 0)[:, None], new[rows], old)
-    return np.asarray((there - old) * np.float32(rate))
+    return np.asarray((_then(old, new, rows) - old) * np.float32(rate))
+
+
+def _then(old: F32, new: F32, rows: Rows) -> F32:
+    """Values at the next frame, in the old rows; the old ones where they are not there."""
+    if rows is None:
+        return new
+    values = old.copy()
+    values[rows >= 0] = new[rows[rows >= 0]]
+    return values
 
 
 def _turned(old: F32, new: F32, rows: Rows) -> Bool:
     """Which of the old splats turn by more than TURNED to the next frame, shape (len(old),)."""
-    there = new if rows is None else np.where((rows >= 0)[:, None], new[rows], old)
-    cosine = np.abs(np.einsum("ni,ni->n", old, there))
+    cosine = np.abs(np.einsum("ni,ni->n", old, _then(old, new, rows)))
     return np.asarray(cosine < math.cos(TURNED / 2))
 
 

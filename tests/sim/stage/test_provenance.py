@@ -1,0 +1,87 @@
+"""What a bake was made of."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd, Vt
+
+from tests.schema.clouds import cloud
+from tests.sim.stage.bakes import PATH, save_stage
+from usdsplat.sim.stage.provenance import input_hash, parameter_hash
+
+TIMES = (1.0, 2.0, 3.0)
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Usd.Stage:
+    """A field with parameters of a simulation beside it."""
+    stage = save_stage(tmp_path, {PATH: cloud(n=5, degree=0)})
+    sim = stage.DefinePrim("/World/Sim")
+    sim.CreateAttribute("splatSim:rd:feed", Sdf.ValueTypeNames.Float).Set(0.5)
+    stage.Save()
+    return stage
+
+
+def sim(stage: Usd.Stage) -> Usd.Prim:
+    return stage.GetPrimAtPath("/World/Sim")
+
+
+CHANGES: dict[str, Callable[[Usd.Stage], object]] = {
+    "value": lambda s: sim(s).GetAttribute("splatSim:rd:feed").Set(0.25),
+    "sample": lambda s: sim(s).GetAttribute("splatSim:rd:feed").Set(0.25, 2.0),
+    "added": lambda s: (
+        sim(s).CreateAttribute("splatSim:rd:kill", Sdf.ValueTypeNames.Float).Set(0.1)
+    ),
+    "type": lambda s: (
+        sim(s).CreateAttribute("splatSim:rd:kill", Sdf.ValueTypeNames.Token).Set("no")
+    ),
+    "target": lambda s: sim(s).CreateRelationship("splatSim:conform:target").SetTargets([PATH]),
+    "weight": lambda s: (
+        s.GetPrimAtPath(PATH)
+        .CreateAttribute("primvars:splatSim:weight", Sdf.ValueTypeNames.FloatArray)
+        .Set(Vt.FloatArray([0, 0, 1, 0, 0]))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_parameters_count_whatever_they_are(stage: Usd.Stage, name: str) -> None:
+    """Oracle: the hash before and after a change, and after it is taken back."""
+    before = parameter_hash(stage, TIMES)
+    assert parameter_hash(stage, TIMES) == before
+    said = stage.GetRootLayer().ExportToString()
+    CHANGES[name](stage)
+    assert parameter_hash(stage, TIMES) != before
+    stage.GetRootLayer().ImportFromString(said)
+    assert parameter_hash(stage, TIMES) == before
+
+
+def test_frames_and_options_count_and_nothing_else_does(stage: Usd.Stage) -> None:
+    """Oracle: the hash."""
+    before = parameter_hash(stage, TIMES, {"seed": 1})
+    assert parameter_hash(stage, TIMES[:-1], {"seed": 1}) != before
+    assert parameter_hash(stage, TIMES, {"seed": 2}) != before
+    sim(stage).CreateAttribute("note", Sdf.ValueTypeNames.String).Set("x")
+    assert parameter_hash(stage, TIMES, {"seed": 1}) == before
+
+
+def test_every_file_of_a_stage_is_an_input(stage: Usd.Stage, tmp_path: Path) -> None:
+    """Oracle: hashlib over the files; edits in memory count as well."""
+    other = Sdf.Layer.CreateNew(str(tmp_path / "other.usda"))
+    Sdf.CreatePrimInLayer(other, "/World/More")
+    other.Save()
+    stage.GetRootLayer().subLayerPaths.append("./other.usda")
+    stage.Save()
+    expected = [
+        f"{hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()}  {name}"
+        for name in ("other.usda", "shot.usda")
+    ]
+    assert list(input_hash(stage)) == expected
+    stage.SetEditTarget(stage.GetSessionLayer())
+    sim(stage).GetAttribute("splatSim:rd:feed").Set(0.1)
+    assert len(input_hash(stage)) == 3
+    assert input_hash(stage, [stage.GetSessionLayer().identifier]) == tuple(expected)
