@@ -76,3 +76,14 @@ def test_a_purpose_of_the_capture_stays(tmp_path: Path) -> None:
     bake.stage.Save()
     stage = Usd.Stage.Open(str(bake.run()))
     assert UsdGeom.Imageable(stage.GetPrimAtPath(PATH)).ComputePurpose() == "guide"
+
+
+@pytest.mark.parametrize(("form", "mode"), [("float", "packed"), ("packed", "dense")])
+def test_without_a_time_it_is_the_first_sample(tmp_path: Path, form: str, mode: str) -> None:
+    """Oracle: the first frame: the capture's default values belong to another type."""
+    bake = shot(tmp_path, mode, form=form, lives=False)
+    stage = Usd.Stage.Open(str(bake.run()))
+    found = schema.fetch(stage.GetPrimAtPath(PATH))
+    first = schema.fetch(stage.GetPrimAtPath(PATH), 1.0)
+    for name in ("positions", "rotations", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(first, name))

@@ -95,7 +95,9 @@ class BakeLayers:
     def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
         """Present all samples in one file."""
         merged = self.folder / "samples.usdc"
-        merge([self.clip(number) for number in range(clips)], merged, self.rate)
+        # Other types' arrays have no default value: centres must not have one either.
+        retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
+        merge([self.clip(number) for number in range(clips)], merged, self.rate, retyped)
         self._write_root([merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:

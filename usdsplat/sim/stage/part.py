@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -96,8 +96,14 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
     source.Traverse(Sdf.Path.absoluteRootPath, visit)
 
 
-def merge(parts: list[Path], target: Path, rate: float) -> None:
+def merge(parts: Sequence[Path], target: Path, rate: float, silenced: Sequence[str] = ()) -> None:
     """Write the samples of several parts into one file.
+
+    Args:
+        parts: In order of time.
+        target: A .usdc.
+        rate: Time codes in a second.
+        silenced: Attributes whose default values in weaker layers do not count.
 
     Raises:
         OutputError: If it cannot be written there.
@@ -111,6 +117,8 @@ def merge(parts: list[Path], target: Path, rate: float) -> None:
                     value = part.QueryTimeSample(attribute, time)
                     whole.layer.SetTimeSample(attribute, time, value)
             whole.save()
+        for name in silenced:
+            whole.layer.GetAttributeAtPath(name).default = Sdf.ValueBlock()
 
 
 def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:
