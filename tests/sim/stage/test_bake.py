@@ -14,7 +14,7 @@ from tests.sim.stage.bakes import PATH, Solver, everything, layer_of, save_stage
 from usdsplat import schema
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.extent import REACH
 from usdsplat.schema import tokens
 from usdsplat.sim.stage.bake import Bake
@@ -309,6 +309,7 @@ def test_frames_out_of_turn_are_refused(tmp_path: Path) -> None:
         ({"writes": frozenset({"colour"})}, "writes: found colour"),
         ({"name": "shot.usda"}, "a layer of the stage itself"),
         ({"name": "bake.usdc"}, "found the suffix '.usdc', expected .usda"),
+        ({"name": "no/folder/bake.usda"}, "found No such file or directory"),
         ({"prim": "/World"}, "found no splat field"),
         ({"prim": "/Nowhere"}, "found no splat field"),
     ],
@@ -323,7 +324,7 @@ def test_what_cannot_be_baked_is_refused(tmp_path: Path, change: dict, sentence:
     fields = [
         BakedField(path=change.get("prim", PATH), rest=rest, writes=bake.writes, is_fixed=False)
     ]
-    with pytest.raises((StageError, UsageError), match=sentence):
+    with pytest.raises(UsdSplatError, match=sentence):
         Bake.open(bake.stage, bake.target, fields, bake.times, bake.parameters, bake.provenance())
     assert not list(tmp_path.glob("*_data"))
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from pxr import Sdf, Usd, Vt
 
-from usdsplat.core.errors import StageError
+from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import atomic_path
 from usdsplat.schema import tokens
 from usdsplat.sim.stage.part import declare, merge, sampled
@@ -53,7 +53,11 @@ class BakeLayers:
 
     def begin(self) -> None:
         """Make the folder; of an older bake nothing is left in it."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            found = error.strerror or str(error)
+            raise OutputError(str(self.folder), found, "a place to make a folder") from error
         self._remove((*_CLIPS, *_WORK, "samples.usdc"))
 
     def end(self, *, keeps_clips: bool) -> None:
