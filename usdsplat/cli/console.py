@@ -40,15 +40,18 @@ def remark(text: str) -> None:
     print(f"usdsplat: {text}", file=sys.stderr)
 
 
-def announce_compilation() -> Callable[[str], None]:
-    """Return what to call as each kernel is compiled; it speaks the first time only."""
+PICTURES = "compiling kernels, once for each kind of picture; it takes up to half a minute"
+
+
+def announce_compilation(text: str = PICTURES) -> Callable[[str], None]:
+    """Return what to call as each kernel is compiled; it says `text` the first time only."""
     spoken = False
 
     def announce(kernel: str) -> None:
         nonlocal spoken
         if not spoken:
             spoken = True
-            remark("compiling kernels, once for each kind of picture; it takes up to half a minute")
+            remark(text)
 
     return announce
 

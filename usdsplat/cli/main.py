@@ -23,6 +23,7 @@ COMMANDS = {
     "info": "say what is in a capture or a stage",
     "validate": "check the splats of a stage, each finding with its cure",
     "render": "draw a stage, or a capture, to EXR or PNG",
+    "simulate": "grow, push, conform or dissolve the splats of a stage; bake a layer",
     "match": "grade splats until they look like a plate, or like a colour chart",
     "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
 }

@@ -30,6 +30,9 @@ FLAT = 0.15
 SWEEPS = 240
 """Of redistribution over the target, at most: what is crowded on one side of it needs them all."""
 
+_OWN, _ROWS = "own:", ("rest", "ids", "select", "axes", "flats")
+"""What is kept of splats at rest, for children are not in the capture."""
+
 UNBOUND, HOPELESS = -1, -2
 """Instead of a face: not bound yet; cannot be, for it is nowhere."""
 
@@ -130,12 +133,15 @@ class Conform:
         return other
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What splats are bound to, first axis n; empty before the first `apply`."""
-        return self._memory
+        """What splats are bound to, and what they are at rest, first axis n."""
+        own = {f"{_OWN}{name}": getattr(self, f"_{name}") for name in _ROWS}
+        return {**self._memory, **own}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Take what `memory` gave, and go on with the same bits."""
-        self._memory = dict(memory)
+        """Take what `memory` gave, for any number of splats, and go on with the same bits."""
+        for name in _ROWS:
+            setattr(self, f"_{name}", memory[f"{_OWN}{name}"])
+        self._memory = {key: each for key, each in memory.items() if not key.startswith(_OWN)}
 
     # --- one step -----------------------------------------------------------------------
 

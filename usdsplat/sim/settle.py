@@ -27,8 +27,8 @@ def settle_back(
     """Change `positions` and `velocities` of a state by one substep, and `memory[SINCE]`.
 
     A splat of weight w is drawn by a critically damped spring of omega w; of weight 0, or with
-    omega 0, it keeps its velocity. For `delay` after a contact the spring is off and only the
-    damper acts. Pinned splats stay, and free ones are left to their flight.
+    omega 0, it stays as far off its target as it is. For `delay` after a contact the spring is off
+    and only the damper acts. Pinned splats stay, and free ones are left to their flight.
 
     Args:
         before, after: Where the splats want to be at the start and the end of the substep [unit],

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba import njit
 
-from usdsplat.kernels.jit import serial
 from usdsplat.kernels.sim.philox import philox, uniforms
 
 
-@serial
+@njit
 def words(counter, key):
     """Philox from Python."""
     return philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
 
-@serial
+@njit
 def draw(count, out):
     """One number for each of `count` splats."""
     for i in range(count):

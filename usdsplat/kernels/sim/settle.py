@@ -26,6 +26,12 @@ def settle_axis(x, v, before, after, omega, decay, dt, per_dt):
 
 
 @scalar
+def follow_axis(x, before, after, per_dt):
+    """Likewise without a spring: as far off the target as it is."""
+    return after + (x - before), (after - before) * per_dt
+
+
+@scalar
 def rest_axis(x, v, omega, decay, dt):
     """Likewise with the spring off and the damper left on: x'' = -2 omega x'."""
     square = decay * decay
@@ -37,7 +43,8 @@ def settle(omega, delay, fastest, dt, before, after, flags, weights, positions, 
     """One substep of every splat that is neither pinned nor free.
 
     Args:
-        omega: [1/s], times the splat's weight; where that is 0 a splat keeps its velocity.
+        omega: [1/s], times the splat's weight; where that is 0 a splat stays as far off its target
+            as it is.
         delay: Time after the last contact in which the spring is off [s].
         fastest: Largest speed [unit/s], inf for none.
         dt: [s]. All four are float32.
@@ -59,7 +66,7 @@ def settle(omega, delay, fastest, dt, before, after, flags, weights, positions, 
             for axis in range(3):
                 x, v = positions[i, axis], velocities[i, axis]
                 if own == np.float32(0):
-                    x += v * dt
+                    x, v = follow_axis(x, before[i, axis], after[i, axis], per_dt)
                 elif rests:
                     x, v = rest_axis(x, v, own, decay, dt)
                 else:

@@ -31,7 +31,7 @@ def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = No
             holds for all times is to be a sample.
     """
     for name, value in values.items():
-        group, instance, item = _find(name)
+        group, instance, item = find(name)
         taken = getattr(checked(name, _class(group), {item.name: value}), item.name)
         if time is not None and item.uniform:
             raise UsageError(name, f"a value at {time:g}", "one value for all times")
@@ -53,8 +53,12 @@ def relate(prim: Usd.Prim, name: str, target: Usd.Prim) -> None:
     prim.CreateRelationship(f"{NAMESPACE}:{name}", custom=False).SetTargets([target.GetPath()])
 
 
-def _find(name: str) -> tuple[str, str, Knob]:
-    """Group, instance and knob of a parameter."""
+def find(name: str) -> tuple[str, str, Knob]:
+    """Group, instance and knob of a parameter.
+
+    Raises:
+        UsageError: If there is none of that name.
+    """
     group, _, rest = name.partition(":")
     instance, _, last = rest.rpartition(":")
     if (group in MULTIPLE_APIS) == bool(instance):

@@ -1,0 +1,52 @@
+"""Make a stage that is ready to be simulated, from a capture or from a stage with one field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast, get_args
+
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.progress import Progress
+from usdsplat.interchange.files import check_not_input, check_suffix, is_usd, open_stage
+from usdsplat.interchange.importing import import_capture
+from usdsplat.sim.stage.presets import PresetName, author_preset
+
+
+def make_stage(
+    preset: str, source: Path, target: Path, *, frame: str | None, progress: Progress
+) -> list[Path]:
+    """Write a stage in which a capture is simulated.
+
+    Args:
+        preset: One of `PresetName`.
+        source: A capture, which is imported into a .usdc beside the target, or a stage with one
+            splat field, which the target refers to.
+        target: A .usda or .usdc file that is not there yet.
+        frame: Where x, y and z of a capture point; None believes the file.
+        progress: Told about the import.
+
+    Returns:
+        The files that were written, the target last.
+
+    Raises:
+        UsageError: If there is no such preset, or `frame` is given for a stage.
+        OutputError: If the target exists or cannot be written.
+    """
+    if preset not in get_args(PresetName):
+        raise UsageError("--preset", repr(preset), f"one of {', '.join(get_args(PresetName))}")
+    check_suffix(target)
+    check_not_input(target, [source])
+    if target.exists():
+        raise OutputError(str(target), "a file", "a new name")
+    name = cast(PresetName, preset)
+    if is_usd(source):
+        if frame is not None:
+            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        author_preset(name, open_stage(source), target)
+        return [target]
+    capture = target.with_name(f"{target.stem}_capture.usdc")
+    if capture.exists():
+        raise OutputError(str(capture), "a file", f"no such file: {target} needs the name")
+    import_capture(source, capture, frame=frame, progress=progress)
+    author_preset(name, open_stage(capture), target)
+    return [capture, target]

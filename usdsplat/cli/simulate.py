@@ -1,0 +1,164 @@
+"""Simulate the splats of a stage, and bake what becomes of them into a layer.
+
+examples:
+  usdsplat simulate --preset grow scan.ply -o grow.usda
+      make a stage to start from, its parameters on prims to edit: grow, push, conform, dissolve
+  usdsplat simulate grow.usda --frames 1:100 -o bake.usda
+      run it; bake.usda shows the result, and the capture stays as it is
+  usdsplat simulate grow.usda -o bake.usda --set rd:feed=0.04 --set affector:friction=0.5
+      with other values, without an edit of the stage
+  usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
+      go on where a bake was interrupted
+  usdsplat simulate --list-parameters
+      every parameter with its range, unit and meaning
+
+notes:
+  bake.usda has the stage beneath it and opens anywhere; mute its data layer to see the capture
+  again. A bake can be resumed from its last checkpoint, see bake:checkpointEvery, if nothing that
+  it was made of has changed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from usdsplat.cli import console
+from usdsplat.cli.parsing import option
+from usdsplat.cli.stage_options import StageOptions
+from usdsplat.core.errors import UsageError
+from usdsplat.images.frames import parse_frames
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat simulate`."""
+
+    stage: Annotated[Positional[Path | None], option("STAGE|CAPTURE")] = None
+    """stage with a SplatSim prim to simulate; with --preset the capture to make one for"""
+    output: Annotated[Path | None, option("FILE", short="-o")] = None
+    """layer of results to write, .usda or .usdc; with --preset the stage to make"""
+    frames: Annotated[str | None, option("A:B")] = None
+    """such as 1:100; default: the stage's range"""
+    preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
+    """make a stage that is ready to be simulated, and stop"""
+    overrides: Annotated[
+        UseAppendAction[tuple[str, ...]], option("[/PRIM.]NAME=VALUE", name="set")
+    ] = ()
+    """a parameter's value in place of the stage's, such as rd:feed=0.04; may be repeated"""
+    list_parameters: Annotated[bool, option()] = False
+    """print every parameter and stop"""
+    resume: Annotated[bool, option()] = False
+    """go on after the last checkpoint of the bake that is there"""
+    force: Annotated[bool, option()] = False
+    """replace a bake that is there"""
+    frame: Annotated[str | None, option("FRAME")] = None
+    """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
+    device: Annotated[str, option("NAME")] = "auto"
+    """what computes, auto or cpu; default: auto, the fastest here"""
+    threads: Annotated[int | None, option("N")] = None
+    """how many to use; default: all"""
+    json: Annotated[bool, option()] = False
+    """print one JSON object about the bake, or of the parameters"""
+    stage_opening: Annotated[StageOptions, arg(name="opening")] = field(
+        default_factory=StageOptions
+    )
+
+
+def run(options: Options) -> int:
+    """List parameters, make a stage, or simulate one."""
+    if options.list_parameters:
+        from usdsplat.cli import parameter_table
+
+        if options.json:
+            console.print_json(parameter_table.rows())
+        else:
+            parameter_table.show()
+        return 0
+    if options.stage is None or options.output is None:
+        missing = "no STAGE" if options.stage is None else "no --output"
+        raise UsageError("simulate", missing, "a stage or capture, and -o FILE")
+    if options.preset is not None:
+        return _make(options, options.preset, options.stage, options.output)
+    return _bake(options, options.stage, options.output)
+
+
+def _make(options: Options, preset: str, source: Path, target: Path) -> int:
+    """Write a stage to start from."""
+    from usdsplat.cli.presets import make_stage
+
+    for flag, given in (
+        ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
+    ):  # fmt: skip
+        if given:
+            raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
+    with console.progress() as progress:
+        files = make_stage(preset, source, target, frame=options.frame, progress=progress)
+    if options.json:
+        console.print_json({"files": [str(path) for path in files]})
+        return 0
+    for path in files:
+        print(path)
+    console.remark(f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}")
+    return 0
+
+
+def _bake(options: Options, source: Path, target: Path) -> int:
+    """Simulate and write."""
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.interchange.files import check_not_input, is_usd, layer_files
+    from usdsplat.kernels.compiling import on_compile
+    from usdsplat.sim.stage.overrides import override
+    from usdsplat.sim.stage.simulating import simulate
+
+    if not is_usd(source):
+        found = f"{source}, which is a capture"
+        expected = "a stage with a SplatSim prim; --preset makes one"
+        raise UsageError("simulate", found, expected)
+    stage = open_stage(source, options.stage_opening)
+    check_not_input(target, layer_files(stage))
+    for text in options.overrides:
+        override(stage, text)
+    announce = console.announce_compilation(
+        "compiling kernels, once for each kind of simulation; it takes up to a minute"
+    )
+    with console.progress() as progress, on_compile(announce):
+        report = simulate(
+            stage,
+            target,
+            _frames(options, stage),
+            device=options.device,
+            threads=options.threads,
+            resume=options.resume,
+            force=options.force,
+            progress=progress,
+            remark=console.remark,
+        )
+    if options.json:
+        console.print_json(report.as_dict())
+    else:
+        print(target)
+        console.remark(report.sentence())
+    return 0
+
+
+def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:
+    """The frames to simulate: one after the other, forwards."""
+    if options.frames is None:
+        if not stage.HasAuthoredTimeCodeRange():
+            raise UsageError("--frames", "none, and a stage without a range", "such as 1:100")
+        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        return tuple(first + i for i in range(int(last - first) + 1))
+    frames = parse_frames(options.frames)
+    if any(later - earlier != 1 for earlier, later in itertools.pairwise(frames)):
+        raise UsageError(
+            "--frames", options.frames, "every frame from one to another, such as 1:100"
+        )
+    return frames

@@ -1,0 +1,129 @@
+"""Where splats want to be: as captured, then deformed, carried by joints, on a target.
+
+What leads there is known, so how it deforms the space about each splat is known too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.sim.conform import Conform
+from usdsplat.sim.deform import deform
+from usdsplat.sim.skin import Skin
+from usdsplat.sim.specs import Moment, Recipe
+from usdsplat.sim.state import State
+
+
+class Goal:
+    """The rest positions of one field, carried along.
+
+    Args:
+        device: Computes.
+        recipe: The field.
+        first: What is so at the first frame.
+    """
+
+    def __init__(self, device: CpuDevice, recipe: Recipe, first: Moment) -> None:
+        self._device = device
+        self._skin: Skin | None = None
+        rest, p = recipe.rest, first.parameters
+        if recipe.binding is not None:
+            self._skin = Skin(device, recipe.binding, rest.positions, p.skin)
+        self._conform: Conform | None = None
+        if first.target is not None:
+            ids = np.arange(len(rest)) if rest.ids is None else rest.ids
+            selected = recipe.selection
+            self._conform = Conform(
+                device,
+                rest.positions,
+                rest.rotations,
+                rest.scales,
+                ids=ids,
+                select=np.ones(len(rest), np.float32) if selected is None else selected,
+                parameters=p,
+            )
+
+    def at(
+        self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
+    ) -> tuple[F32, F32 | None]:
+        """Where all splats want to be.
+
+        Args:
+            state: The splats; only where they rest and whose children they are counts.
+            moment: When.
+            seconds: Since the simulation's start [s].
+            gradient: Whether to say how space is deformed there too.
+
+        Returns:
+            Positions [unit], shape (n, 3), the state's own where nothing carries them; and
+            deformation gradients, shape (n, 3, 3), or None where nothing deforms.
+        """
+        if not moment.deformers and self._skin is None and self._conform is None:
+            return state.rest_positions, None
+        positions = state.rest_positions.copy()
+        turned = None
+        if gradient:
+            turned = np.empty((len(state), 3, 3), np.float32)
+            turned[:] = np.eye(3)
+        deform(self._device, moment.deformers, seconds, positions, turned)
+        if self._skin is not None and moment.skin is not None:
+            self._skin.apply(moment.skin, moment.parameters.skin, positions, turned)
+        if self._conform is not None and moment.target is not None:
+            self._conform.apply(
+                moment.target, seconds, moment.parameters.conform, positions, turned
+            )
+        return positions, turned
+
+    def bear(self, parents: I64, state: State) -> None:
+        """Let children follow what their parents do.
+
+        Args:
+            parents: Rows of the parents, shape (c,).
+            state: Its last c rows are the children.
+        """
+        n = len(state) - len(parents)
+        if self._skin is not None:
+            self._skin = self._skin.extended(parents)
+        if self._conform is not None:
+            self._conform = self._conform.extended(
+                parents,
+                state.rest_positions[n:],
+                state.rest_rotations[n:],
+                state.rest_scales[n:],
+                state.ids[n:],
+            )
+
+    def keep(self, rows: I64) -> None:
+        """Let go of all others."""
+        if self._skin is not None:
+            self._skin = self._skin.selected(rows)
+        if self._conform is not None:
+            self._conform = self._conform.selected(rows)
+
+    def remember(self, state: State) -> None:
+        """Add to the state what `restore` needs."""
+        for name, part in self._parts():
+            for key, array in part.memory().items():
+                state.globals[f"{name}:{key}"] = array
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of `remember`, with the same bits."""
+        for name, part in self._parts():
+            lead = f"{name}:"
+            part.restore(
+                {
+                    key.removeprefix(lead): array
+                    for key, array in state.globals.items()
+                    if key.startswith(lead)
+                }
+            )
+
+    def _parts(self) -> Iterator[tuple[str, Skin | Conform]]:
+        if self._skin is not None:
+            yield "skin", self._skin
+        if self._conform is not None:
+            yield "conform", self._conform

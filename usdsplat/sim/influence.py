@@ -1,0 +1,75 @@
+"""What affectors that do not collide do to each splat: select, begin, feed, blow, grow, dim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.sim.falloff import falloff
+from usdsplat.sim.fields import Fields
+from usdsplat.sim.specs import Affector
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Influence:
+    """Of all affectors at one time, at each splat; None where none has the role."""
+
+    mask: F32 | None = None
+    """0 to 1, shape (n,)."""
+    seed: F32 | None = None
+    """How much the pattern is begun, 0 to 1, shape (n,)."""
+    wind: F32 | None = None
+    """[unit/s], shape (n, 3)."""
+    feed: F32 | None = None
+    """Added to the feed rate, shape (n,)."""
+    growth: F32 | None = None
+    """Factor of the growth, shape (n,)."""
+    opacity: F32 | None = None
+    """Factor of the opacity, shape (n,)."""
+
+
+class Influences:
+    """Works them out; keeps what it knows of meshes."""
+
+    def __init__(self, device: CpuDevice) -> None:
+        self._device = device
+        self._fields: dict[str, Fields] = {}
+
+    def at(self, affectors: tuple[Affector, ...], positions: F32) -> Influence:
+        """What affectors do at points now.
+
+        Masks and seeds join, whichever is most; feeds and winds add up; factors multiply.
+
+        Args:
+            affectors: All of one moment; those that collide, or are off, are left out.
+            positions: [unit], shape (n, 3).
+        """
+        found: dict[str, F32] = {}
+        for each in affectors:
+            role, amount = each.parameters.role, np.float32(each.parameters.amount)
+            if role == "collide" or not each.parameters.enabled:
+                continue
+            fields = self._fields.setdefault(each.path, Fields(self._device))
+            weight = falloff(self._device, each, positions, fields=fields)
+            before = found.get(role)
+            if role in ("mask", "seed"):
+                part = np.clip(amount * weight, 0, 1)
+                found[role] = part if before is None else np.maximum(before, part)
+            elif role in ("growth", "opacity"):
+                factor = 1 + (amount - 1) * weight
+                found[role] = factor if before is None else before * factor
+            else:
+                part = amount * weight
+                if role == "wind":
+                    part = part[:, None] * _along(each)
+                found[role] = part if before is None else before + part
+        return Influence(**found)
+
+
+def _along(affector: Affector) -> F32:
+    """The affector's own z axis."""
+    axis = affector.solids[0].matrix[:3, 2] if affector.solids else np.zeros(3)
+    return np.asarray(axis, np.float32)

@@ -1,0 +1,253 @@
+"""The pattern of a field, and how densely its splats lie, which births and sizes follow.
+
+All of it is about splats at rest, where growth has moved them: a pattern does not change because
+its carrier is bent. What belongs to splats is in the state's memory, so that children inherit it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, SplatCloud
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.sim import support as supports
+from usdsplat.sim.carriers import Binding, Carriers
+from usdsplat.sim.closest import Triangles
+from usdsplat.sim.influence import Influence
+from usdsplat.sim.neighbors import Neighbors, nearest
+from usdsplat.sim.normals import captured, grown, manifold_dimension
+from usdsplat.sim.reaction import Reaction
+from usdsplat.sim.relaxing import Projection, relax
+from usdsplat.sim.seeds import nuclei, plant, untouched
+from usdsplat.sim.specs import Moment, Surface
+from usdsplat.sim.state import State
+from usdsplat.sim.uses import Uses
+
+NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
+    f"pattern:{name}" for name in ("normals", "near", "weights", "crowding", "support")
+)
+"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and how much, (n, 8);
+neighbours over those wanted, and the radius of the neighbourhood at the beginning, (n,)."""
+UV, SHAPE, _LISTS = "pattern:uv", "pattern:shape", "neighbors:"
+"""In `State.globals`: u and v of the carriers; dimension and usual support; lists of neighbours."""
+
+
+class Pattern:
+    """Of one field.
+
+    Args:
+        device: Computes.
+        rest: The capture.
+        uses: What is needed.
+        first: The first moment.
+    """
+
+    def __init__(self, device: CpuDevice, rest: SplatCloud, uses: Uses, first: Moment) -> None:
+        p = first.parameters
+        self._device, self._uses, self._seed = device, uses, p.sim.seed
+        self._needs_graph = uses.crowds or uses.faces or p.rd.domain == "self"
+        self._neighbors = Neighbors(device, p.neighbors, symmetric=True, seed=p.sim.seed)
+        self._carriers: Carriers | None = None
+        self._from: I32 | None = None
+        self._reaction: Reaction | None = None
+        self._built: tuple[int, bytes] | None = None
+        self.dimension = 2
+        """Of the splats: 2 on surfaces, 3 in volumes."""
+        self.usual_support = 0.0
+        """Median radius of a neighbourhood at the beginning [unit]."""
+        if uses.reacts and p.rd.domain == "carrier":
+            self._carriers = Carriers.of(
+                device, rest, distance=p.rd.pattern_scale, seed=p.sim.seed,
+                target=p.neighbors.target,
+            )  # fmt: skip
+            self._from = nearest(device, rest.positions, self._carriers.positions, 1)[0][:, 0]
+            self._ids = np.arange(len(rest)) if rest.ids is None else rest.ids
+
+    # --- the beginning, and going on ------------------------------------------------------
+
+    def begin(self, state: State, first: Moment) -> None:
+        """Find normals, dimension and radii, spread splats where that is asked for, and plant what
+        the pattern grows from."""
+        p = first.parameters
+        if self._needs_graph:
+            self._survey(state, first)
+        if not self._uses.reacts:
+            return
+        if self._carriers is not None:
+            bound = self._carriers.bind(self._device, state.rest_positions)
+            state.memory[NEAR], state.memory[WEIGHTS] = bound.near, bound.weights
+            uv = untouched(len(self._carriers))
+            reaction = self._reacting(state, first)
+            places, ids, selection = self._carriers.positions, None, state.weight[self._from]
+        else:
+            uv = untouched(len(state))
+            reaction = self._reacting(state, first)
+            places, ids, selection = state.rest_positions, state.ids, state.weight
+        weight = nuclei(
+            self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
+            selection=selection,
+        )  # fmt: skip
+        plant(self._device, uv, weight)
+        self._put(state, uv)
+
+    def remember(self, state: State) -> None:
+        """Add to the state what `restore` needs."""
+        for key, array in self._neighbors.memory().items():
+            state.globals[_LISTS + key] = array
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of `remember`, with the same bits."""
+        if SHAPE in state.globals:
+            dimension, self.usual_support = (float(each) for each in state.globals[SHAPE])
+            self.dimension = int(dimension)
+        self._neighbors.restore(
+            {
+                key.removeprefix(_LISTS): array
+                for key, array in state.globals.items()
+                if key.startswith(_LISTS)
+            }
+        )
+
+    # --- what others ask ------------------------------------------------------------------
+
+    def normals(self, state: State) -> F32:
+        """At rest, shape (n, 3); zero where nobody needs them."""
+        found: F32 | None = state.memory.get(NORMALS)
+        return np.zeros((len(state), 3), np.float32) if found is None else found
+
+    def crowding(self, state: State) -> F32:
+        """Neighbours over those wanted, shape (n,); empty where nobody asks."""
+        found: F32 | None = state.memory.get(CROWDING)
+        return np.empty(0, np.float32) if found is None else found
+
+    def sizes(self, state: State, moment: Moment) -> F32 | None:
+        """Factor of each splat's size as spacing grows, shape (n,); None for 1."""
+        follow = moment.parameters.growth.size_follow
+        if not follow or REST_SUPPORT not in state.memory:
+            return None
+        before = state.memory[REST_SUPPORT]
+        ratio = np.where(before > 0, state.support / np.where(before > 0, before, 1), 1)
+        return np.power(ratio, np.float32(follow)).astype(np.float32)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know of the pattern, a sentence each."""
+        reaction = self._reaction
+        if reaction is None or not reaction.is_too_fine:
+            return ()
+        return (
+            f"rd:patternScale: found {reaction.scale:g}, expected {reaction.spacing:g} or more: "
+            "points that far apart do not show so fine a pattern",
+        )
+
+    # --- a frame --------------------------------------------------------------------------
+
+    def react(self, state: State, moment: Moment, influence: Influence) -> None:
+        """Do the reaction steps of a frame."""
+        reaction = self._reacting(state, moment)
+        reaction.adopt(moment.parameters.rd)
+        uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
+        seed, feed = (self._gathered(state, each) for each in (influence.seed, influence.feed))
+        if seed is not None:
+            uv = uv.copy()
+            plant(self._device, uv, seed)
+        self._put(state, reaction.step(uv, feed_offset=feed))
+
+    def crowd(self, state: State, moment: Moment) -> None:
+        """Count neighbours, and let the radii follow the density."""
+        self._neighbors.parameters = moment.parameters.neighbors
+        graph = self._neighbors.update(state.rest_positions, state.support)
+        count = supports.crowding(self._device, graph, self.dimension)
+        if not supports.fits(self._neighbors, state.support, count):
+            state.support = supports.corrected(
+                self._neighbors, state.support, count, self.dimension
+            )
+        state.memory[CROWDING] = count / np.float32(moment.parameters.neighbors.target)
+
+    # --- private --------------------------------------------------------------------------
+
+    def _survey(self, state: State, first: Moment) -> None:
+        """Dimension, normals and radii of the splats at rest."""
+        p, device, neighbors = first.parameters, self._device, self._neighbors
+        dimension = 3 if p.sim.dimension == "3" else 2
+        rest = state.rest_positions
+        state.support = supports.fitted(neighbors, rest, dimension)
+        graph = neighbors.update(rest, state.support)
+        if p.sim.dimension == "auto":
+            _, surfaceness = grown(device, graph, np.zeros_like(rest))
+            dimension = manifold_dimension(surfaceness)
+            if dimension == 3:
+                state.support = supports.fitted(neighbors, rest, dimension)
+                graph = neighbors.update(rest, state.support)
+        state.memory[NORMALS] = captured(device, graph, state.rest_rotations, state.rest_scales)
+        self.dimension = dimension
+        if self._uses.reacts and p.rd.domain == "self" and p.relax.iterations:
+            state.rest_positions, state.support = relax(
+                device, rest, state.memory[NORMALS] if dimension == 2 else None, p,
+                p.relax.iterations, _onto(device, first.relax_surface), dimension=dimension,
+            )  # fmt: skip
+            neighbors.update(state.rest_positions, state.support)
+        if self._uses.crowds:
+            self.crowd(state, first)
+        state.memory[REST_SUPPORT] = state.support.copy()
+        self.usual_support = float(np.median(state.support))
+        state.globals[SHAPE] = np.array([self.dimension, self.usual_support])
+
+    def _reacting(self, state: State, moment: Moment) -> Reaction:
+        """The reaction on points as they are now."""
+        p = moment.parameters
+        rd = p.rd
+        if self._carriers is not None:
+            if self._reaction is None:
+                c = self._carriers
+                self._reaction = Reaction(
+                    self._device,
+                    c.graph,
+                    rd,
+                    dimension=3 if p.sim.dimension == "3" else 2,
+                    normals=c.normals,
+                )
+            return self._reaction
+        self._neighbors.parameters = moment.parameters.neighbors
+        graph = self._neighbors.update(state.rest_positions, state.support)
+        key = (graph.build, graph.positions.tobytes() if self._uses.grows else b"")
+        if self._reaction is None or key != self._built:
+            self._reaction = Reaction(
+                self._device, graph, rd, dimension=self.dimension,
+                normals=self.normals(state) if self.dimension == 2 else None,
+            )  # fmt: skip
+            self._built = key
+        return self._reaction
+
+    def _put(self, state: State, uv: F32) -> None:
+        """Keep the pattern, and let splats read it."""
+        if self._carriers is None:
+            state.uv = uv
+            return
+        state.globals[UV] = uv
+        bound = Binding(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
+        state.uv = bound.read(self._device, uv)
+
+    def _gathered(self, state: State, values: F32 | None) -> F32 | None:
+        """What is said at splats, at the points of the reaction."""
+        if values is None or self._carriers is None:
+            return values
+        rows = np.searchsorted(state.ids, self._ids[self._from])  # captured splats may have died
+        return values[np.minimum(rows, len(values) - 1)]
+
+
+def _onto(device: CpuDevice, surface: Surface | None) -> Projection | None:
+    """What takes points to a mesh."""
+    if surface is None:
+        return None
+    triangles = Triangles(device, surface)
+
+    def project(points: F32) -> tuple[F32, F32]:
+        hits = triangles.closest(points)
+        corners = surface.points[surface.triangles[hits.faces]].astype(np.float64)
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        normals = across / np.where(length > 0, length, 1)
+        return hits.points, normals.astype(np.float32)
+
+    return project

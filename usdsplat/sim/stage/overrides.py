@@ -1,0 +1,77 @@
+"""Values typed on a command line, as opinions on a stage's session layer."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, get_args, get_origin
+
+from pxr import Usd
+
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.knobs import Knob
+from usdsplat.sim.stage.authoring import author, find
+from usdsplat.sim.stage.collections import find_simulations, is_affector
+from usdsplat.sim.stage.parameters import instances
+
+_ASSIGNMENT = re.compile(r"(?:(/[^.=]+)\.)?([A-Za-z]\w*(?::\w+)+)=(.*)")
+_BOOLS = {"1": True, "true": True, "on": True, "0": False, "false": False, "off": False}
+
+
+def override(stage: Usd.Stage, text: str) -> None:
+    """Author one value on the session layer, for all times.
+
+    Args:
+        stage: Its files are not changed.
+        text: `[/PRIM.]group:name=value`. Without a prim it goes to every SplatSim prim, or for
+            `affector:name` to every affector; deformers and drivers are `deform:<name>:angle=90`.
+
+    Raises:
+        UsageError: If it cannot be understood, or the parameter cannot have that value.
+        StageError: If the stage has nothing that it could be meant for.
+    """
+    match = _ASSIGNMENT.fullmatch(text.strip())
+    if not match:
+        raise UsageError("--set", repr(text), "[/PRIM.]group:name=value, such as rd:feed=0.04")
+    where, name, typed = match.groups()
+    group, instance, item = find(name)
+    value = _value(item, typed, text)
+    prims = _prims(stage, where, group)
+    for prim in prims:
+        known = instances(prim, group) if instance else []
+        if instance and instance not in known:
+            found = f"no {group} {instance!r}"
+            raise StageError(str(prim.GetPath()), found, f"one of {', '.join(known) or 'none'}")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim in prims:
+            author(prim, {name: value})
+
+
+def _value(item: Knob, typed: str, text: str) -> Any:
+    """What was typed, as the parameter's type."""
+    try:
+        return _parsed(item.type, typed)
+    except (KeyError, ValueError):
+        raise UsageError(f"--set {text}", repr(typed), item.expected) from None
+
+
+def _parsed(kind: Any, typed: str) -> Any:
+    if get_origin(kind) is tuple:
+        first = get_args(kind)[0]
+        return tuple(_parsed(first, part) for part in typed.split(",") if part)
+    if kind is bool:
+        return _BOOLS[typed.lower()]
+    return kind(typed) if kind in (int, float) else typed
+
+
+def _prims(stage: Usd.Stage, where: str | None, group: str) -> list[Usd.Prim]:
+    """Whom it is meant for."""
+    is_about_affectors = group == "affector"
+    found = find_simulations(stage)
+    if is_about_affectors:
+        found = [prim for prim in stage.Traverse() if is_affector(prim)]
+    if where is not None:
+        found = [prim for prim in found if str(prim.GetPath()) == where]
+    if not found:
+        kind = "affector" if is_about_affectors else "SplatSim prim"
+        raise StageError("--set", f"no {kind} {where or ''}".rstrip(), "one on the stage")
+    return found

@@ -1,0 +1,288 @@
+"""A simulation from a stage to a layer: every field, frame by frame, resumable."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Usd
+
+from usdsplat.core import edit
+from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.sim.parameters import Parameters
+from usdsplat.sim.solver import Solver
+from usdsplat.sim.stage.bake import Bake
+from usdsplat.sim.stage.plan import BakedField
+from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
+from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
+from usdsplat.sim.state import Frame, State
+from usdsplat.sim.uses import Uses, uses_over
+
+Remark = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What a simulation came to."""
+
+    target: str
+    frames: int
+    """That were simulated now; fewer than there are where a bake was resumed."""
+    splats: dict[str, int]
+    """At the last frame, by field."""
+    seconds: float
+    seconds_per_frame: float
+    """Median, without the first."""
+    stages: dict[str, float] = field(default_factory=dict)
+    """Seconds of each stage of the solver, and of writing."""
+    megabytes: float = 0.0
+    """Most memory that the process has held."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def sentence(self) -> str:
+        """For people."""
+        if not self.frames:
+            return "nothing to do: every frame is there already"
+        count = sum(self.splats.values())
+        slowest = sorted(self.stages.items(), key=lambda item: -item[1])[:3]
+        where = ", ".join(f"{name} {spent:.1f} s" for name, spent in slowest)
+        return (
+            f"{self.frames} frames of {count:,} splats in {self.seconds:.1f} s, "
+            f"{self.seconds_per_frame:.2f} s a frame ({where}), at most {self.megabytes:,.0f} MB"
+        )
+
+
+class Clock:
+    """Wall time, by what it was spent on."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Book the time since the last call."""
+        now = time.perf_counter()
+        self.spent[name] = self.spent.get(name, 0.0) + now - self._last
+        self._last = now
+
+
+class Simulation:
+    """All fields of a stage's simulations, in step. A preview runs it as a bake does.
+
+    Args:
+        stage: With at least one SplatSim prim; must not change meanwhile, except between frames.
+        frames: Every frame, ascending, one apart [time code].
+        device: Computes.
+        states: To go on from, by field; None begins.
+        lap: Told what was done.
+
+    Raises:
+        UsdSplatError: If something on the stage cannot be simulated.
+    """
+
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        frames: Sequence[float],
+        *,
+        device: CpuDevice,
+        lap: Callable[[str], None] = lambda name: None,
+    ) -> None:
+        prims = find_simulations(stage)
+        if not prims:
+            where = stage.GetRootLayer().GetDisplayName()
+            raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
+        self._device, self._lap = device, lap
+        self._start = frames[0]
+        self.recipes: dict[str, StageRecipe] = {}
+        for prim in prims:
+            for recipe in recipes(stage, prim, start=frames[0]):
+                if recipe.path in self.recipes:
+                    found = f"the simulations {self.recipes[recipe.path].simulation} and "
+                    raise StageError(recipe.path, found + recipe.simulation, "one of them")
+                self.recipes[recipe.path] = recipe
+        self.uses: dict[str, Uses] = {
+            path: uses_over(recipe, frames) for path, recipe in self.recipes.items()
+        }
+        self.solvers: dict[str, Solver] = {}
+        self._lap("stage")
+
+    def begin(self, states: dict[str, State] | None = None) -> None:
+        """Make the solvers, at the first frame or where `states` were kept."""
+        for path, recipe in self.recipes.items():
+            self.solvers[path] = Solver(
+                recipe, self.uses[path], device=self._device, start=self._start,
+                state=None if states is None else states[path], lap=self._lap,
+            )  # fmt: skip
+        self._lap("beginning")
+
+    def advance(self) -> None:
+        """Go on by a frame."""
+        for solver in self.solvers.values():
+            solver.advance()
+
+    def frame(self, path: str) -> Frame:
+        """A field as it is now, in its own space."""
+        frame = self.solvers[path].frame()
+        back = np.linalg.inv(self.recipes[path].field_to_simulation(frame.time))
+        if np.array_equal(back, np.eye(4)):
+            return frame
+        return replace(frame, cloud=edit.transform(frame.cloud, back))
+
+    def checkpoint(self) -> dict[str, State]:
+        """What `begin` takes."""
+        return {path: solver.checkpoint() for path, solver in self.solvers.items()}
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        found: dict[str, None] = {}
+        for path, recipe in self.recipes.items():
+            found.update(dict.fromkeys(recipe.remarks))
+            if path in self.solvers:
+                found.update(dict.fromkeys(self.solvers[path].remarks))
+        return tuple(found)
+
+
+def simulate(
+    stage: Usd.Stage,
+    target: Path,
+    frames: Sequence[float],
+    *,
+    device: str = "auto",
+    threads: int | None = None,
+    resume: bool = False,
+    force: bool = False,
+    progress: Progress = silent,
+    remark: Remark = lambda text: None,
+) -> Report:
+    """Simulate a stage and bake the result.
+
+    Args:
+        stage: From a file; opinions on its session layer count.
+        target: The layer of results, a .usda; its samples go to a folder beside it.
+        frames: Every frame, ascending, one apart [time code].
+        device, threads: As `open_device` takes them.
+        resume: Go on with the bake at `target` from its last checkpoint.
+        force: Replace a bake that is there.
+        progress: Told about each frame.
+        remark: Told a sentence about what is left out.
+
+    Raises:
+        UsdSplatError: If something on the stage cannot be simulated, written or resumed.
+    """
+    if target.exists() and not (resume or force):
+        raise OutputError(str(target), "a file", "a new name, or --resume or --force")
+    clock = Clock()
+    began = time.perf_counter()
+    machine = open_device(device, threads=threads)
+    simulation = Simulation(stage, frames, device=machine, lap=clock.lap)
+    parameters = _common(simulation, frames[0])
+    bake = Bake.open(
+        stage,
+        target,
+        _fields(simulation),
+        frames,
+        parameters.bake,
+        _provenance(stage, simulation, frames, parameters, machine),
+        resume=resume,
+    )
+    spent: list[float] = []
+    with bake:
+        states = None if bake.resumed is None else dict(bake.resumed.states)
+        left = list(bake.left)
+        if left:
+            progress.step("beginning", 0, 0)
+            simulation.begin(states)
+            for each in simulation.remarks:
+                remark(each)
+        for number, frame in enumerate(left):
+            progress.step("simulating", number, len(left))
+            start = time.perf_counter()
+            if number or states is not None:
+                simulation.advance()
+            for path in simulation.recipes:
+                bake.write(path, simulation.frame(path))
+            clock.lap("writing")
+            if bake.is_checkpoint_due(frame):
+                bake.checkpoint(frame, simulation.checkpoint())
+                clock.lap("checkpoints")
+            spent.append(time.perf_counter() - start)
+            progress.step("simulating", number + 1, len(left))
+    clock.lap("writing")
+    return Report(
+        target=str(target),
+        frames=len(left),
+        splats={path: len(solver.state) for path, solver in simulation.solvers.items()},
+        seconds=time.perf_counter() - began,
+        seconds_per_frame=float(np.median(spent[1:] or spent or [0.0])),
+        stages={name: round(value, 3) for name, value in clock.spent.items()},
+        megabytes=_peak_memory(),
+    )
+
+
+def _common(simulation: Simulation, start: float) -> Parameters:
+    """Parameters of the first simulation, by whose words the bake is written."""
+    every = {recipe.simulation: recipe for recipe in simulation.recipes.values()}
+    if not every:
+        raise StageError("simulate", "no splat field in any simulation", "at least one")
+    first, *others = (recipe.parameters(start) for recipe in every.values())
+    for other, name in zip(others, list(every)[1:], strict=True):
+        if other.bake != first.bake:
+            found = "other values of splatSim:bake than the first simulation's"
+            raise StageError(name, found, "the same ones: a bake has one layer")
+    return first
+
+
+def _fields(simulation: Simulation) -> list[BakedField]:
+    """What is written about each field."""
+    return [
+        BakedField(
+            path=path,
+            rest=recipe.rest,
+            writes=simulation.uses[path].writes,
+            is_fixed=not simulation.uses[path].bears,
+        )
+        for path, recipe in simulation.recipes.items()
+    ]
+
+
+def _provenance(
+    stage: Usd.Stage,
+    simulation: Simulation,
+    frames: Sequence[float],
+    parameters: Parameters,
+    device: CpuDevice,
+) -> Provenance:
+    sim = parameters.sim
+    rate = stage.GetTimeCodesPerSecond()
+    return Provenance(
+        param_hash=parameter_hash(stage, frames),
+        input_hash=input_hash(stage, without=[stage.GetSessionLayer().identifier]),
+        seed=sim.seed,
+        substeps=sim.substeps,
+        dt=1.0 / (rate * sim.substeps),
+        frame_range=(frames[0], frames[-1]),
+        mode=parameters.bake.mode,
+        threads=device.threads,
+    )
+
+
+def _peak_memory() -> float:
+    """[MB]; 0 where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return 0.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)

@@ -1,0 +1,92 @@
+"""How space is deformed about splats that were pushed: estimated from their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I64
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.sim.gradients import LocalGradients
+from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.state import FREE, State
+
+NEIGHBORS = 12
+"""At rest, by which a deformation is estimated."""
+OFF = 1e-3
+"""Part of its largest deviation by which a splat must be off its goal to count as pushed."""
+
+
+class Strain:
+    """Of one field.
+
+    Args:
+        device: Computes.
+        is_fixed: Whether rest positions never change, so that neighbours are found only once.
+    """
+
+    def __init__(self, device: CpuDevice, *, is_fixed: bool) -> None:
+        self._device, self._is_fixed = device, is_fixed
+        self._all: LocalGradients | None = None
+
+    def add(self, state: State, wanted: F32, gradient: F32 | None, normals: F32) -> F32 | None:
+        """The deformation from rest to where splats are.
+
+        Args:
+            state: The splats; those that fly are left out.
+            wanted: Where they want to be [unit], shape (n, 3).
+            gradient: Deformation from rest to there, shape (n, 3, 3), changed in place; None where
+                there is none.
+            normals: At rest, shape (n, 3).
+
+        Returns:
+            `gradient`, or one of its own; None where still nothing is deformed.
+        """
+        off = np.abs(state.positions - wanted).max(axis=1)
+        pushed = (off > OFF * state.rest_scales.max(axis=1)) & ((state.flags & FREE) == 0)
+        rows: I64 = np.flatnonzero(pushed)
+        if gradient is None:
+            if not len(rows) and not self._was_deformed(state):
+                return None
+            gradient = np.empty((len(state), 3, 3), np.float32)
+            gradient[:] = np.eye(3, dtype=np.float32)
+        if not len(rows):
+            return gradient
+        if self._is_fixed:
+            self._measure_all(state, pushed, gradient, normals)
+        else:
+            self._measure_some(state, rows, gradient, normals)
+        return gradient
+
+    def _was_deformed(self, state: State) -> bool:
+        """Whether shapes are not those at rest, so that they must be put back."""
+        return not np.array_equal(state.scales, state.rest_scales)
+
+    def _measure_all(self, state: State, pushed: F32, gradient: F32, normals: F32) -> None:
+        """With neighbours that were found before."""
+        if self._all is None:
+            rest = state.rest_positions.copy()
+            found, _ = nearest(self._device, rest, rest, NEIGHBORS + 1)
+            self._all = LocalGradients.of(self._device, rest, _others(found), normals)
+        self._all.measure(self._device, state.positions, gradient, rows=pushed.astype(np.uint8))
+
+    def _measure_some(self, state: State, rows: I64, gradient: F32, normals: F32) -> None:
+        """With neighbours as they are now, of those that were pushed only."""
+        rest = state.rest_positions
+        found = _others(nearest(self._device, rest, rest[rows], NEIGHBORS + 1)[0])
+        used = np.unique(np.concatenate([rows, found[found >= 0]]))
+        place = np.full(len(rest) + 1, -1, np.int32)
+        place[used] = np.arange(len(used), dtype=np.int32)
+        here = place[rows]
+        neighbours = np.full((len(used), NEIGHBORS), -1, np.int32)
+        neighbours[here] = place[found]  # -1 is the last, which has no place
+        local = LocalGradients.of(self._device, rest[used], neighbours, normals[used])
+        out = np.empty((len(used), 3, 3), np.float32)
+        chosen = np.zeros(len(used), np.uint8)
+        chosen[here] = 1
+        local.measure(self._device, state.positions[used], out, rows=chosen)
+        gradient[rows] = out[here]
+
+
+def _others(found: np.ndarray) -> np.ndarray:
+    """Neighbours without the splat itself, which comes first."""
+    return np.ascontiguousarray(found[:, 1:])

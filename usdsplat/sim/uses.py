@@ -1,0 +1,93 @@
+"""What a simulation will need, found out before it begins: what is written, and who is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+
+from usdsplat.sim.specs import Moment, Recipe
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uses:
+    """What happens at any time of a simulation."""
+
+    deforms: bool = False
+    """Deformers, a skin or a target carry splats."""
+    collides: bool = False
+    reacts: bool = False
+    grows: bool = False
+    """Splats move along their normals as the pattern says."""
+    bears: bool = False
+    """Splats are born, and may die."""
+    flies: bool = False
+    dissolves: bool = False
+    crowds: bool = False
+    """Somebody asks for neighbours of splats, other than the reaction."""
+    fades: bool = False
+    """Opacities change."""
+    sizes: bool = False
+    """Scales change other than by deformation."""
+    colors: bool = False
+
+    faces: bool = False
+    """Somebody asks which way splats face."""
+
+    @property
+    def writes(self) -> frozenset[str]:
+        """The arrays of the cloud that may change."""
+        found = {"positions"}
+        turns = self.deforms or self.collides
+        if turns or self.bears:
+            found |= {"rotations", "scales", "sh"}
+        if self.sizes or self.dissolves:
+            found.add("scales")
+        if self.fades or self.bears or self.dissolves:
+            found.add("opacities")
+        if self.colors:
+            found.add("sh")
+        return frozenset(found)
+
+    def joined(self, other: Uses) -> Uses:
+        """What either needs."""
+        return Uses(**{name: getattr(self, name) or getattr(other, name) for name in _NAMES})
+
+
+_NAMES = tuple(Uses.__dataclass_fields__)
+
+
+def uses_over(recipe: Recipe, times: Iterable[float]) -> Uses:
+    """What a field's simulation needs at these times [time code]."""
+    has_skin = recipe.binding is not None
+    return reduce(Uses.joined, (_uses(recipe.at(time), has_skin) for time in times), Uses())
+
+
+def _uses(moment: Moment, has_skin: bool) -> Uses:
+    """What is needed at one time."""
+    p = moment.parameters
+    if not p.sim.enabled:
+        return Uses()
+    roles = {each.parameters.role for each in moment.affectors if each.parameters.enabled}
+    outputs = {each.parameters.output for each in moment.drivers}
+    sources = {each.parameters.source for each in moment.drivers}
+    reacts = p.rd.enabled
+    bears = reacts and p.growth.birth_rate > 0
+    return Uses(
+        deforms=bool(moment.deformers) or has_skin or moment.target is not None,
+        collides="collide" in roles,
+        reacts=reacts,
+        grows=reacts and p.growth.rate != 0,
+        bears=bears,
+        flies=p.particles.enabled or p.dissolve.enabled,
+        dissolves=p.dissolve.enabled,
+        crowds=bears or p.growth.size_follow > 0 or "crowding" in sources,
+        fades="opacity" in outputs or "opacity" in roles or p.appearance.keep_opacity,
+        sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
+        colors="color" in outputs,
+        faces="displacement" in outputs
+        or "collide" in roles
+        or p.dissolve.enabled
+        or (reacts and p.growth.rate != 0)
+        or bears,
+    )
