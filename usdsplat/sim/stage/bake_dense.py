@@ -94,12 +94,9 @@ def common(part: Part, plan: Plan, sample: Sample) -> None:
         part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, speeds, time)
     elif plan.block_velocities:
         part.attribute(path, tokens.VELOCITIES, _Type.Vector3fArray).default = Sdf.ValueBlock()
-    if sample.ids is not None:
-        ids = to_vt(sample.ids, Vt.Int64Array)
-        part.sample(path, tokens.IDS, _Type.Int64Array, ids, time)
-    elif plan.ids and sample.is_new:
-        rows = np.arange(len(plan.rest), dtype=np.int64)
-        part.attribute(path, tokens.IDS, _Type.Int64Array).default = to_vt(rows, Vt.Int64Array)
+    ids = np.arange(len(plan.rest)) if plan.ids and sample.is_new else sample.ids
+    if ids is not None:
+        part.sample(path, tokens.IDS, _Type.Int64Array, to_vt(ids, Vt.Int64Array), time)
     if sample.uv is not None:
         for name, column in ((U, 0), (V, 1)):
             value = to_vt(np.ascontiguousarray(sample.uv[:, column]), Vt.FloatArray)

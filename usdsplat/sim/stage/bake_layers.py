@@ -114,7 +114,7 @@ class BakeLayers:
         """The layer that the user opens."""
         source = self._stage.GetRootLayer()
         root = _new(self.rate)
-        for key in source.pseudoRoot.ListInfoKeys():
+        for key in sorted(source.pseudoRoot.ListInfoKeys()):
             if key not in ("subLayers", "subLayerOffsets", "specifier"):
                 root.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
         root.timeCodesPerSecond = self.rate

@@ -78,14 +78,14 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
             return
         prim = source.GetPrimAtPath(path)
         copy = Sdf.CreatePrimInLayer(target, path)
-        for key in prim.ListInfoKeys():
+        for key in sorted(prim.ListInfoKeys()):
             if key not in ("specifier", "typeName") or prim.GetInfo(key):
                 copy.SetInfo(key, prim.GetInfo(key))
         for spec in prim.properties:
             if isinstance(spec, Sdf.AttributeSpec):
                 known = target.GetAttributeAtPath(spec.path)
                 new = known or Sdf.AttributeSpec(copy, spec.name, spec.typeName, spec.variability)
-                for key in spec.ListInfoKeys():
+                for key in sorted(spec.ListInfoKeys()):  # else the order is that of addresses
                     if key not in ("timeSamples", "typeName", "variability", "default"):
                         new.SetInfo(key, spec.GetInfo(key))
                 if spec.HasDefaultValue():
