@@ -44,7 +44,7 @@ class Options:
     stage: Annotated[Positional[Path | None], option("STAGE|CAPTURE")] = None
     """stage with a SplatSim prim to simulate; with --preset the capture to make one for"""
     output: Annotated[Path | None, option("FILE", short="-o")] = None
-    """layer of results to write, .usda or .usdc; with --preset the stage to make"""
+    """layer of results to write, a .usda; with --preset the stage to make"""
     frames: Annotated[str | None, option("A:B")] = None
     """such as 1:100; default: the stage's range"""
     preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
