@@ -143,7 +143,9 @@ def test_captures_have_the_same_pattern(device, data) -> None:
         rd = RdParameters(preset="labyrinth")
         reaction = Reaction(device, carriers.graph, rd, normals=carriers.normals)
         uv = untouched(len(carriers))
-        plant(device, uv, nuclei(device, carriers.positions, rd, reaction.scale))
+        plant(
+            device, uv, nuclei(device, carriers.positions, rd, reaction.scale, graph=carriers.graph)
+        )
         v = reaction.step(uv, 6000)[carriers.graph.order, 1]
         lengths.append(wavelength(reaction, v))
         areas.append(area(v))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from usdsplat.kernels.device import CpuDevice, open_device
-from usdsplat.sim.parameters import RdParameters
+from usdsplat.sim.neighbors import Neighbors
+from usdsplat.sim.parameters import NeighborsParameters, RdParameters
 from usdsplat.sim.seeds import SEED_RADIUS, nuclei, plant, untouched
 
 POINTS = np.random.default_rng(7).uniform(0, 100, (20_000, 3)).astype(np.float32) * np.float32(
@@ -32,6 +33,23 @@ def test_one_at_least_and_none_where_none_is_wanted() -> None:
     assert tiny.sum() >= 1
     assert nuclei(device, POINTS, RdParameters(seed_density=0.0), 1.0).sum() == 0
     assert len(nuclei(device, POINTS[:0], RdParameters(), 1.0)) == 0
+
+
+def test_no_part_goes_without() -> None:
+    """Oracle: two sheets that do not touch, the second too small to expect a centre by chance."""
+    device = open_device()
+    grid = np.stack(np.meshgrid(*[np.arange(20.0)] * 2), -1).reshape(-1, 2).astype(np.float32)
+    flat = np.concatenate([grid, grid[:280] + np.float32([500, 500])])
+    points = np.concatenate([flat, np.zeros((len(flat), 1), np.float32)], 1)
+    neighbors = Neighbors(device, NeighborsParameters(), symmetric=True)
+    graph = neighbors.update(points, np.full(len(points), 2.3, np.float32))
+    rd = RdParameters(seed_density=0.002)
+    for seed in range(20):
+        found = nuclei(device, points, rd, 0.2, seed=seed, graph=graph)
+        assert found[:400].any()
+        assert found[400:].any()
+    lonely = [nuclei(device, points, rd, 0.2, seed=seed)[400:].any() for seed in range(20)]
+    assert not all(lonely)
 
 
 def test_noise_covers_as_much_in_patches() -> None:

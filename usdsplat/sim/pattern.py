@@ -85,7 +85,7 @@ class Pattern:
             places, ids, selection = state.rest_positions, state.ids, state.weight
         weight = nuclei(
             self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
-            selection=selection,
+            selection=selection, graph=reaction.graph,
         )  # fmt: skip
         plant(self._device, uv, weight)
         self._put(state, uv)

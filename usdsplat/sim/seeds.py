@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.sim import reaction
 from usdsplat.kernels.sim import seeds as kernels
 from usdsplat.sim.nearest import nearest
+from usdsplat.sim.neighbors import Graph
 from usdsplat.sim.parameters import RdParameters
 
 SEED_UV = (0.5, 0.25)
@@ -29,6 +31,7 @@ def nuclei(
     seed: int = 0,
     ids: I64 | None = None,
     selection: F32 | None = None,
+    graph: Graph | None = None,
 ) -> F32:
     """How much of a nucleus each point is, 0 or 1, shape (n,).
 
@@ -41,6 +44,8 @@ def nuclei(
         seed: Of the random numbers.
         ids: By which points are chosen, shape (n,); rows by default.
         selection: Weight of each point, shape (n,); None selects all.
+        graph: Of the points. By it no connected part that is large enough for half a ball goes
+            without one: a pattern does not leap from one part to another.
     """
     n, density = len(positions), parameters.seed_density
     result = np.zeros(n, np.float32)
@@ -57,11 +62,30 @@ def nuclei(
     every = np.arange(n, dtype=np.int64) if ids is None else ids
     device.run(kernels.draw, every, seed, drawn)
     chosen = drawn < density
+    if graph is not None:
+        _in_every_part(device, graph, density, drawn, chosen)
     if not chosen.any():  # a small capture still has a pattern
         chosen[np.argmin(drawn)] = True
     _, distances = nearest(device, positions[chosen], positions, 1)
     result[distances[:, 0] <= SEED_RADIUS * scale] = 1
     return result
+
+
+def _in_every_part(
+    device: CpuDevice, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
+) -> None:
+    """Choose the point of the lowest number in each large part that has none chosen."""
+    n = len(drawn)
+    label = np.full(n, -1, np.int32)
+    queue = np.empty(n, np.int32)
+    count = device.run(kernels.parts, graph.rows, graph.neighbors, queue, label)
+    part = label[graph.rank]
+    sizes = np.bincount(part, minlength=count)
+    missing = (sizes * density >= 0.5) & (np.bincount(part, chosen, count) == 0)
+    order = np.argsort(drawn, kind="stable")
+    order = order[missing[part[order]]]
+    _, first = np.unique(part[order], return_index=True)
+    chosen[order[first]] = True
 
 
 def plant(device: CpuDevice, uv: F32, weight: F32) -> None:

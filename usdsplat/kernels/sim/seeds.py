@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import parallel, scalar, serial
 from usdsplat.kernels.sim.philox import SEEDS, uniforms
 
 BLOCK = 1024
@@ -73,3 +73,30 @@ def noise(positions, seed, size, out):
                 far = mixed(corner(seed, x, y + 1, z + k), corner(seed, x + 1, y + 1, z + k), tx)
                 low, high = high, mixed(near, far, ty)
             out[i] = mixed(low, high, tz)
+
+
+@serial
+def parts(rows, neighbors, queue, label):
+    """Number the connected parts of a graph, and return how many there are.
+
+    rows: int64 (n + 1,); neighbors: int32; queue: int32 (n,), room; label: int32 (n,), -1 at first,
+    written. Who is a neighbour of whom must be mutual.
+    """
+    count = 0
+    for first in range(len(label)):
+        if label[first] >= 0:
+            continue
+        label[first] = count
+        queue[0] = first
+        done, end = 0, 1
+        while done < end:
+            s = queue[done]
+            done += 1
+            for e in range(rows[s], rows[s + 1]):
+                j = neighbors[e]
+                if label[j] < 0:
+                    label[j] = count
+                    queue[end] = j
+                    end += 1
+        count += 1
+    return count
