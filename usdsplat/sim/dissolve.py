@@ -91,6 +91,11 @@ class Dissolve:
         p = self.parameters
         return np.float32(p.speed), np.float32(math.cos(math.radians(p.spread)))
 
+    def is_due(self, state: State, *, now: float) -> bool:
+        """Of dissolve: whether `release` would let anyone go."""
+        late = state.memory[TIMES] <= np.float32(now)
+        return bool((late & (state.memory[GONE] == 0)).any())
+
     def release(self, state: State, normals: F32, *, now: float) -> None:
         """Of dissolve: those whose time has come fly from now on, with their impulse.
 

@@ -68,9 +68,9 @@ class Drawing:
         )
         if drawn.scales is state.scales:
             drawn = replace(drawn, scales=state.scales.copy())
-        turned = _turned(normals, gradient) if moment.drivers else normals
+        facing = turned(normals, gradient) if moment.drivers else normals
         for driver in moment.drivers:
-            drawn = self._drive(state, drawn, driver, turned, crowding, seconds)
+            drawn = self._drive(state, drawn, driver, facing, crowding, seconds)
         state.opacities = drawn.opacities.copy()
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
@@ -135,14 +135,12 @@ class Drawing:
         return drawn
 
 
-def _turned(normals: F32, gradient: F32 | None) -> F32:
-    """Normals of a deformed surface: those of rest by the inverse transpose, unit."""
+def turned(normals: F32, gradient: F32 | None) -> F32:
+    """Normals of a deformed surface, shape (n, 3): those of rest by the inverse transpose, unit."""
     if gradient is None:
         return normals
     a, b, c = gradient[:, :, 0], gradient[:, :, 1], gradient[:, :, 2]
     cofactors = (np.cross(b, c), np.cross(c, a), np.cross(a, b))
-    turned = sum(n[:, None] * each for n, each in zip(normals.T, cofactors, strict=True))
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return np.where(length > 0, turned / np.where(length > 0, length, 1), normals).astype(
-        np.float32
-    )
+    found = sum(n[:, None] * each for n, each in zip(normals.T, cofactors, strict=True))
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    return np.where(length > 0, found / np.where(length > 0, length, 1), normals).astype(np.float32)

@@ -6,16 +6,20 @@ What leads there is known, so how it deforms the space about each splat is known
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, I64
+from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim.conform import Conform
 from usdsplat.sim.deform import deform
 from usdsplat.sim.skin import Skin
-from usdsplat.sim.specs import Moment, Recipe
+from usdsplat.sim.specs import Deformer, Moment, Recipe
 from usdsplat.sim.state import State
+
+MASKED = "goal:masked"
+"""In `State.memory`: row of the capture by which a deformer's mask is read, int32, shape (n,)."""
 
 
 class Goal:
@@ -47,6 +51,17 @@ class Goal:
                 parameters=p,
             )
 
+    def begin(self, state: State, first: Moment, *, changes: bool) -> None:
+        """Add to the state what children take from their parents.
+
+        Args:
+            state: The capture's splats.
+            first: What is so at the first frame.
+            changes: Whether splats are born or die.
+        """
+        if changes and any(each.mask is not None for each in first.deformers):
+            state.memory[MASKED] = np.arange(len(state), dtype=np.int32)
+
     def at(
         self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
     ) -> tuple[F32, F32 | None]:
@@ -69,7 +84,10 @@ class Goal:
         if gradient:
             turned = np.empty((len(state), 3, 3), np.float32)
             turned[:] = np.eye(3)
-        deform(self._device, moment.deformers, seconds, positions, turned)
+        deformers = moment.deformers
+        if MASKED in state.memory:
+            deformers = tuple(_masked(each, state.memory[MASKED]) for each in deformers)
+        deform(self._device, deformers, seconds, positions, turned)
         if self._skin is not None and moment.skin is not None:
             self._skin.apply(moment.skin, moment.parameters.skin, positions, turned)
         if self._conform is not None and moment.target is not None:
@@ -127,3 +145,9 @@ class Goal:
             yield "skin", self._skin
         if self._conform is not None:
             yield "conform", self._conform
+
+
+def _masked(deformer: Deformer, rows: I32) -> Deformer:
+    """With the mask of these rows of the capture."""
+    mask = deformer.mask
+    return deformer if mask is None else replace(deformer, mask=mask[rows])

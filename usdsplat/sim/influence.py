@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from usdsplat.core.cloud import F32
+from usdsplat.core.cloud import F32, I64
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim.falloff import falloff
 from usdsplat.sim.fields import Fields
@@ -30,6 +30,11 @@ class Influence:
     opacity: F32 | None = None
     """Factor of the opacity, shape (n,)."""
 
+    def selected(self, rows: I64) -> Influence:
+        """Of these splats only, in this order."""
+        every = ((each.name, getattr(self, each.name)) for each in fields(self))
+        return Influence(**{name: a if a is None else a[rows] for name, a in every})
+
 
 class Influences:
     """Works them out; keeps what it knows of meshes."""
@@ -52,8 +57,8 @@ class Influences:
             role, amount = each.parameters.role, np.float32(each.parameters.amount)
             if role == "collide" or not each.parameters.enabled:
                 continue
-            fields = self._fields.setdefault(each.path, Fields(self._device))
-            weight = falloff(self._device, each, positions, fields=fields)
+            meshes = self._fields.setdefault(each.path, Fields(self._device))
+            weight = falloff(self._device, each, positions, fields=meshes)
             before = found.get(role)
             if role in ("mask", "seed"):
                 part = np.clip(amount * weight, 0, 1)

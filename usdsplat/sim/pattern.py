@@ -50,7 +50,6 @@ class Pattern:
         self._carriers: Carriers | None = None
         self._from: I32 | None = None
         self._reaction: Reaction | None = None
-        self._built: tuple[int, bytes] | None = None
         self.dimension = 2
         """Of the splats: 2 on surfaces, 3 in volumes."""
         self.usual_support = 0.0
@@ -204,19 +203,17 @@ class Pattern:
                     self._device,
                     c.graph,
                     rd,
-                    dimension=3 if p.sim.dimension == "3" else 2,
+                    dimension=c.dimension if p.sim.dimension == "auto" else int(p.sim.dimension),
                     normals=c.normals,
                 )
             return self._reaction
         self._neighbors.parameters = moment.parameters.neighbors
         graph = self._neighbors.update(state.rest_positions, state.support)
-        key = (graph.build, graph.positions.tobytes() if self._uses.grows else b"")
-        if self._reaction is None or key != self._built:
+        if self._reaction is None or self._reaction.graph is not graph:
             self._reaction = Reaction(
                 self._device, graph, rd, dimension=self.dimension,
                 normals=self.normals(state) if self.dimension == 2 else None,
             )  # fmt: skip
-            self._built = key
         return self._reaction
 
     def _put(self, state: State, uv: F32) -> None:

@@ -79,6 +79,7 @@ def births(
     seed: int,
     now: float,
     dt: float,
+    rate_factor: F32 | None = None,
 ) -> I64:
     """Let splats have children, one each at most, where the pattern is high and there is room.
 
@@ -100,6 +101,7 @@ def births(
         seed: The simulation's.
         now: After the simulation's start [s].
         dt: [s].
+        rate_factor: Of the rate, shape (n,); where it is 0 nobody has a child.
 
     Returns:
         Rows of the parents, ascending, one for each of the last rows, shape (b,).
@@ -114,6 +116,7 @@ def births(
         device.upload(state.uv),
         device.upload(state.support),
         device.upload(crowding),
+        device.upload(np.empty(0, np.float32) if rate_factor is None else rate_factor),
         device.upload(state.flags),
         np.float32(growth.birth_rate * dt),
         np.float32(growth.v_min),

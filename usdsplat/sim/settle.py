@@ -13,6 +13,10 @@ from usdsplat.sim.contact import contact_times
 from usdsplat.sim.parameters import SettleParameters
 from usdsplat.sim.state import State
 
+SPEEDS = "settle:speeds"
+"""In `State.memory`: velocity of where splats want to be [unit/s], shape (n, 3)."""
+NOBODY = np.empty((0, 3), np.float32)
+
 
 def settle_back(
     device: CpuDevice,
@@ -24,7 +28,8 @@ def settle_back(
     *,
     max_speed: float = math.inf,
 ) -> None:
-    """Change `positions` and `velocities` of a state by one substep, and `memory[SINCE]`.
+    """Change `positions` and `velocities` of a state by one substep, `memory[SINCE]` and, where
+    goals move, `memory[SPEEDS]`; without that, goals have moved evenly before.
 
     A splat of weight w is drawn by a critically damped spring of omega w; of weight 0, or with
     omega 0, it stays as far off its target as it is. For `delay` after a contact the spring is off
@@ -32,10 +37,12 @@ def settle_back(
 
     Args:
         before, after: Where the splats want to be at the start and the end of the substep [unit],
-            shape (n, 3).
+            shape (n, 3); the same array where they never move.
         dt: Its duration [s], above 0.
         max_speed: [unit/s].
     """
+    if before is not after and SPEEDS not in state.memory:
+        state.memory[SPEEDS] = (after - before) / np.float32(dt)
     device.run(
         settle,
         np.float32(parameters.omega),
@@ -44,6 +51,7 @@ def settle_back(
         np.float32(dt),
         before,
         after,
+        NOBODY if before is after else state.memory[SPEEDS],
         state.flags,
         state.weight,
         state.positions,

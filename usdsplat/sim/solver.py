@@ -9,28 +9,33 @@ number of steps; times are worked out from it and never added up.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from usdsplat.core import edit
 from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
-from usdsplat.sim.drawn import Drawing
+from usdsplat.sim.drawn import Drawing, turned
 from usdsplat.sim.flight import fly
 from usdsplat.sim.goal import Goal
 from usdsplat.sim.influence import Influence, Influences
 from usdsplat.sim.pattern import Pattern
-from usdsplat.sim.settle import settle_back
+from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
 from usdsplat.sim.strain import Strain
+from usdsplat.sim.timeline import Timeline
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
 """Told the name of each piece of work as it is finished."""
+SEEN = "solver:seen"
+"""In `State.globals`: the last step at which the simulation was on; missing before the first."""
 
 
 class Solver:
@@ -62,44 +67,53 @@ class Solver:
         if not len(rest):
             raise StageError(recipe.path, "a field without splats", "one with some")
         self._recipe, self._uses, self._device, self._lap = recipe, uses, device, lap
-        first = recipe.at(start)
-        sim = first.parameters.sim
-        self._start, self._seed = start, sim.seed
-        self._substeps = sim.substeps
-        self._dt = 1.0 / (recipe.codes_per_second * sim.substeps)
+        sim = recipe.at(start).parameters.sim
+        self._line = Timeline.of(sim, start, recipe.codes_per_second)
+        self._seed, self._dt = sim.seed, self._line.dt
+        first = recipe.at(self._line.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
+        self._is_fixed = not (uses.grows or uses.bears)
         self._goal = Goal(device, recipe, first)
         self._pattern = Pattern(device, rest, uses, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
-        is_fixed = not (uses.grows or uses.bears)
-        strain = Strain(device, is_fixed=is_fixed) if uses.collides else None
+        strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
         self._drawing = Drawing(device, strain)
+        self._seen = -1
+        """Last step at which the simulation was on; -1 before the first."""
+        self._moment = first
+        """What is so then, or will be at the first."""
         if state is None:
+            self._goal.begin(self.state, first, changes=uses.bears)
             self._pattern.begin(self.state, first)
         else:
-            self._goal.restore(self.state)
-            self._pattern.restore(self.state)
-        self._dissolve = None
+            self._goal.restore(state)
+            self._pattern.restore(state)
         if uses.dissolves:
-            self._dissolve = Dissolve.of(
-                device, self.state, first.parameters.dissolve, seed=self._seed
-            )
-        self._moment = first if state is None else recipe.at(self.time)
-        self._wanted = self._goal.at(self.state, self._moment, self.seconds)[0]
-        self._influence = self._influences.at(self._moment.affectors, self.state.positions)
+            Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
+        self._wanted = self.state.rest_positions
+        self._influence = Influence()
         if state is None:
-            self._begin()
+            self._begin(first)
+        elif SEEN in state.globals:
+            self._seen = int(state.globals[SEEN])
+            self._moment = recipe.at(self._line.time(self._seen))
+            self._wanted = self._goal.at(state, self._moment, self.seconds)[0]
 
     @property
     def time(self) -> float:
         """Where the simulation is [time code]."""
-        return self._time(self.state.step)
+        return self._line.time(self.state.step)
 
     @property
     def seconds(self) -> float:
-        """Since the simulation's start [s]."""
-        return self.state.step * self._dt
+        """Since the simulation's start, when it last was on [s]."""
+        return self._line.seconds(self._seen)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether splats are other than captured."""
+        return self._seen >= 0
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -108,12 +122,16 @@ class Solver:
 
     def advance(self) -> None:
         """Go on to the next frame."""
-        for index in range(self._substeps):
-            self._substep(is_first=index == 0)
+        for _ in range(self._line.substeps):
+            self._substep()
 
     def frame(self) -> Frame:
-        """What is seen now."""
+        """What is seen now. Splats take their shapes here, so it is to be asked at each frame."""
         state, moment = self.state, self._moment
+        if not self.has_begun:
+            captured = edit.take(state.cloud(), np.arange(len(state)))
+            uv = state.uv.copy()
+            return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._goal.at(state, moment, self.seconds, gradient=True)
         alpha, size = self._fades(moment)
         frame = self._drawing.frame(
@@ -128,52 +146,80 @@ class Solver:
             seconds=self.seconds,
         )
         self._lap("shape")
-        return frame
+        if self._seen == state.step:
+            return frame
+        still = replace(frame.cloud, velocities=np.zeros_like(state.velocities))
+        return replace(frame, time=self.time, cloud=still)
 
     def checkpoint(self) -> State:
         """The state with all that is needed to go on from it, bit for bit."""
         self._goal.remember(self.state)
         self._pattern.remember(self.state)
+        if self.has_begun:
+            self.state.globals[SEEN] = np.array(self._seen)
         return self.state
 
     # --- private ---------------------------------------------------------------------------
 
-    def _time(self, step: int) -> float:
-        """Time code at the end of a substep."""
-        return self._start + step / self._substeps
+    def _is_on(self, moment: Moment) -> bool:
+        """Whether splats do anything at the end of the step that is done."""
+        sim = moment.parameters.sim
+        return sim.enabled and self.state.step >= self._line.begin and moment.time <= sim.end_time
 
-    def _begin(self) -> None:
+    def _begin(self, first: Moment) -> None:
+        """The start, and all up to the first frame that is drawn."""
+        if self._is_on(first):
+            self._put(first)
+        for _ in range(self._line.lead):
+            if self._line.is_frame(self.state.step):
+                self.frame()
+            self._substep()
+
+    def _put(self, moment: Moment) -> None:
         """Splats are where they want to be, but not inside of anything."""
         state = self.state
+        self._moment, self._seen = moment, state.step
+        self._wanted = self._goal.at(state, moment, self.seconds)[0]
         state.positions = self._wanted.copy()
-        self._place(self._moment, 0.0)
-        self._contact(state.positions.copy(), self._moment, self._moment)
+        if self._uses.deforms:
+            state.memory[SPEEDS] = np.zeros_like(state.positions)
+        self._influence = self._influences.at(moment.affectors, state.positions)
+        self._place(moment, self.seconds)
+        self._contact(state.positions.copy(), moment, moment)
 
-    def _substep(self, *, is_first: bool) -> None:
-        state = self.state
-        before = self._moment
-        after = self._recipe.at(self._time(state.step + 1))
-        sim = after.parameters.sim
+    def _substep(self) -> None:
+        state, line = self.state, self._line
+        is_first = line.is_frame(state.step)
         state.step += 1
-        self._moment = after
+        after = self._recipe.at(self.time)
         self._lap("stage")
-        if not (sim.enabled and sim.start_time < after.time <= sim.end_time):
-            self._wanted = self._goal.at(state, after, self.seconds)[0]
+        if not self._is_on(after):
             return
-        now, dt = self.seconds, self._dt
+        if not self.has_begun:
+            self._put(after)
+            return
+        before = self._moment
+        if self._seen < state.step - 1:  # it was off meanwhile
+            before = self._recipe.at(line.time(state.step - 1))
+            seconds = line.seconds(state.step - 1)
+            self._wanted = self._goal.at(state, before, seconds)[0]
+        self._moment, self._seen = after, state.step
+        sim, now, dt = after.parameters.sim, self.seconds, self._dt
         started = state.positions.copy()
         wanted = self._goal.at(state, after, now)[0]
         self._lap("goal")
         self._influence = influence = self._influences.at(after.affectors, state.positions)
-        if self._dissolve is not None and not self._assembles:
-            self._dissolve.release(state, self._pattern.normals(state), now=now)
-        if not after.parameters.particles.enabled:
+        dissolve = self._dissolving(after)
+        assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
+        if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
+            dissolve.release(state, self._facing(after), now=now)
+        if assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._wanted, wanted, after.parameters.settle, dt,
                 max_speed=sim.max_speed,
             )  # fmt: skip
         self._lap("settle")
-        if self._uses.flies and not self._assembles:
+        if self._uses.flies and not assembles:
             fly(
                 self._device, state, after.parameters.particles, to_world=after.to_world,
                 now=now, dt=dt, seed=self._seed, air=influence.wind, max_speed=sim.max_speed,
@@ -188,34 +234,40 @@ class Solver:
     def _live(self, moment: Moment, influence: Influence, started: F32, *, is_first: bool) -> F32:
         """Pattern, growth, births and deaths; returns where splats were, row by row."""
         state, growth, sim = self.state, moment.parameters.growth, moment.parameters.sim
-        now, dt = self.seconds, self._dt
+        now, dt, reacts = self.seconds, self._dt, moment.parameters.rd.enabled
         if is_first:
-            if self._uses.reacts:
+            if reacts:
                 self._pattern.react(state, moment, influence)
             self._lap("reaction")
             if self._uses.crowds:
                 self._pattern.crowd(state, moment)
                 self._lap("neighbours")
-        if not (self._uses.grows or self._uses.bears):
+        if self._is_fixed:
             return started
         off = state.positions - self._wanted
-        if self._uses.grows:
+        factor = _product(influence.growth, self._weight())
+        if reacts and growth.rate:
             population.grow(
                 self._device, state, growth, dt=dt, normals=self._pattern.normals(state),
-                rate_factor=_product(influence.growth, self._weight()),
+                rate_factor=factor,
             )  # fmt: skip
         rows: list[I64] = []
         if self._uses.bears:
-            rows = self._change_population(moment, now, dt, sim.max_count)
+            is_fertile = reacts and growth.birth_rate > 0
+            most = sim.max_count if is_fertile else 0
+            rows = self._change_population(moment, now, dt, most, factor)
         for source in rows:
             off, started = off[source], started[source]
+            self._influence = self._influence.selected(source)
         self._wanted = self._goal.at(state, moment, now)[0]
         flying = (state.flags & FREE) != 0
         state.positions = np.where(flying[:, None], state.positions, self._wanted + off)
         self._lap("growth")
         return started
 
-    def _change_population(self, moment: Moment, now: float, dt: float, maximum: int) -> list[I64]:
+    def _change_population(
+        self, moment: Moment, now: float, dt: float, maximum: int, factor: F32 | None
+    ) -> list[I64]:
         """Births, then deaths; returns, for each change, the row that each row comes from."""
         state, growth = self.state, moment.parameters.growth
         changes: list[I64] = []
@@ -223,7 +275,7 @@ class Solver:
             self._device, state, growth, crowding=self._pattern.crowding(state),
             normals=self._pattern.normals(state), dimension=self._pattern.dimension,
             target=moment.parameters.neighbors.target, h_target=self._pattern.usual_support,
-            maximum=maximum, seed=self._seed, now=now, dt=dt,
+            maximum=maximum, seed=self._seed, now=now, dt=dt, rate_factor=factor,
         )  # fmt: skip
         if len(parents):
             self._goal.bear(parents, state)
@@ -234,21 +286,41 @@ class Solver:
             changes.append(left)
         return changes
 
+    def _dissolving(self, moment: Moment) -> Dissolve | None:
+        """Who lets go or comes together now, or None."""
+        knobs = moment.parameters.dissolve
+        is_on = self._uses.dissolves and knobs.enabled
+        return Dissolve(self._device, knobs, self._seed) if is_on else None
+
+    def _facing(self, moment: Moment) -> F32:
+        """Which way splats that want to be somewhere face there, shape (n, 3)."""
+        normals = self._pattern.normals(self.state)
+        if not self._uses.deforms or not moment.parameters.dissolve.speed:
+            return normals
+        _, gradient = self._goal.at(self.state, moment, self.seconds, gradient=True)
+        return turned(normals, gradient)
+
     def _place(self, moment: Moment, now: float) -> None:
         """Put those that are still to arrive on their way."""
-        if self._dissolve is None or not self._assembles:
+        dissolve = self._dissolving(moment)
+        if dissolve is None or not dissolve.is_assembling:
             return
-        self._dissolve.place(
-            self.state, self._wanted, self._pattern.normals(self.state),
-            moment.parameters.particles, to_world=moment.to_world, now=now,
+        state = self.state
+        before = state.flags & FREE
+        dissolve.place(
+            state, self._wanted, self._facing(moment), moment.parameters.particles,
+            to_world=moment.to_world, now=now,
         )  # fmt: skip
+        if SPEEDS in state.memory:  # those that arrived move along
+            there = (before & ~state.flags) != 0
+            state.velocities[there] = state.memory[SPEEDS][there]
 
     def _contact(self, started: F32, before: Moment, after: Moment) -> None:
         """Keep splats that are selected out of the affectors."""
         if not self._uses.collides:
             return
         state = self.state
-        spared = np.flatnonzero(self._weight() <= 0)
+        spared = np.flatnonzero((self._weight() <= 0) & (state.flags & PINNED == 0))
         state.flags[spared] |= PINNED
         self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
         state.flags[spared] &= ~PINNED
@@ -256,19 +328,17 @@ class Solver:
 
     def _fades(self, moment: Moment) -> tuple[F32 | None, F32 | None]:
         """Factors of opacity and of size, None where they are 1."""
-        alpha = self._influence.opacity
+        dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
+        alpha = self._influences.at(dimming, self.state.positions).opacity
         size: F32 | None = None
         if self._uses.bears:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)
             alpha, size = _product(alpha, alphas), sizes
-        if self._dissolve is not None:
-            alphas, sizes = self._dissolve.fades(self.state, now=self.seconds)
+        dissolve = self._dissolving(moment)
+        if dissolve is not None:
+            alphas, sizes = dissolve.fades(self.state, now=self.seconds)
             alpha, size = _product(alpha, alphas), _product(size, sizes)
         return alpha, _product(size, self._pattern.sizes(self.state, moment))
-
-    @property
-    def _assembles(self) -> bool:
-        return self._dissolve is not None and self._dissolve.is_assembling
 
     def _weight(self) -> F32:
         """How much each splat is selected now, shape (n,)."""

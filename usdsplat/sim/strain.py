@@ -59,7 +59,11 @@ class Strain:
 
     def _was_deformed(self, state: State) -> bool:
         """Whether shapes are not those at rest, so that they must be put back."""
-        return not np.array_equal(state.scales, state.rest_scales)
+        if not np.array_equal(state.scales, state.rest_scales):
+            return True
+        now, rest = state.rotations, state.rest_rotations
+        same = (now == rest).all(axis=1) | (now == -rest).all(axis=1)
+        return not same.all()
 
     def _measure_all(self, state: State, pushed: F32, gradient: F32, normals: F32) -> None:
         """With neighbours that were found before."""

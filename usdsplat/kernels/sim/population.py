@@ -95,8 +95,8 @@ def grow(
 
 @parallel
 def ripen(
-    progress, ids, uv, support, crowding, flags, chance, low, high, h_target, dimension, crowd_max,
-    alive, held, seed, ripe,
+    progress, ids, uv, support, crowding, factor, flags, chance, low, high, h_target, dimension,
+    crowd_max, alive, held, seed, ripe,
 ):  # fmt: skip
     """Add a step's chance of a child, and mark those that are due and have room.
 
@@ -104,7 +104,9 @@ def ripen(
         progress: (n,) f32, becomes at most 1 for those without room; those below 0 begin anywhere
             from 0 to 1, so that equals are not due at the same time.
         ids: (n,) i64.
-        uv: (n, 2) f32; support, crowding: (n,) f32; flags: (n,) u32, as in `grow`.
+        uv: (n, 2) f32; support, crowding: (n,) f32; factor: Of the chance, (n,) f32, or (0,); where
+            it is 0 nobody is due.
+        flags: (n,) u32, as in `grow`.
         chance: Rate times dt; low, high: see `activity`; h_target, crowd_max: f32.
         dimension: 2 or 3.
         ripe: Receives 1 or 0, (n,) u8.
@@ -120,9 +122,10 @@ def ripen(
             before = progress[i]
             if before < _ZERO:
                 before = uniforms(seed, BIRTH, ids[i], 0, 1)[0]
-            total = before + chance * activity(uv[i, 1], low, high) * room
+            part = factor[i] if len(factor) else _ONE
+            total = before + part * chance * activity(uv[i, 1], low, high) * room
             if total >= _ONE:
-                if crowding[i] < crowd_max:
+                if crowding[i] < crowd_max and part > _ZERO:
                     ripe[i] = 1
                 else:
                     total = _ONE

@@ -2,7 +2,8 @@
 
 With y and w the place and velocity relative to the target, e = exp(-omega dt) and
 tau = w + omega y: y' = (y + tau dt) e, w' = (w - omega tau dt) e. It is stable at any step and
-never passes the target from rest.
+never passes the target from rest. The target carries splats along however it speeds up: at the
+start of a step w is relative to its velocity in the step before.
 """
 
 from __future__ import annotations
@@ -17,18 +18,18 @@ SKIPPED = 10  # bits PINNED and FREE of State.flags
 
 
 @scalar
-def settle_axis(x, v, before, after, omega, decay, dt, per_dt):
-    """Place and velocity along one axis after dt; decay is exp(-omega dt), per_dt 1 / dt."""
-    speed = (after - before) * per_dt
-    y, w = x - before, v - speed
+def settle_axis(x, v, before, after, carried, speed, omega, decay, dt):
+    """Place and velocity along one axis after dt; decay is exp(-omega dt); the target's velocity
+    was `carried` and is `speed`."""
+    y, w = x - before, v - carried
     tau = w + omega * y
     return after + (y + tau * dt) * decay, (w - omega * tau * dt) * decay + speed
 
 
 @scalar
-def follow_axis(x, before, after, per_dt):
+def follow_axis(x, before, after, speed):
     """Likewise without a spring: as far off the target as it is."""
-    return after + (x - before), (after - before) * per_dt
+    return after + (x - before), speed
 
 
 @scalar
@@ -39,7 +40,9 @@ def rest_axis(x, v, omega, decay, dt):
 
 
 @parallel
-def settle(omega, delay, fastest, dt, before, after, flags, weights, positions, velocities, since):
+def settle(
+    omega, delay, fastest, dt, before, after, speeds, flags, weights, positions, velocities, since
+):
     """One substep of every splat that is neither pinned nor free.
 
     Args:
@@ -49,6 +52,8 @@ def settle(omega, delay, fastest, dt, before, after, flags, weights, positions, 
         fastest: Largest speed [unit/s], inf for none.
         dt: [s]. All four are float32.
         before, after: Target at the start and the end [unit], shape (n, 3) f32.
+        speeds: Velocity of the target [unit/s] in the last substep, replaced by that in this one,
+            shape (n, 3) f32; or (0, 3), of one that never moves.
         flags: Those of State, shape (n,) u32; weights: shape (n,) f32.
         positions, velocities: Shape (n, 3) f32; written.
         since: Time since the last contact [s], shape (n,) f32; dt is added.
@@ -60,24 +65,30 @@ def settle(omega, delay, fastest, dt, before, after, flags, weights, positions, 
             rests = since[i] < delay
             since[i] += dt
             if flags[i] & SKIPPED != 0:
+                for axis in range(len(speeds) and 3):
+                    speeds[i, axis] = (after[i, axis] - before[i, axis]) * per_dt
                 continue
             own = omega * weights[i]
             decay = np.exp(-own * dt)
             for axis in range(3):
                 x, v = positions[i, axis], velocities[i, axis]
+                carried = speed = np.float32(0)
+                if len(speeds):
+                    carried, speed = speeds[i, axis], (after[i, axis] - before[i, axis]) * per_dt
+                    speeds[i, axis] = speed
                 if own == np.float32(0):
-                    x, v = follow_axis(x, before[i, axis], after[i, axis], per_dt)
+                    x, v = follow_axis(x, before[i, axis], after[i, axis], speed)
                 elif rests:
                     x, v = rest_axis(x, v, own, decay, dt)
                 else:
                     x, v = settle_axis(
-                        x, v, before[i, axis], after[i, axis], own, decay, dt, per_dt
+                        x, v, before[i, axis], after[i, axis], carried, speed, own, decay, dt
                     )
                 positions[i, axis], velocities[i, axis] = x, v
             vx, vy, vz = velocities[i, 0], velocities[i, 1], velocities[i, 2]
-            speed = np.sqrt(vx * vx + vy * vy + vz * vz)
-            if speed > fastest:
-                part = fastest / speed
+            rate = np.sqrt(vx * vx + vy * vy + vz * vz)
+            if rate > fastest:
+                part = fastest / rate
                 velocities[i, 0], velocities[i, 1], velocities[i, 2] = (
                     vx * part, vy * part, vz * part,
                 )  # fmt: skip

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pxr import Usd
 
-from usdsplat.core import edit
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
+from usdsplat.sim.stage.carrying import carried, carried_arrays
 from usdsplat.sim.stage.plan import BakedField
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
@@ -83,7 +84,6 @@ class Simulation:
         stage: With at least one SplatSim prim; must not change meanwhile, except between frames.
         frames: Every frame, ascending, one apart [time code].
         device: Computes.
-        states: To go on from, by field; None begins.
         lap: Told what was done.
 
     Raises:
@@ -111,14 +111,22 @@ class Simulation:
                     found = f"the simulations {self.recipes[recipe.path].simulation} and "
                     raise StageError(recipe.path, found + recipe.simulation, "one of them")
                 self.recipes[recipe.path] = recipe
-        self.uses: dict[str, Uses] = {
-            path: uses_over(recipe, frames) for path, recipe in self.recipes.items()
-        }
+        self.uses: dict[str, Uses] = {}
+        self._carried: dict[str, frozenset[str]] = {}
+        for path, recipe in self.recipes.items():
+            lead = math.ceil(max(0.0, frames[0] - recipe.start))
+            times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
+            self.uses[path] = uses_over(recipe, times)
+            self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
 
     def begin(self, states: dict[str, State] | None = None) -> None:
-        """Make the solvers, at the first frame or where `states` were kept."""
+        """Make the solvers, at the first frame or where `states` were kept.
+
+        Args:
+            states: To go on from, by field; None begins.
+        """
         for path, recipe in self.recipes.items():
             self.solvers[path] = Solver(
                 recipe, self.uses[path], device=self._device, start=self._start,
@@ -133,11 +141,16 @@ class Simulation:
 
     def frame(self, path: str) -> Frame:
         """A field as it is now, in its own space."""
-        frame = self.solvers[path].frame()
-        back = np.linalg.inv(self.recipes[path].field_to_simulation(frame.time))
-        if np.array_equal(back, np.eye(4)):
+        solver, arrays = self.solvers[path], self._carried[path]
+        frame = solver.frame()
+        if not arrays or not solver.has_begun:
             return frame
-        return replace(frame, cloud=edit.transform(frame.cloud, back))
+        to_simulation = self.recipes[path].field_to_simulation(frame.time)
+        return carried(frame, to_simulation, solver.state, arrays)
+
+    def writes(self, path: str) -> frozenset[str]:
+        """The arrays of a field's cloud that may change."""
+        return self.uses[path].writes | self._carried[path]
 
     def checkpoint(self) -> dict[str, State]:
         """What `begin` takes."""
@@ -250,7 +263,7 @@ def _fields(simulation: Simulation) -> list[BakedField]:
         BakedField(
             path=path,
             rest=recipe.rest,
-            writes=simulation.uses[path].writes,
+            writes=simulation.writes(path),
             is_fixed=not simulation.uses[path].bears,
         )
         for path, recipe in simulation.recipes.items()

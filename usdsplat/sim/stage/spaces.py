@@ -58,7 +58,10 @@ class Space:
         if not abs(np.linalg.det(ours[:3, :3])) > 0 or not np.isfinite(ours).all():
             where = f"{self.field.GetPath()} at {time}"
             raise StageError(where, "a transform that cannot be undone", "one without a scale of 0")
-        return np.asarray(np.linalg.solve(ours, to_world(prim, time)))
+        theirs = to_world(prim, time)
+        if np.array_equal(ours, theirs):
+            return np.eye(4)  # to the bit: nothing is to be carried
+        return np.asarray(np.linalg.solve(ours, theirs))
 
     def times(self, prim: Usd.Prim) -> list[float]:
         """When the prim's place in it may turn: samples of its transform, and of the field's."""
