@@ -35,7 +35,8 @@ def test_a_hundred_frames_of_sixteen_capsules(data: Path) -> None:
     reach = float(np.quantile(np.linalg.norm(state.positions - middle, axis=1), 0.6))
     state.positions -= middle.astype(np.float32)
     state.rest_positions = state.positions.copy()
-    sigma = state.scales.max(axis=1).astype(np.float64)
+    largest = state.rest_scales.max(axis=1).astype(np.float64)
+    sigma = np.minimum(largest, 3 * np.median(largest))
     radius, device, dt = 0.2 * reach, open_device(), 1 / 24
     contacts = Contacts(device)
     settle = SettleParameters(omega=8.0)

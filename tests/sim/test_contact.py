@@ -38,8 +38,8 @@ def test_nothing_is_inside_sixteen_capsules(blend: float) -> None:
     rng = np.random.default_rng(1)
     radius = 0.2
     state = state_at(rng.uniform(-1, 1, (12_000, 3)))
-    state.scales[:] = rng.uniform(0, 0.01, state.scales.shape)
-    sigma = state.scales.max(axis=1).astype(np.float64)
+    state.rest_scales[:] = rng.uniform(0, 0.01, state.scales.shape)
+    sigma = state.rest_scales.max(axis=1).astype(np.float64)
     contacts = Contacts(open_device())
     touched = 0
     for s in range(20):
@@ -130,6 +130,18 @@ def test_pinned_splats_stay() -> None:
     assert counts.touched == 1
     assert state.positions[0].tolist() == [np.float32(0.1), 0, 0]
     assert state.positions[1, 0] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_clearance_is_of_usual_sizes_at_rest() -> None:
+    """Oracle: closed form: on a ball of radius 0.5, splats of deviation s end 0.5 s outside of it,
+    whatever they are stretched to, and a huge one as if it had three medians."""
+    state = state_at(np.tile([(0.1, 0, 0)], (9, 1)), sigma=0.02)
+    state.rest_scales[0] = 3.0
+    state.scales[1:4] = 0.7
+    ball = [affector("sphere", (0.5, 0, 0), clearance=0.5)]
+    step(state, ball, ball)
+    assert state.positions[0, 0] == pytest.approx(0.5 + 0.5 * 3 * 0.02, abs=1e-6)
+    assert state.positions[1:, 0] == pytest.approx(np.full(8, 0.5 + 0.5 * 0.02), abs=1e-6)
 
 
 def test_other_roles_and_disabled_affectors_push_nothing() -> None:

@@ -19,6 +19,12 @@ from usdsplat.sim.state import State
 
 SINCE = "contact:since"
 """In `State.memory`: time since each splat's last contact [s], inf where there was none."""
+SIGMA = "contact:sigma"
+"""In `State.globals`: deviation that counts as the largest [unit], shape (1,)."""
+USUAL = 3.0
+"""Times the median of the splats' largest deviations, from where clearance does not grow: a capture
+has a few huge, faint ones, which nothing should push from far away. On real ones that is about the
+95th percentile."""
 LEAST = 1e-7
 """Distance outside at which splats are put, in radii of the smallest solid."""
 
@@ -60,7 +66,7 @@ class Contacts:
         """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
 
         Splats that are pinned stay. All others end outside of every enabled affector of the role
-        collide, by its clearance.
+        collide, by its clearance of their size at rest: what stretches does not push itself.
 
         Args:
             started: Positions at the start of the substep [unit], shape (n, 3).
@@ -84,7 +90,7 @@ class Contacts:
         table, fields = bodies.table, (bodies.fields.headers, bodies.fields.voxels, float(dt))
         struck = np.zeros(len(state), np.uint8)
         arrays = (
-            started, state.flags, state.scales, state.positions, state.velocities, since, struck,
+            started, state.flags, _sizes(state), state.positions, state.velocities, since, struck,
             near,
         )  # fmt: skip
         strikes = np.zeros(blocks, np.int64)
@@ -101,6 +107,14 @@ class Contacts:
         return ContactCounts(
             touched=touched, struck=int(strikes.sum()), marched=marched, trapped=trapped
         )
+
+
+def _sizes(state: State) -> F32:
+    """Deviations that clearance is measured in [unit], shape (n, 3)."""
+    if SIGMA not in state.globals:
+        largest = state.rest_scales.max(axis=1)
+        state.globals[SIGMA] = np.array([USUAL * np.median(largest)], np.float32)
+    return np.minimum(state.rest_scales, state.globals[SIGMA])
 
 
 def contact_times(state: State) -> F32:

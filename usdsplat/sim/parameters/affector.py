@@ -30,8 +30,8 @@ class AffectorParameters:
     )  # fmt: skip
     radius_scale: float = knob(1.0, "by which the shape is larger", range=(1e-6, 1e6))
     clearance: float = knob(
-        0.5, "distance that is kept, in the splat's largest deviations", unit="sigma",
-        range=(0.0, 3.0),
+        0.5, "distance that is kept, in the splat's largest deviations at rest, of which no more "
+        "than three medians of the field count", unit="sigma", range=(0.0, 3.0),
     )  # fmt: skip
     friction: float = knob(0.2, "0 slides, 1 sticks", range=(0.0, 1.0))
     blend: float = knob(
