@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 
@@ -18,13 +21,13 @@ def nearest(points, k=K):
     return np.argsort(square, axis=1)[:, :k].astype(np.int32)
 
 
-def measured(rest, now, *, normals=None, neighbours=None, threads=None):
+def measured(rest, now, *, normals=None, neighbours=None, threads=None, sizes=None):
     """F of every point."""
     device = open_device(threads=threads)
     neighbours = nearest(rest) if neighbours is None else neighbours
     out = np.empty((len(rest), 3, 3), np.float32)
     local = LocalGradients.of(device, np.float32(rest), neighbours, normals)
-    local.measure(device, np.float32(now), out)
+    local.measure(device, np.float32(now), out, sizes=sizes)
     return out
 
 
@@ -76,6 +79,64 @@ def test_a_curved_sheet_that_is_turned_is_only_turned() -> None:
     r = rotation(3)
     found = measured(normals, normals @ r.T, normals=normals)
     assert np.abs(found - r).max() < 2e-3
+
+
+def test_torn_neighbourhoods_do_not_stretch() -> None:
+    """Oracle: closed form: two halves of a cloud that move apart do not deform at all. Without
+    trust in how well F explains the neighbours, splats at the tear were stretched by `raw`."""
+    rest = np.random.default_rng(10).random((1500, 3)).astype(np.float32)
+    neighbours = nearest(rest)
+    right = rest[:, 0] > 0.5
+    at_tear = (right[neighbours] != right[:, None]).any(axis=1)
+    now = rest + np.float32([[1.0, 0, 0]]) * right[:, None]
+    found = measured(rest, now, neighbours=neighbours)
+    x = rest[neighbours].astype(float) - rest[:, None]
+    d = (now[neighbours] - now[:, None]).astype(float)
+    raw = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(x, d, strict=True)])
+    assert at_tear.sum() > 200
+    assert np.median(np.linalg.norm(raw[at_tear], 2, axis=(1, 2))) > 3
+    size = np.linalg.norm(found[at_tear] - np.eye(3), 2, axis=(1, 2))
+    assert np.quantile(size, 0.9) < 1e-3 and size.max() < 1
+    assert np.abs(found[~at_tear] - np.eye(3)).max() < 1e-5
+
+
+def test_a_tear_opens_smoothly() -> None:
+    """Oracle: continuity: the largest change of F between two steps of a tear that opens halves as
+    steps do."""
+    rest = np.random.default_rng(11).random((600, 3)).astype(np.float32)
+    neighbours, right = nearest(rest), rest[:, :1] > 0.5
+
+    def largest(steps):
+        way = np.linspace(0, 0.3, steps + 1)
+        every = [
+            measured(rest, rest + np.float32([[t, t / 2, 0]]) * right, neighbours=neighbours)
+            for t in way
+        ]
+        return max(np.abs(b - a).max() for a, b in itertools.pairwise(every))
+
+    coarse, fine = largest(60), largest(120)
+    assert 0.01 < fine < 0.65 * coarse
+
+
+def test_a_splat_larger_than_its_neighbourhood_follows_in_part() -> None:
+    """Oracle: closed form: by the part c that its neighbourhood is of it, a stretch U becomes
+    I + c (U - I), and a turn by a small angle one by c times that angle."""
+    rest = np.random.default_rng(12).random((400, 3)).astype(np.float32)
+    neighbours = nearest(rest)
+    reach = np.linalg.norm(rest[neighbours] - rest[:, None], axis=2).max(axis=1)
+    stretch = np.diag([1.8, 1.0, 0.7])
+    sizes = np.float32(reach * np.repeat([0.5, 1.0, 2.0, 4.0], 100))
+    part = np.minimum(reach / sizes, 1)[:, None, None]
+    found = measured(rest, rest @ stretch, neighbours=neighbours, sizes=sizes)
+    np.testing.assert_allclose(found, np.eye(3) + part * (stretch - np.eye(3)), atol=1e-4)
+    angle = 0.1
+    turn = np.array(
+        [[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+    )
+    found = measured(rest, rest @ turn.T, neighbours=neighbours, sizes=sizes)
+    np.testing.assert_allclose(
+        np.arctan2(found[:, 1, 0], found[:, 0, 0]), part[:, 0, 0] * angle, atol=1e-4
+    )
 
 
 def test_where_neighbours_say_nothing_it_stays_as_it_was() -> None:

@@ -12,6 +12,7 @@ from usdsplat.kernels.sim import mls
 from usdsplat.sim.transport import U8
 
 EVERYONE = np.empty(0, np.uint8)
+POINTS = np.empty(0, np.float32)
 NO_NORMALS = np.empty((0, 3), np.float32)
 
 
@@ -48,7 +49,13 @@ class LocalGradients:
         return cls(rest=rest, neighbours=neighbours, weights=weights, sheets=sheets)
 
     def measure(
-        self, device: CpuDevice, positions: F32, out: F32, *, rows: U8 | None = None
+        self,
+        device: CpuDevice,
+        positions: F32,
+        out: F32,
+        *,
+        sizes: F32 | None = None,
+        rows: U8 | None = None,
     ) -> None:
         """Gradients of the deformation from rest to now, by moving least squares.
 
@@ -56,9 +63,14 @@ class LocalGradients:
         sheet and the thickness stays; along a line, and alone, a splat keeps what is not known as
         it was. A splat none of whose neighbours moved against it gets the identity to the bit.
 
+        Where neighbours went apart in a way that is nothing like linear, there is less and less of
+        the stretch in F, from a tenth of the distances at rest on, and then of the rotation.
+
         Args:
             positions: Where splats are now [unit], shape (n, 3).
             out: Receives F, shape (n, 3, 3).
+            sizes: How far splats reach [unit], shape (n,): those that reach beyond all neighbours
+                are deformed only in part. None for points.
             rows: 1 for the splats to measure, shape (n,); the rest of `out` is left alone. None
                 measures all.
 
@@ -67,4 +79,7 @@ class LocalGradients:
         """
         moved = positions - self.rest
         chosen = EVERYONE if rows is None else rows
-        device.run(mls.gradients, moved, self.neighbours, self.weights, self.sheets, chosen, out)
+        device.run(
+            mls.gradients, self.rest, moved, self.neighbours, self.weights, self.sheets,
+            POINTS if sizes is None else sizes, chosen, out,
+        )  # fmt: skip

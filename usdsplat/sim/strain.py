@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TypeAlias
 
-from usdsplat.core.cloud import F32, I64
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.neighbors import nearest
 from usdsplat.sim.state import FREE, State
+
+Mask: TypeAlias = npt.NDArray[np.bool_]
 
 NEIGHBORS = 12
 """At rest, by which a deformation is estimated."""
@@ -43,18 +48,17 @@ class Strain:
         """
         off = np.abs(state.positions - wanted).max(axis=1)
         pushed = (off > OFF * state.rest_scales.max(axis=1)) & ((state.flags & FREE) == 0)
-        rows: I64 = np.flatnonzero(pushed)
         if gradient is None:
-            if not len(rows) and not self._was_deformed(state):
+            if not pushed.any() and not self._was_deformed(state):
                 return None
             gradient = np.empty((len(state), 3, 3), np.float32)
             gradient[:] = np.eye(3, dtype=np.float32)
-        if not len(rows):
+        if not pushed.any():
             return gradient
         if self._is_fixed:
             self._measure_all(state, pushed, gradient, normals)
         else:
-            self._measure_some(state, rows, gradient, normals)
+            self._measure_some(state, pushed, gradient, normals)
         return gradient
 
     def _was_deformed(self, state: State) -> bool:
@@ -65,18 +69,26 @@ class Strain:
         same = (now == rest).all(axis=1) | (now == -rest).all(axis=1)
         return not same.all()
 
-    def _measure_all(self, state: State, pushed: F32, gradient: F32, normals: F32) -> None:
+    def _measure_all(self, state: State, pushed: Mask, gradient: F32, normals: F32) -> None:
         """With neighbours that were found before."""
         if self._all is None:
             rest = state.rest_positions.copy()
             found, _ = nearest(self._device, rest, rest, NEIGHBORS + 1)
             self._all = LocalGradients.of(self._device, rest, _others(found), normals)
-        self._all.measure(self._device, state.positions, gradient, rows=pushed.astype(np.uint8))
+        chosen = pushed.copy()
+        chosen[_beside(state, pushed, self._all.neighbours[pushed])] = True
+        self._all.measure(
+            self._device, state.positions, gradient, sizes=_sizes(state.rest_scales),
+            rows=chosen.astype(np.uint8),
+        )  # fmt: skip
 
-    def _measure_some(self, state: State, rows: I64, gradient: F32, normals: F32) -> None:
-        """With neighbours as they are now, of those that were pushed only."""
-        rest = state.rest_positions
+    def _measure_some(self, state: State, pushed: Mask, gradient: F32, normals: F32) -> None:
+        """With neighbours as they are now, only of those that were pushed and those beside them."""
+        rest, rows = state.rest_positions, np.flatnonzero(pushed)
         found = _others(nearest(self._device, rest, rest[rows], NEIGHBORS + 1)[0])
+        others = _beside(state, pushed, found)
+        beside = _others(nearest(self._device, rest, rest[others], NEIGHBORS + 1)[0])
+        rows, found = np.concatenate([rows, others]), np.concatenate([found, beside])
         used = np.unique(np.concatenate([rows, found[found >= 0]]))
         place = np.full(len(rest) + 1, -1, np.int32)
         place[used] = np.arange(len(used), dtype=np.int32)
@@ -87,8 +99,22 @@ class Strain:
         out = np.empty((len(used), 3, 3), np.float32)
         chosen = np.zeros(len(used), np.uint8)
         chosen[here] = 1
-        local.measure(self._device, state.positions[used], out, rows=chosen)
+        local.measure(
+            self._device, state.positions[used], out, sizes=_sizes(state.rest_scales[used]),
+            rows=chosen,
+        )  # fmt: skip
         gradient[rows] = out[here]
+
+
+def _beside(state: State, pushed: Mask, found: I32) -> I64:
+    """Neighbours of pushed splats that are not pushed and do not fly, ascending, shape (m,)."""
+    others = np.unique(found[found >= 0])
+    return others[~pushed[others] & ((state.flags[others] & FREE) == 0)]
+
+
+def _sizes(scales: F32) -> F32:
+    """How far splats reach: their largest deviations, shape (n,)."""
+    return np.ascontiguousarray(scales.max(axis=1))
 
 
 def _others(found: np.ndarray) -> np.ndarray:

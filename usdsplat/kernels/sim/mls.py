@@ -8,6 +8,12 @@ nothing has moved has F = I to the bit.
 Sheets say nothing about their thickness. There the normal is one more neighbour, which goes where
 the normal of the deformed sheet is: it turns, and no more.
 
+A gradient is worth what it explains. Where neighbours went apart, as where something tears, the
+displacements are nothing like (F - I) (X_j - X_i), and F is noise that would stretch splats into
+rays. So their difference, over the distances at rest, says how much of F is taken: first only the
+rotation is left of it, then nothing. And a splat that is larger than its neighbourhood follows it
+only in part. What is linear is taken as it is.
+
 Source: Müller et al. 2004, "Point based animation of elastic, plastic and melting objects".
 """
 
@@ -20,7 +26,19 @@ from numba import prange
 
 from usdsplat.kernels.jit import parallel, scalar
 
-from .matrix import ONE, ZERO, cross, decompose
+from .matrix import (
+    ONE,
+    TWO,
+    ZERO,
+    cross,
+    decompose,
+    determinant,
+    matrix_quat,
+    polar,
+    product,
+    quat_matrix,
+    transposed,
+)
 
 BLOCK = 1024
 LEAST = np.float32(1e-4)
@@ -29,6 +47,11 @@ _RIDGE = np.float32(1e-2)
 _REACH = np.float32(1.25)
 """Reach of the weight, in distances of the farthest neighbour."""
 
+STRETCH_FROM, STRETCH_TO = np.float32(0.1), np.float32(0.4)
+"""Root mean square of what F does not explain, in distances at rest: from where less of the stretch
+is taken, and from where none."""
+TURN_FROM, TURN_TO = np.float32(0.3), np.float32(0.9)
+"""Likewise of the rotation."""
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
 
@@ -86,6 +109,36 @@ def sheet_normal(f, gx, gy, gz, nx, ny, nz):
         f[0] + mx * gx, f[1] + mx * gy, f[2] + mx * gz,
         f[3] + my * gx, f[4] + my * gy, f[5] + my * gz,
         f[6] + mz * gx, f[7] + mz * gy, f[8] + mz * gz,
+    )  # fmt: skip
+
+
+@scalar
+def faded(x, start, end):
+    """1 up to start, 0 from end on, smooth between."""
+    s = min(max((x - start) / (end - start), ZERO), ONE)
+    return ONE - s * s * (np.float32(3) - TWO * s)
+
+
+@scalar
+def partly(f, stretch, turn):
+    """R^turn (I + stretch (U - I)) of F = R U; F itself if both are 1, else I where F mirrors."""
+    if (stretch == ONE) & (turn == ONE):
+        return f
+    if ((stretch == ZERO) & (turn == ZERO)) | (not determinant(f) > ZERO):
+        return ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE
+    r = polar(f)
+    u = product(transposed(r), f)
+    w, x, y, z = matrix_quat(r)
+    if w < ZERO:
+        w, x, y, z = -w, -x, -y, -z
+    rest = ONE - stretch
+    return product(
+        quat_matrix(ONE + turn * (w - ONE), turn * x, turn * y, turn * z),
+        (
+            stretch * u[0] + rest, stretch * u[1], stretch * u[2],
+            stretch * u[3], stretch * u[4] + rest, stretch * u[5],
+            stretch * u[6], stretch * u[7], stretch * u[8] + rest,
+        ),
     )  # fmt: skip
 
 
@@ -158,14 +211,16 @@ def prepare(rest, neighbours, normals, weights, sheets):
 
 
 @parallel
-def gradients(displacements, neighbours, weights, sheets, rows, out):
-    """Gradients of the deformation.
+def gradients(rest, displacements, neighbours, weights, sheets, sizes, rows, out):
+    """Gradients of the deformation, as far as they explain where neighbours went.
 
     Args:
+        rest: Shape (n, 3).
         displacements: From rest to now, shape (n, 3).
         neighbours: As `prepare` had them, shape (n, k) i32.
         weights: As `prepare` made them, shape (n, k, 3).
         sheets: As `prepare` made them, shape (n, 2, 3).
+        sizes: How far splats reach, shape (n,); or (0,) where they are points.
         rows: 1 for the splats that are asked for, shape (n,) u8; or (0,) for all.
         out: Receives F, shape (n, 3, 3); other rows are left alone.
     """
@@ -196,6 +251,29 @@ def gradients(displacements, neighbours, weights, sheets, rows, out):
                 f6, f7, f8 = f6 - nz * gx, f7 - nz * gy, f8 - nz * gz
                 f0, f1, f2, f3, f4, f5, f6, f7, f8 = sheet_normal(
                     (f0, f1, f2, f3, f4, f5, f6, f7, f8), gx, gy, gz, nx, ny, nz
+                )
+            if moved:
+                unexplained, square, farthest = ZERO, ZERO, ZERO
+                for m in range(k):
+                    j = neighbours[i, m]
+                    if j >= 0:
+                        x = rest[j, 0] - rest[i, 0]
+                        y = rest[j, 1] - rest[i, 1]
+                        z = rest[j, 2] - rest[i, 2]
+                        ex = displacements[j, 0] - px - ((f0 - ONE) * x + f1 * y + f2 * z)
+                        ey = displacements[j, 1] - py - (f3 * x + (f4 - ONE) * y + f5 * z)
+                        ez = displacements[j, 2] - pz - (f6 * x + f7 * y + (f8 - ONE) * z)
+                        unexplained += ex * ex + ey * ey + ez * ez
+                        square += x * x + y * y + z * z
+                        farthest = max(farthest, x * x + y * y + z * z)
+                error = math.sqrt(unexplained / square) if square > ZERO else ZERO
+                known = ONE
+                if len(sizes) > 0 and sizes[i] * sizes[i] > farthest:
+                    known = math.sqrt(farthest) / sizes[i]
+                f0, f1, f2, f3, f4, f5, f6, f7, f8 = partly(
+                    (f0, f1, f2, f3, f4, f5, f6, f7, f8),
+                    known * faded(error, STRETCH_FROM, STRETCH_TO),
+                    known * faded(error, TURN_FROM, TURN_TO),
                 )
             out[i, 0, 0], out[i, 0, 1], out[i, 0, 2] = f0, f1, f2
             out[i, 1, 0], out[i, 1, 1], out[i, 1, 2] = f3, f4, f5
