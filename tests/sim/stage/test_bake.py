@@ -75,21 +75,21 @@ def test_between_frames_splats_are_on_lines(tmp_path: Path, mode: str) -> None:
     coming = going = 0
     for before, after in itertools.pairwise(frames):
         found = schema.fetch(prim, before.time + 0.5)
-        old, new = rows(before.cloud, found), np.isin(after.cloud.ids, found.ids)
+        old, new = rows(before.cloud, found), rows(after.cloud, found)
         both = np.intersect1d(before.cloud.ids, after.cloud.ids)
         here = [np.searchsorted(ids, both) for ids in (before.cloud.ids, after.cloud.ids)]
         at = np.searchsorted(found.ids, both)
         expected = (before.cloud.positions[here[0]] + after.cloud.positions[here[1]]) / 2
         np.testing.assert_allclose(found.positions[at], expected, atol=2e-6)
         shade = (before.cloud.opacities[here[0]] + after.cloud.opacities[here[1]]) / 2
-        close = 1 / 500 if mode == "packed" else 2e-5
+        close = 1 / 500 if mode == "packed" else 5e-5  # BEFORE an epoch is 3e-5 early
         np.testing.assert_allclose(found.opacities[at], shade, atol=close)
         gone = ~np.isin(before.cloud.ids, both)
         np.testing.assert_allclose(
             found.opacities[old[gone]], before.cloud.opacities[gone] / 2, atol=close
         )
-        born = new & ~np.isin(after.cloud.ids, both)
-        place = np.searchsorted(found.ids, after.cloud.ids[born])
+        born = ~np.isin(after.cloud.ids, both)
+        place = new[born]
         np.testing.assert_allclose(
             found.opacities[place], after.cloud.opacities[born] / 2, atol=close
         )
@@ -145,7 +145,7 @@ def test_what_does_not_change_gets_no_opinion(tmp_path: Path) -> None:
 
 def test_counts_change_between_epochs_alone(tmp_path: Path) -> None:
     """Oracle: the rule: as many splats, in one order, at all samples of an epoch, and at one just
-    before the next, which has that one's values."""
+    before the next, which has that one's values, those that are born there included."""
     bake = shot(tmp_path)
     bake.run()
     layer = layer_of(tmp_path / "bake_data" / "samples.usdc")
@@ -154,7 +154,7 @@ def test_counts_change_between_epochs_alone(tmp_path: Path) -> None:
     assert times == sorted([*bake.times, *(time - BEFORE for time in starts[1:])])
     for start in starts:
         inside = [time for time in times if start <= time < start + 4]
-        alive = [f.cloud.ids for f in bake.frames[PATH] if start <= f.time < start + 4]
+        alive = [f.cloud.ids for f in bake.frames[PATH] if start <= f.time <= start + 4]
         for name in ("positions", "opacities", "velocities", "orientations", "scales"):
             values = [layer.QueryTimeSample(f"{PATH}.{name}", time) for time in inside]
             assert {len(value) for value in values} == {len(np.unique(np.concatenate(alive)))}
@@ -162,11 +162,7 @@ def test_counts_change_between_epochs_alone(tmp_path: Path) -> None:
             ids = np.asarray(layer.QueryTimeSample(f"{PATH}.ids", inside[-1]))
             last = np.asarray(layer.QueryTimeSample(f"{PATH}.positions", inside[-1]))
             after = next(f.cloud for f in bake.frames[PATH] if f.time == start + 4)
-            both = np.intersect1d(ids, after.ids)
-            np.testing.assert_array_equal(
-                last[np.searchsorted(ids, both)],
-                after.positions[np.searchsorted(after.ids, both)],
-            )
+            np.testing.assert_array_equal(last[np.searchsorted(ids, after.ids)], after.positions)
 
 
 def test_the_unborn_wait_where_they_are_born(tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
 """Samples of an epoch: the same splats in the same rows at every one of them.
 
 USD interpolates arrays of equal length and holds others, so counts change only where epochs meet.
-Within one, whoever lives at any of its frames has a row: before their birth splats are where they
-are born, without size or opacity; after their death they are where they were last, without
-opacity. Where an epoch ends and another begins, a sample just before holds the old rows with the
-new frame's values.
+Within one, whoever lives at any of its frames or at the first of the next has a row: before their
+birth splats are where they are born, without size or opacity; after their death they are where they
+were last, without opacity. Where an epoch ends and another begins, a sample just before holds the
+old rows with the new frame's values, so nothing changes there but the number of rows.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def samples(
         return
     following = spool.box() if is_closed else None
     found = spool.read(frames[0])
-    rows = _Rows.of(spool, frames) if "ids" in found else None
+    closing = _arrays(spool.closing()) if is_closed else None
+    rows = _Rows.of(spool, frames, closing) if "ids" in found else None
     for index in frames:
         arrays = found
         if index != frames[-1]:
@@ -74,10 +75,10 @@ def samples(
         box = union(arrays["box"], following if index == frames[-1] else found["box"])
         held = arrays if rows is None else rows.moved(arrays)
         yield _sample(times[index], held, box, is_new=index == frames[0], is_end=False)
-    if rows is not None and is_closed:
+    if rows is not None and closing is not None:
         end, step = times[frames[-1] + 1], times[frames[-1] + 1] - times[frames[-1]]
         assert following is not None
-        held = rows.moved(_arrays(spool.closing()))
+        held = rows.moved(closing)
         box = union(found["box"], following)
         yield _sample(end - BEFORE * step, held, box, is_new=False, is_end=True)
 
@@ -90,9 +91,9 @@ class _Rows:
         self._values = values
 
     @classmethod
-    def of(cls, spool: Spool, frames: range) -> _Rows:
+    def of(cls, spool: Spool, frames: range, closing: dict[str, Array] | None) -> _Rows:
         """Everybody as they are when they first appear, not born yet."""
-        ids = np.empty(0, np.int64)
+        ids = np.empty(0, np.int64) if closing is None else closing["ids"]
         for index in frames:
             found = spool.read(index)["ids"]
             ids = ids if np.array_equal(found, ids) else np.union1d(ids, found)
@@ -110,6 +111,10 @@ class _Rows:
                 unseen[at] = False
             if not unseen.any():
                 break
+        if closing is not None and unseen.any():
+            at = np.searchsorted(ids, closing["ids"])
+            kept = {name: array for name, array in closing.items() if name in values}
+            _put(values, kept, at, unseen[at], len(ids))
         values["opacities"][:] = 0
         values["scales"][:] = UNBORN_SCALE
         return cls(ids, values)
