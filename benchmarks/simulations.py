@@ -8,7 +8,6 @@ pushes splats or draws them to it is in the pictures, as the mesh that it is.
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -16,15 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
+from pxr import Gf, Usd, UsdGeom, UsdLux
 
 from benchmarks.scenes import DATA
-from usdsplat import schema
 from usdsplat.cli.main import main as usdsplat
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.sim.stage.authoring import author, relate
 
 CAMERA = "/Shot"
 SIM = "/World/Simulation/Sim"
