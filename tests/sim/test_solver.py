@@ -343,7 +343,7 @@ CASES: dict[str, Any] = {
         "parameters": knobs(rd={"enabled": True, "seed_density": 0.05}, growth={"rate": 0.2})
     },
     "keep": lambda time: {
-        "deformers": (deformer("transform", scale=(2.0, 1.0, 1.0)),),
+        "deformers": (deformer("transform", scale=(2.0, 1.0, 1.0), rotate=(0.0, 0.0, 40.0)),),
         "parameters": knobs(appearance={"keep_opacity": True}),
     },
 }

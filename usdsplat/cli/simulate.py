@@ -155,6 +155,9 @@ def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:
         if not stage.HasAuthoredTimeCodeRange():
             raise UsageError("--frames", "none, and a stage without a range", "such as 1:100")
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        if last < first:
+            found = f"none, and a stage that ends at {last:g}, before {first:g}"
+            raise UsageError("--frames", found, "such as 1:100")
         return tuple(first + i for i in range(int(last - first) + 1))
     frames = parse_frames(options.frames)
     if any(later - earlier != 1 for earlier, later in itertools.pairwise(frames)):

@@ -50,10 +50,8 @@ def another(item: Knob) -> tuple[str, Any]:
         return "weights", "weights"
     low, high = item.range or (0, 10)
     near = [low + 1, low + 0.25 * (high - low), high - 1, 2.0, 0.5, (low + high) / 2]
-    value = next(
-        kind(each) for each in near if low <= each <= high and kind(each) != default
-        and abs(each) < 1e9
-    )  # fmt: skip
+    fits = (each for each in near if low <= each <= high and abs(each) < 1e9)
+    value = next(kind(round(each, 4)) for each in fits if kind(round(each, 4)) != default)
     return repr(value), value
 
 
