@@ -77,7 +77,7 @@ def times(bodies, j, first, x, y, z):
     )
 
 
-@scalar
+@serial
 def local_solid(bodies, j, size, field, fields, voxels, x, y, z):
     """Distance and gradient of solid j at a point of its own frame."""
     return solid(
@@ -114,7 +114,7 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
     d, gx, gy, gz = NOTHING, 0.0, 0.0, 0.0
     least, nx, ny, nz = NOTHING, 0.0, 0.0, 1.0
     for s in range(count):
-        j = rows[s]
+        j = np.int64(rows[s])
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
@@ -153,7 +153,7 @@ def outward(gx, gy, gz, nx, ny, nz):
     return gx / length, gy / length, gz / length, length
 
 
-@scalar
+@serial
 def surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z):
     """Velocity [unit/s] of the surface of solid j at x: of its matter, mean over the substep, and
     of its shape, where that changes.
@@ -181,7 +181,7 @@ def touch(bodies, rows, count, fields, voxels, per_dt, x, y, z, sigma, reach):
     """
     d, sx, sy, sz, friction, restitution = NOTHING, 0.0, 0.0, 0.0, 0.0, 0.0
     for s in range(count):
-        j = rows[s]
+        j = np.int64(rows[s])
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)

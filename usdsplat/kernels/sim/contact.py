@@ -170,7 +170,7 @@ def is_near(bodies, j, turn, place, middle, half, reach):
     return True
 
 
-@scalar
+@serial
 def gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, out):
     """Distances of m points from solid j, float32."""
     kind, field = int(bodies[j, KIND]), int(bodies[j, FIELD])
@@ -212,6 +212,71 @@ def gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, out):
             out[i] = a20 * (xs[i] - ox) + a21 * (ys[i] - oy) + a22 * (zs[i] - oz)
 
 
+@serial
+def contact_block(
+    block, bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
+    positions, velocities, since, struck, near, counts,
+):  # fmt: skip
+    """Resolve the contacts of one block; the arguments are those of `contact`."""
+    n = positions.shape[0]
+    start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
+    m = end - start
+    counts[block, TOUCHED], counts[block, MARCHED], counts[block, TRAPPED] = 0, 0, 0
+    lx, ly, lz = positions[start, 0], positions[start, 1], positions[start, 2]
+    hx, hy, hz, largest = lx, ly, lz, scales[start, 0]
+    for i in range(start, end):
+        x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+        lx, ly, lz = min(lx, x), min(ly, y), min(lz, z)
+        hx, hy, hz = max(hx, x), max(hy, y), max(hz, z)
+        largest = max(largest, max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
+    far = max(max(abs(lx), abs(hx)), max(max(abs(ly), abs(hy)), max(abs(lz), abs(hz))))
+    slack = np.float32(0)
+    reach = 3.0 * blend + clearance * largest
+    middle = (0.5 * (lx + hx), 0.5 * (ly + hy), 0.5 * (lz + hz))
+    half = (0.5 * (hx - lx), 0.5 * (hy - ly), 0.5 * (hz - lz))
+    found = np.int64(0)  # a plain 0 would be a type of its own
+    for j in range(bodies.shape[0]):
+        if is_near(bodies, j, TURN, PLACE, middle, half, reach + 1e-5 * far):
+            near[block, found] = j
+            found += 1
+            for axis in range(3):
+                slack = max(slack, np.float32(abs(bodies[j, PLACE + axis])))
+    if found == 0:
+        return
+    slack = MARGIN * (far + slack)
+    xs, ys = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    zs, sigmas = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    gaps, others = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    for i in range(m):
+        xs[i], ys[i] = positions[start + i, 0], positions[start + i, 1]
+        zs[i] = positions[start + i, 2]
+        sigmas[i] = max(scales[start + i, 0], max(scales[start + i, 1], scales[start + i, 2]))
+    for s in range(found):
+        j = np.int64(near[block, s])
+        gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, others)
+        own, joined = np.float32(bodies[j, CLEARANCE]), np.float32(bodies[j, BLEND])
+        if s == 0:
+            for i in range(m):
+                gaps[i] = others[i] - own * sigmas[i]
+        else:
+            for i in range(m):
+                gaps[i] = join(gaps[i], others[i] - own * sigmas[i], joined)[1]
+    for i in range(m):
+        if not gaps[i] < slack or flags[start + i] & PINNED_OR_DEAD != ALIVE_ONLY:
+            continue
+        sigma = np.float64(sigmas[i])
+        touched, marched, trapped = contact_row(
+            bodies, near[block], found, everyone, fields, voxels, dt, least, start + i, started,
+            positions, velocities, sigma, 3.0 * blend + clearance * sigma,
+            struck[start + i] == 0,
+        )  # fmt: skip
+        if touched:
+            since[start + i] = 0.0
+            counts[block, TOUCHED] += 1
+            counts[block, MARCHED] += marched
+            counts[block, TRAPPED] += trapped
+
+
 @parallel
 def contact(
     bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
@@ -235,61 +300,8 @@ def contact(
         near: Room for solids near each block, shape (blocks, k) i32.
         counts: Shape (blocks, COUNTS) i64; written.
     """
-    n = positions.shape[0]
     for block in prange(counts.shape[0]):
-        start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
-        m = end - start
-        counts[block, TOUCHED], counts[block, MARCHED], counts[block, TRAPPED] = 0, 0, 0
-        lx, ly, lz = positions[start, 0], positions[start, 1], positions[start, 2]
-        hx, hy, hz, largest = lx, ly, lz, scales[start, 0]
-        for i in range(start, end):
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            lx, ly, lz = min(lx, x), min(ly, y), min(lz, z)
-            hx, hy, hz = max(hx, x), max(hy, y), max(hz, z)
-            largest = max(largest, max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
-        far = max(max(abs(lx), abs(hx)), max(max(abs(ly), abs(hy)), max(abs(lz), abs(hz))))
-        slack = np.float32(0)
-        reach = 3.0 * blend + clearance * largest
-        middle = (0.5 * (lx + hx), 0.5 * (ly + hy), 0.5 * (lz + hz))
-        half = (0.5 * (hx - lx), 0.5 * (hy - ly), 0.5 * (hz - lz))
-        found = 0
-        for j in range(bodies.shape[0]):
-            if is_near(bodies, j, TURN, PLACE, middle, half, reach + 1e-5 * far):
-                near[block, found] = j
-                found += 1
-                for axis in range(3):
-                    slack = max(slack, np.float32(abs(bodies[j, PLACE + axis])))
-        if found == 0:
-            continue
-        slack = MARGIN * (far + slack)
-        xs, ys = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        zs, sigmas = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        gaps, others = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        for i in range(m):
-            xs[i], ys[i] = positions[start + i, 0], positions[start + i, 1]
-            zs[i] = positions[start + i, 2]
-            sigmas[i] = max(scales[start + i, 0], max(scales[start + i, 1], scales[start + i, 2]))
-        for s in range(found):
-            j = near[block, s]
-            gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, others)
-            own, joined = np.float32(bodies[j, CLEARANCE]), np.float32(bodies[j, BLEND])
-            if s == 0:
-                for i in range(m):
-                    gaps[i] = others[i] - own * sigmas[i]
-            else:
-                for i in range(m):
-                    gaps[i] = join(gaps[i], others[i] - own * sigmas[i], joined)[1]
-        for i in range(m):
-            if not gaps[i] < slack or flags[start + i] & PINNED_OR_DEAD != ALIVE_ONLY:
-                continue
-            sigma = np.float64(sigmas[i])
-            touched, marched, trapped = contact_row(
-                bodies, near[block], found, everyone, fields, voxels, dt, least, start + i, started,
-                positions, velocities, sigma, 3.0 * blend + clearance * sigma,
-                struck[start + i] == 0,
-            )  # fmt: skip
-            if touched:
-                since[start + i] = 0.0
-                counts[block, TOUCHED] += 1
-                counts[block, MARCHED] += marched
-                counts[block, TRAPPED] += trapped
+        contact_block(
+            np.int64(block), bodies, everyone, fields, voxels, dt, blend, clearance, least, started,
+            flags, scales, positions, velocities, since, struck, near, counts,
+        )  # fmt: skip

@@ -271,6 +271,61 @@ def may_pass(bodies, j, before, after, far, reach):
     return not misses and shift + total + far > bodies[j, THIN]
 
 
+@serial
+def sweep_block(
+    block, bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities,
+    since, struck, near, counts,
+):  # fmt: skip
+    """Sweep all solids past one block of splats; the arguments are those of `sweep`."""
+    n = positions.shape[0]
+    start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
+    counts[block] = 0
+    alx, aly, alz = started[start, 0], started[start, 1], started[start, 2]
+    ahx, ahy, ahz = alx, aly, alz
+    blx, bly, blz = positions[start, 0], positions[start, 1], positions[start, 2]
+    bhx, bhy, bhz, largest, moved = blx, bly, blz, scales[start, 0], np.float32(0)
+    for i in range(start, end):
+        x, y, z = started[i, 0], started[i, 1], started[i, 2]
+        alx, aly, alz = min(alx, x), min(aly, y), min(alz, z)
+        ahx, ahy, ahz = max(ahx, x), max(ahy, y), max(ahz, z)
+        u, v, w = positions[i, 0], positions[i, 1], positions[i, 2]
+        blx, bly, blz = min(blx, u), min(bly, v), min(blz, w)
+        bhx, bhy, bhz = max(bhx, u), max(bhy, v), max(bhz, w)
+        u, v, w = u - x, v - y, w - z
+        moved = max(moved, u * u + v * v + w * w)
+        largest = max(largest, max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
+    before = (
+        0.5 * (alx + ahx), 0.5 * (aly + ahy), 0.5 * (alz + ahz),
+        0.5 * (ahx - alx), 0.5 * (ahy - aly), 0.5 * (ahz - alz),
+    )  # fmt: skip
+    after = (
+        0.5 * (blx + bhx), 0.5 * (bly + bhy), 0.5 * (blz + bhz),
+        0.5 * (bhx - blx), 0.5 * (bhy - bly), 0.5 * (bhz - blz),
+    )  # fmt: skip
+    found = np.int64(0)
+    for j in range(bodies.shape[0]):
+        if bodies[j, SWEPT] != 0.0 and may_pass(
+            bodies, j, before, after, 1.001 * np.sqrt(moved), 1.001 * clearance * largest
+        ):
+            near[block, found] = j
+            found += 1
+    if found == 0:
+        return
+    for i in range(start, end):
+        if flags[i] & PINNED_OR_DEAD != ALIVE_ONLY:
+            continue
+        sigma = np.float64(max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
+        for s in range(found):
+            j = np.int64(near[block, s])
+            if sweep_row(
+                bodies, j, fields, voxels, dt, bodies[j, CLEARANCE] * sigma, i, started,
+                positions, velocities,
+            ):  # fmt: skip
+                since[i] = 0.0
+                struck[i] = 1
+                counts[block] += 1
+
+
 @parallel
 def sweep(
     bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities, since,
@@ -281,51 +336,8 @@ def sweep(
     Args are those of `contact`; counts: strikes in each block, shape (blocks,) i64, written.
     struck: Set to 1 where there was one, shape (n,) u8.
     """
-    n = positions.shape[0]
     for block in prange(counts.shape[0]):
-        start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
-        counts[block] = 0
-        alx, aly, alz = started[start, 0], started[start, 1], started[start, 2]
-        ahx, ahy, ahz = alx, aly, alz
-        blx, bly, blz = positions[start, 0], positions[start, 1], positions[start, 2]
-        bhx, bhy, bhz, largest, moved = blx, bly, blz, scales[start, 0], np.float32(0)
-        for i in range(start, end):
-            x, y, z = started[i, 0], started[i, 1], started[i, 2]
-            alx, aly, alz = min(alx, x), min(aly, y), min(alz, z)
-            ahx, ahy, ahz = max(ahx, x), max(ahy, y), max(ahz, z)
-            u, v, w = positions[i, 0], positions[i, 1], positions[i, 2]
-            blx, bly, blz = min(blx, u), min(bly, v), min(blz, w)
-            bhx, bhy, bhz = max(bhx, u), max(bhy, v), max(bhz, w)
-            u, v, w = u - x, v - y, w - z
-            moved = max(moved, u * u + v * v + w * w)
-            largest = max(largest, max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
-        before = (
-            0.5 * (alx + ahx), 0.5 * (aly + ahy), 0.5 * (alz + ahz),
-            0.5 * (ahx - alx), 0.5 * (ahy - aly), 0.5 * (ahz - alz),
+        sweep_block(
+            np.int64(block), bodies, fields, voxels, dt, clearance, started, flags, scales,
+            positions, velocities, since, struck, near, counts,
         )  # fmt: skip
-        after = (
-            0.5 * (blx + bhx), 0.5 * (bly + bhy), 0.5 * (blz + bhz),
-            0.5 * (bhx - blx), 0.5 * (bhy - bly), 0.5 * (bhz - blz),
-        )  # fmt: skip
-        found = 0
-        for j in range(bodies.shape[0]):
-            if bodies[j, SWEPT] != 0.0 and may_pass(
-                bodies, j, before, after, 1.001 * np.sqrt(moved), 1.001 * clearance * largest
-            ):
-                near[block, found] = j
-                found += 1
-        if found == 0:
-            continue
-        for i in range(start, end):
-            if flags[i] & PINNED_OR_DEAD != ALIVE_ONLY:
-                continue
-            sigma = np.float64(max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
-            for s in range(found):
-                j = near[block, s]
-                if sweep_row(
-                    bodies, j, fields, voxels, dt, bodies[j, CLEARANCE] * sigma, i, started,
-                    positions, velocities,
-                ):  # fmt: skip
-                    since[i] = 0.0
-                    struck[i] = 1
-                    counts[block] += 1
