@@ -67,7 +67,8 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     folder = tmp_path / "demo"
     status, out, err = run("demo", "-o", folder, "--splats", 3000, "--frames", 3)
     assert status == 0
-    assert [line for line in err.splitlines() if "compiling" not in line] == []
+    said = [line for line in err.splitlines() if "compiling" not in line]
+    assert [line for line in said if "rd:patternScale" not in line] == []
     told = [line.split()[0].rsplit("/", 1)[1] for line in out.splitlines()[:-1]]
     assert told == [
         "capture.ply",
@@ -77,6 +78,12 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
         "still.exr",
         "sequence.####.png",
         "sequence.webp",
+        "coarse.ply",
+        "coarse.usda",
+        "growth.usda",
+        "growth_bake.usda",
+        "growth.####.png",
+        "growth.webp",
     ]
     assert formats.read(folder / "capture.ply").cloud.sh_degree == 3
     still = oiio.ImageInput.open(str(folder / "still.exr"))
@@ -85,6 +92,8 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     still.close()
     with Image.open(folder / "sequence.webp") as moving:
         assert (moving.n_frames, moving.size) == (3, (640, 360))
+    with Image.open(folder / "growth.webp") as moving:
+        assert (moving.n_frames, moving.size) == (3, (640, 360))
     with Image.open(folder / "still.png") as picture:
         alpha = np.asarray(picture)[..., 3]
     assert 0.05 < (alpha > 128).mean() < 0.9
@@ -92,9 +101,41 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     flags = ("--splats", 1000, "--frames", 1, "--json")
     status, out, _ = run("demo", folder / "capture.ply", "-o", tmp_path / "again", *flags)
     assert status == 0
-    assert [item["path"].rsplit("/", 1)[1] for item in json.loads(out)] == told[1:]
+    again = [item["path"].rsplit("/", 1)[1] for item in json.loads(out)]
+    assert again == [name for name in told[1:] if "coarse" not in name]
     layers, assets, missing = UsdUtils.ComputeAllDependencies(str(folder / "stage.usda"))
     assert (len(layers), list(assets), list(missing)) == (2, [], [])
+
+
+def test_the_demo_bakes_a_growth_that_a_ball_passes(run, capture, tmp_path):
+    """Oracle: the bake: splats that change colour and place, and the ball in front of the camera;
+    nothing that validation finds."""
+    folder = tmp_path / "demo"
+    assert run("demo", capture, "-o", folder, "--frames", 4)[0] == 0
+    stage = Usd.Stage.Open(str(folder / "growth_bake.usda"))
+    field = stage.GetPrimAtPath("/World/Subject/ball")
+    first, last = (schema.fetch(field, frame) for frame in (1, 4))
+    same = min(len(first), len(last))
+    assert not np.allclose(first.sh[:same, 0], last.sh[:same, 0])
+    assert not np.allclose(first.positions[:same], last.positions[:same])
+    ball = stage.GetPrimAtPath("/World/Simulation/Ball")
+    eyes = [camera_at(stage, frame) for frame in (1, 4)]
+    assert np.allclose(eyes[0].position, eyes[1].position)
+    ends = [
+        UsdGeom.Xformable(ball).ComputeLocalToWorldTransform(frame).ExtractTranslation()
+        for frame in (1, 4)
+    ]
+    way = (ends[1] - ends[0]).GetNormalized()
+    assert abs(way * eyes[0].ComputeViewDirection()) < 0.5
+    assert run("validate", folder / "growth_bake.usda")[0] == 0
+
+
+def test_nothing_grows_on_a_large_capture(run, capture, tmp_path, monkeypatch):
+    """Oracle: the line that says so, and no bake."""
+    monkeypatch.setattr("usdsplat.cli.demo.GROWN", 299)
+    status, out, _ = run("demo", capture, "-o", tmp_path / "demo", "--frames", 1)
+    assert status == 0 and "nothing grown on it: 300 splats are many for a demo\n" in out
+    assert not (tmp_path / "demo" / "growth.usda").exists()
 
 
 def test_the_demo_takes_a_capture(run, capture, tmp_path):

@@ -1,4 +1,4 @@
-"""Make a capture, a stage, pictures and a sequence, to see it all work.
+"""Make a capture, a stage, pictures and sequences, to see it all work.
 
 examples:
   usdsplat demo
@@ -8,7 +8,8 @@ examples:
   usdsplat demo --splats 1000000 --frames 100
 
 notes:
-  The stage it leaves opens in usdview and in every other application of USD 26.3 or later.
+  The stages it leaves open in usdview and in every other application of USD 26.3 or later.
+  A pattern grows on a capture of up to 300,000 splats, or on a coarser model of our own.
 """
 
 from __future__ import annotations
@@ -25,6 +26,12 @@ from usdsplat.cli.parsing import option
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.progress import Progress
 
+COARSE, GROWN = 50_000, 300_000
+"""How many splats are modelled to be simulated, and most that a capture may have for it."""
+BALL = "/World/Simulation/Ball"
+REACTION_STEPS = 40
+"""In a frame: fewer than the preset's, for a pattern that is seen to spread."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
@@ -37,7 +44,7 @@ class Options:
     splats: Annotated[int, option("N")] = 200_000
     """how detailed our own capture is; default: about 200000"""
     frames: Annotated[int, option("N")] = 24
-    """length of the sequence; default: 24"""
+    """length of each sequence; default: 24"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
     json: Annotated[bool, option()] = False
@@ -84,6 +91,14 @@ def run(options: Options) -> int:
         author_turntable(folder / "stage.usda", folder / "capture.usdc", frames=options.frames)
         results.tell(folder / "stage.usda", "the stage: camera, animation, render settings")
         _render(folder, options, results, progress)
+        stage: Path | None = folder / "stage.usda"
+        if options.capture is None:
+            stage = _model_coarsely(folder, options, results, progress)
+        elif report.splats > GROWN:
+            results.tell(folder, f"nothing grown on it: {report.splats} splats are many for a demo")
+            stage = None
+        if stage is not None:
+            _grow(stage, options, results, progress)
     results.finish(f"next: usdsplat info {folder / 'stage.usda'}")
     return 0
 
@@ -98,22 +113,81 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _model(path: Path, splats: int, results: Results, progress: Progress) -> Path:
+def _model(
+    path: Path, splats: int, results: Results, progress: Progress, *, degree: int = 3
+) -> Path:
     """Model our own capture and write it as captures are: frame rdf."""
+    from dataclasses import replace
+
     import numpy as np
 
     from usdsplat import formats
     from usdsplat.core import axes, edit
+    from usdsplat.core.sh import coefficient_count
     from usdsplat.interchange.procedural import capture
 
     progress.step("modelling a still life", 0, 1)
     cloud = capture(splats)
+    cloud = replace(cloud, sh=cloud.sh[:, : coefficient_count(degree)])
     progress.step("modelling a still life", 1, 1)
     turn = np.eye(4)
     turn[:3, :3] = axes.change("rub", "rdf")
     formats.write(edit.transform(cloud, turn), path, progress=progress)
     results.tell(path, "a still life of our own, as a capture file")
     return path
+
+
+def _model_coarsely(folder: Path, options: Options, results: Results, progress: Progress) -> Path:
+    """Our own capture again, with fewer splats, and a stage of it."""
+    from usdsplat.cli.turntable import author_turntable
+    from usdsplat.interchange import import_capture
+
+    splats = min(options.splats, COARSE)
+    capture = _model(folder / "coarse.ply", splats, results, progress, degree=1)
+    import_capture(capture, folder / "coarse.usdc", progress=progress)
+    author_turntable(folder / "coarse.usda", folder / "coarse.usdc", frames=options.frames)
+    results.tell(folder / "coarse.usda", "the stage again, coarser, for something to grow on it")
+    return folder / "coarse.usda"
+
+
+def _grow(source: Path, options: Options, results: Results, progress: Progress) -> None:
+    """Let a pattern grow on the stage's splats while a ball passes, bake and draw it."""
+    from usdsplat.cli.turntable import look_across
+    from usdsplat.interchange.files import open_stage
+    from usdsplat.sim.stage.overrides import override
+    from usdsplat.sim.stage.presets import author_preset
+    from usdsplat.sim.stage.simulating import simulate
+
+    growth, bake = source.with_name("growth.usda"), source.with_name("growth_bake.usda")
+    author_preset("grow", open_stage(source), growth, last=options.frames)
+    stage = open_stage(growth)
+    look_across(stage, BALL)
+    override(stage, f"rd:substeps={REACTION_STEPS}", layer=stage.GetRootLayer())
+    stage.GetRootLayer().Save()
+    results.tell(growth, "a simulation: a pattern grows on the capture, and a ball passes")
+    frames = tuple(float(frame) for frame in range(1, options.frames + 1))
+    report = simulate(stage, bake, frames, threads=options.threads, force=True, progress=progress)
+    count = sum(report.splats.values())
+    results.tell(bake, f"its result, opinions over the capture: {count} splats at the end")
+    _draw_growth(bake, frames, options, results, progress)
+
+
+def _draw_growth(
+    bake: Path, frames: tuple[float, ...], options: Options, results: Results, progress: Progress
+) -> None:
+    """Draw a bake, the ball too, and make a preview of it."""
+    from usdsplat.cli.drawing import draw_frames
+    from usdsplat.cli.planning import Request, plan
+    from usdsplat.delegate.engine import Engine
+    from usdsplat.interchange.files import open_stage
+
+    output = bake.with_name("growth.####.png")
+    with Engine(open_stage(bake), threads=options.threads) as engine:
+        pictures = plan(engine, Request(product="/Render/sequence", output=str(output)))
+        drawn = list(draw_frames(engine, pictures, frames, source=str(bake), progress=progress))
+    results.tell(output, f"{options.frames} frames of it")
+    _animate([picture.path for picture in drawn], bake.with_name("growth.webp"))
+    results.tell(bake.with_name("growth.webp"), "the same as one moving picture")
 
 
 def _render(folder: Path, options: Options, results: Results, progress: Progress) -> None:

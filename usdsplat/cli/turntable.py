@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,8 @@ CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
 """[pixel]"""
+ASIDE = 80.0
+"""Between the camera's view and the way of what passes [degree]."""
 TIPS = 0.25
 """How far beyond its bounds things belong to the subject, as a part of its size."""
 POINTS, TURNS = 5000, 24
@@ -60,6 +63,28 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
         _author_camera(stage, spec, center, frames)
         _author_settings(stage)
         stage.GetRootLayer().Save()
+
+
+def look_across(stage: Usd.Stage, path: str) -> None:
+    """Stop the turntable where a prim is seen to pass by: `ASIDE` from its way.
+
+    Args:
+        stage: Its root layer is stronger than that of the turntable.
+        path: Of a prim that is moved from one place to another.
+    """
+    moved = UsdGeom.Xformable(stage.GetPrimAtPath(path))
+    times = moved.GetTimeSamples()
+    first, last = (
+        moved.ComputeLocalToWorldTransform(time).ExtractTranslation()
+        for time in (times[0], times[-1])
+    )
+    way = math.degrees(math.atan2(last[0] - first[0], last[2] - first[2]))
+    angles = (way + aside + half for aside in (-ASIDE, ASIDE) for half in (-180.0, 0.0, 180.0))
+    angle = min(angles, key=abs)
+    turntable = UsdGeom.Xformable(stage.GetPrimAtPath(Sdf.Path(CAMERA).GetParentPath()))
+    for op in turntable.GetOrderedXformOps():
+        if op.GetOpType() == UsdGeom.XformOp.TypeRotateY:
+            op.Set(angle)
 
 
 def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, get_args, get_origin
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import Knob
@@ -17,13 +17,14 @@ _ASSIGNMENT = re.compile(r"(?:(/[^.=]+)\.)?([A-Za-z]\w*(?::\w+)+)=(.*)")
 _BOOLS = {"1": True, "true": True, "on": True, "0": False, "false": False, "off": False}
 
 
-def override(stage: Usd.Stage, text: str) -> None:
-    """Author one value on the session layer, for all times.
+def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> None:
+    """Author one value for all times.
 
     Args:
-        stage: Its files are not changed.
+        stage: None of its files is saved.
         text: `[/PRIM.]group:name=value`. Without a prim it goes to every SplatSim prim, or for
             `affector:name` to every affector; deformers and drivers are `deform:<name>:angle=90`.
+        layer: Of the stage; None is its session layer.
 
     Raises:
         UsageError: If it cannot be understood, or the parameter cannot have that value.
@@ -41,7 +42,7 @@ def override(stage: Usd.Stage, text: str) -> None:
         if instance and instance not in known:
             found = f"no {group} {instance!r}"
             raise StageError(str(prim.GetPath()), found, f"one of {', '.join(known) or 'none'}")
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
+    with Usd.EditContext(stage, layer or stage.GetSessionLayer()):
         for prim in prims:
             author(prim, {name: value})
 

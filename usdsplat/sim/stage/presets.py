@@ -30,8 +30,8 @@ LEAST, MOST = 5, 95
 
 _PATTERN = 150
 """Lattice units in the size of a capture: about a dozen stripes."""
-_REACTION_STEPS = 60
-"""In a frame: about 6,000 are done by the last, when a pattern is formed."""
+_REACTION_STEPS = 6000
+"""Until the last frame, when a pattern is formed; a frame has 256 at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -51,6 +51,8 @@ class Scene:
     """Length of the field's unit in this space."""
     linear: F64
     """Turns vectors of this space to the stage's, (3, 3)."""
+    last: int
+    """Last frame."""
 
     @property
     def size(self) -> float:
@@ -76,8 +78,10 @@ class Scene:
         return x, y, z
 
 
-def author_preset(name: PresetName, capture: Usd.Stage, target: Path | str) -> None:
-    """Write a stage in which a capture is simulated, over frames 1 to 100 at 24 a second.
+def author_preset(
+    name: PresetName, capture: Usd.Stage, target: Path | str, *, last: int = LAST
+) -> None:
+    """Write a stage in which a capture is simulated, from frame 1 on at 24 a second.
 
     It has the capture as a sublayer, a SplatSim prim `Simulation/Sim` under the capture's default
     prim, and beside that whatever acts.
@@ -89,6 +93,7 @@ def author_preset(name: PresetName, capture: Usd.Stage, target: Path | str) -> N
         capture: A stage from a file, with one splat field.
         target: A .usda or .usdc file, replaced when complete; it names the capture's file by a
             relative path.
+        last: Frame at which a ball has passed and a pattern is formed; it needs 24 or more.
 
     Raises:
         UsageError: If there is no such preset.
@@ -110,10 +115,10 @@ def author_preset(name: PresetName, capture: Usd.Stage, target: Path | str) -> N
         for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
             setter(RATE)
         stage.SetStartTimeCode(FIRST)
-        stage.SetEndTimeCode(LAST)
+        stage.SetEndTimeCode(last)
         if capture.GetDefaultPrim():
             root.defaultPrim = capture.GetRootLayer().defaultPrim
-        scene = _scene(stage, field)
+        scene = _scene(stage, field, last)
         UsdGeom.Scope.Define(stage, scene.parent)
         sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
         _include(sim, "splats", field.GetPath())
@@ -132,7 +137,7 @@ def _grow(scene: Scene, sim: Usd.Prim) -> None:
         {
             "rd:enabled": True,
             "rd:preset": "labyrinth",
-            "rd:substeps": _REACTION_STEPS,
+            "rd:substeps": min(round(_REACTION_STEPS / scene.last), 256),
             "rd:patternScale": scene.local(unit),
             "growth:rate": scene.local(0.002 * scene.size),
             "growth:birthRate": 0.15,
@@ -155,13 +160,18 @@ def _grow(scene: Scene, sim: Usd.Prim) -> None:
             "driver:swell:amount": 1.15,
         },
     )
-    _ball(scene, radius=0.12 * scene.size, frames=(FIRST, LAST), friction=0.1)
+    _ball(scene, radius=0.12 * scene.size, frames=(FIRST, scene.last), friction=0.1)
 
 
 def _push(scene: Scene, sim: Usd.Prim) -> None:
     """A ball that goes through the capture, which settles behind it."""
     author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
-    _ball(scene, radius=0.18 * scene.size, frames=(FIRST, 72), friction=0.2)
+    _ball(
+        scene,
+        radius=0.18 * scene.size,
+        frames=(FIRST, max(round(0.72 * scene.last), 2)),
+        friction=0.2,
+    )
 
 
 def _conform(scene: Scene, sim: Usd.Prim) -> None:
@@ -177,7 +187,7 @@ def _conform(scene: Scene, sim: Usd.Prim) -> None:
     )
     ring.AddTranslateOp().Set(Gf.Vec3d(*scene.center.tolist()))
     turn = ring.AddRotateYOp() if scene.up == 1 else ring.AddRotateZOp()
-    for frame, angle in ((FIRST, 0.0), (LAST, 60.0)):
+    for frame, angle in ((FIRST, 0.0), (scene.last, 60.0)):
         turn.Set(angle, frame)
     author(
         sim,
@@ -261,7 +271,7 @@ def _only_field(capture: Usd.Stage) -> Usd.Prim:
     return fields[0]
 
 
-def _scene(stage: Usd.Stage, field: Usd.Prim) -> Scene:
+def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     """Measure the capture where the preset's prims go: under the default prim, if it is above."""
     root = stage.GetDefaultPrim()
     is_above = (
@@ -287,6 +297,7 @@ def _scene(stage: Usd.Stage, field: Usd.Prim) -> Scene:
         up="XYZ".index(str(UsdGeom.GetStageUpAxis(stage))),
         field_unit=spaces.size_of(matrix),
         linear=to_world[:3, :3],
+        last=last,
     )
 
 
