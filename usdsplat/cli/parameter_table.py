@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shutil
 import textwrap
@@ -9,43 +10,36 @@ from typing import Any
 
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
+from usdsplat.sim.schema_source import MULTIPLE, SIMULATION, SINGLE, spelled
 
 PLACES = {"deform": "deform:<name>", "driver": "driver:<name>"}
 """What stands before the name of a parameter of which there may be several."""
+COLLECTIONS = (
+    ("collection:splats:includes", "the splat fields that are simulated; none is all of the stage"),
+    ("collection:affectors:includes", "the affectors that act on them; none is all of the stage"),
+)
 
 
 def rows() -> list[dict[str, Any]]:
-    """One entry for each parameter: name, type, default, range, unit, uniform, text."""
-    found = []
-    for group, cls in (*GROUPS.items(), *INSTANCED.items()):
-        for item in knobs(cls):
-            found.append(
-                {
-                    "name": f"{PLACES.get(group, group)}:{camel(item.name)}",
-                    "type": type_name(item),
-                    "default": _plain(item.default),
-                    "range": None if item.range is None else [_plain(x) for x in item.range],
-                    "choices": None if item.choices is None else list(item.choices),
-                    "unit": item.unit,
-                    "uniform": item.uniform,
-                    "text": item.text,
-                }
-            )
-    return found
+    """One entry for each parameter and relationship: name, group, type, default, range, unit,
+    uniform, text."""
+    return [row for group in {**GROUPS, **INSTANCED} for row in _rows(group)]
 
 
 def show() -> None:
-    """Print the table to stdout: a line with the numbers, then what it does."""
+    """Print the table to stdout: a line with the numbers, then what it does; by groups."""
     width = max(min(shutil.get_terminal_size((100, 24)).columns, 120), 60)
     print(f"{'PARAMETER':<30} {'TYPE':<11} {'DEFAULT':<12} RANGE")
-    for row in rows():
-        limits = "" if row["range"] is None else f"{row['range'][0]} to {row['range'][1]}"
-        numbers = " ".join(filter(None, (limits or "|".join(row["choices"] or ()), row["unit"])))
-        kind = row["type"] + (" U" if row["uniform"] else "")
-        line = f"{row['name']:<30} {kind:<11} {_shown(row['default']):<12} {numbers}"
-        print(line.rstrip())
-        print(textwrap.fill(row["text"], width, initial_indent="    ", subsequent_indent="    "))
-    print("\nU: uniform, the same at all times; all others may be animated.")
+    for group, cls in {**GROUPS, **INSTANCED}.items():
+        title = " ".join((inspect.getdoc(cls) or "").split())
+        (schema,) = (each.name for each in (SIMULATION, *SINGLE, *MULTIPLE) if group in each.groups)
+        print("\n" + textwrap.fill(f"{group.upper()}, of {schema}: {title}", width))
+        for row in _rows(group):
+            _show(row, width)
+    print(
+        "\nU: uniform, the same at all times; all others may be animated. On the stage a parameter "
+        "is the\nattribute splatSim:PARAMETER of the SplatSim prim, or of the affector."
+    )
 
 
 def type_name(item: Knob) -> str:
@@ -55,6 +49,50 @@ def type_name(item: Knob) -> str:
     if item.choices is not None:
         return "token"
     return {bool: "bool", int: "int", float: "float", str: "string"}.get(item.type, str(item.type))
+
+
+def _rows(group: str) -> list[dict[str, Any]]:
+    """Those of a group."""
+    lead = PLACES.get(group, group)
+    found = [_row(group, lead, item) for item in knobs({**GROUPS, **INSTANCED}[group])]
+    relationships = [*COLLECTIONS] if group == "sim" else []
+    for each in (SIMULATION, *SINGLE, *MULTIPLE):
+        if group in each.groups:
+            for name, text in each.relationships:
+                own = f"{lead}:{name}" if each in MULTIPLE else name
+                if own.startswith(f"{lead}:"):
+                    relationships.append((own, text[0].lower() + text[1:].rstrip(".")))
+    nothing = dict.fromkeys(("default", "range", "choices"))
+    for name, text in relationships:
+        about = {"name": name, "group": group, "type": "rel", "unit": "", "uniform": True}
+        found.append({**about, **nothing, "text": text})
+    return found
+
+
+def _row(group: str, lead: str, item: Knob) -> dict[str, Any]:
+    """One parameter."""
+    return {
+        "name": f"{lead}:{camel(item.name)}",
+        "group": group,
+        "type": type_name(item),
+        "default": _plain(item.default),
+        "range": None if item.range is None else [_plain(x) for x in item.range],
+        "choices": None if item.choices is None else list(item.choices),
+        "unit": item.unit,
+        "uniform": item.uniform,
+        "text": spelled(item.text),
+    }
+
+
+def _show(row: dict[str, Any], width: int) -> None:
+    """Its lines."""
+    limits = "" if row["range"] is None else f"{row['range'][0]} to {row['range'][1]}"
+    numbers = " ".join(filter(None, (limits or "|".join(row["choices"] or ()), row["unit"])))
+    is_rel = row["type"] == "rel"
+    kind = row["type"] + (" U" if row["uniform"] and not is_rel else "")
+    default = "" if is_rel else _shown(row["default"])
+    print(f"{row['name']:<30} {kind:<11} {default:<12} {numbers}".rstrip())
+    print(textwrap.fill(row["text"], width, initial_indent="    ", subsequent_indent="    "))
 
 
 def _plain(value: Any) -> Any:

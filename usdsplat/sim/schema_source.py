@@ -144,9 +144,14 @@ def usd_type(item: Knob) -> str:
     return "token" if item.choices is not None else USD_TYPES[item.type]
 
 
+def spelled(text: str) -> str:
+    """A text with the names of parameters as USD spells them."""
+    return re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda found: camel(found.group()), text)
+
+
 def documentation(item: Knob) -> str:
     """What an attribute does, its unit and its limits, for those who read USD's names."""
-    text = re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda found: camel(found.group()), item.text)
+    text = spelled(item.text)
     text = text[0].upper() + text[1:]
     limits = _limits(*item.range) if item.range else ""
     unit = f"[{item.unit}]" if item.unit else ""

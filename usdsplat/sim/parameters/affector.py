@@ -23,25 +23,36 @@ class AffectorParameters:
         "adds to the reaction's feed rate, growth and opacity multiply",
         uniform=True,
     )
-    amount: float = knob(1.0, "of what the role does", range=(-INF, INF))
+    amount: float = knob(
+        1.0,
+        "of a role other than collide: factor of growth and opacity, speed of wind [unit/s], what "
+        "is added to the feed rate, strength of seed and mask",
+        range=(-INF, INF),
+    )
     falloff: float = knob(
         0.0, "distance from the surface at which a role other than collide has faded out",
         unit="unit", range=(0.0, INF),
     )  # fmt: skip
     radius_scale: float = knob(1.0, "by which the shape is larger", range=(1e-6, 1e6))
     clearance: float = knob(
-        0.5, "distance that is kept, in the splat's largest deviations at rest, of which no more "
-        "than three medians of the field count", unit="sigma", range=(0.0, 3.0),
+        0.5, "distance that is kept, in standard deviations of the splat at rest along its longest "
+        "axis, of which no more than three medians of the field count", unit="sigma",
+        range=(0.0, 3.0),
     )  # fmt: skip
     friction: float = knob(0.2, "0 slides, 1 sticks", range=(0.0, 1.0))
     blend: float = knob(
-        0.05, "distance over which it is smoothly joined with those before it", unit="unit",
-        range=(0.0, INF),
+        0.05, "distance over which it flows into the affectors before it, by path; 0 is a seam",
+        unit="unit", range=(0.0, INF),
     )  # fmt: skip
     restitution: float = knob(0.0, "how much of the speed splats bounce off with", range=(0.0, 1.0))
-    ccd: bool = knob(True, "whether it cannot pass through splats between two steps")
+    ccd: bool = knob(
+        True, "continuous collision: whether it sweeps up splats that it passes between two steps"
+    )
     joints: tuple[str, ...] = knob(
-        (), "of a Skeleton: those with a capsule; none is all", usd_type="token[]", uniform=True
+        (),
+        "of a Skeleton: joints that have a capsule, by name or path; none named is all",
+        usd_type="token[]",
+        uniform=True,
     )
     joint_radius: float = knob(
         -1.0,

@@ -19,13 +19,15 @@ class AppearanceParameters:
         "full",
         "what splats do where space is deformed: take all of it, only turn, or keep their volume",
     )
-    max_stretch: float = knob(3.0, "largest factor of a deformation", range=(1.0, 100.0))
+    max_stretch: float = knob(
+        3.0, "largest factor by which a deformation may stretch a splat", range=(1.0, 100.0)
+    )
     keep_opacity: bool = knob(
         False, "whether splats become thinner where a surface is stretched, so that it stays as "
         "opaque"
     )  # fmt: skip
     sh_min_angle: float = knob(
-        1.0, "by which a splat must have turned for its harmonics to turn", unit="deg",
+        1.0, "smallest turn of a splat that turns its harmonics too", unit="deg",
         range=(0.0, 180.0),
     )  # fmt: skip
 
@@ -40,9 +42,11 @@ class DriverParameters:
         "distance from where the splat was captured [unit]",
         uniform=True,
     )
-    in_min: float = knob(0.0, "source from which it begins", range=(-INF, INF))
-    in_max: float = knob(1.0, "source at which it is complete", range=(-INF, INF))
-    ease: Literal["linear", "smooth", "smoother"] = knob("smooth", "in between", uniform=True)
+    in_min: float = knob(0.0, "value of the source where it begins", range=(-INF, INF))
+    in_max: float = knob(1.0, "value of the source where it is complete", range=(-INF, INF))
+    ease: Literal["linear", "smooth", "smoother"] = knob(
+        "smooth", "shape of the ramp in between", uniform=True
+    )
     output: Literal["scale", "thickness", "opacity", "color", "displacement"] = knob(
         "scale",
         "what is driven: size, size along the normal, opacity, colour, or place along the normal",
@@ -55,10 +59,12 @@ class DriverParameters:
         range=(-INF, INF),
     )
     color: tuple[float, float, float] = knob(
-        (1.0, 1.0, 1.0), "mixed in by color, in the field's colour space", usd_type="color3f"
+        (1.0, 1.0, 1.0),
+        "of output color: what is mixed in, in the field's colour space",
+        usd_type="color3f",
     )
     sh_fade: float = knob(
-        1.0, "of color: how much of the view-dependent colour goes", range=(0.0, 1.0)
+        1.0, "of output color: how much of the view-dependent colour goes", range=(0.0, 1.0)
     )
 
 
@@ -76,7 +82,10 @@ class BakeParameters:
         24, "frames of a clip; counts change only between them", range=(1, 10000), uniform=True
     )
     checkpoint_every: int = knob(
-        24, "frames after which a bake can be resumed", range=(1, 10000), uniform=True
+        24,
+        "frames between the checkpoints that a bake can be resumed from",
+        range=(1, 10000),
+        uniform=True,
     )
     velocities: bool = knob(True, "whether velocities are written", uniform=True)
     pattern: bool = knob(False, "whether u and v are written as primvars", uniform=True)

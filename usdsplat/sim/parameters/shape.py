@@ -19,20 +19,29 @@ class SettleParameters:
         8.0, "how fast splats settle; half the way takes 1.68 / omega; 0 leaves them", unit="1/s",
         range=(0.0, 100.0),
     )  # fmt: skip
-    delay: float = knob(0.0, "rest after the last contact", unit="s", range=(0.0, INF))
+    delay: float = knob(
+        0.0,
+        "how long splats stay put after the last contact before they settle",
+        unit="s",
+        range=(0.0, INF),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConformParameters:
     """Onto a target: the mesh that rel splatSim:conform:target names."""
 
-    weight: float = knob(0.0, "how far: 0 is the capture, 1 the target", range=(0.0, 1.0))
+    weight: float = knob(
+        0.0, "how far: 0 is the capture, 1 the target; needs rel conform:target", range=(0.0, 1.0)
+    )
     start: float = knob(
         0.0, "when the first splats set off, after the simulation's start", unit="s",
         range=(-INF, INF),
     )  # fmt: skip
-    duration: float = knob(2.0, "time a splat takes", unit="s", range=(0.0, INF))
-    stagger: float = knob(1.0, "how much later the last sets off", unit="s", range=(0.0, INF))
+    duration: float = knob(2.0, "time that a splat takes on its way", unit="s", range=(0.0, INF))
+    stagger: float = knob(
+        1.0, "how much later than the first the last splat sets off", unit="s", range=(0.0, INF)
+    )
     order: Literal["random", "distance"] = knob(
         "random", "who sets off first: anyone, or the nearest to the target", uniform=True
     )
@@ -43,14 +52,18 @@ class ConformParameters:
         uniform=True,
     )
     axis: tuple[float, float, float] = knob(
-        (0.0, -1.0, 0.0), "of projectAlong, in the field's space", usd_type="vector3f", uniform=True
+        (0.0, -1.0, 0.0),
+        "of mode projectAlong, in the field's space",
+        usd_type="vector3f",
+        uniform=True,
     )
     path: Literal["straight", "slide"] = knob(
         "straight", "the way there: a line, or down the distance field", uniform=True
     )
     orient: float = knob(1.0, "how far splats turn to lie on the target", range=(0.0, 1.0))
     scale_mode: Literal["preserve", "density", "flatten"] = knob(
-        "preserve", "sizes there: as they were, as the spacing grew, or flat"
+        "preserve",
+        "sizes there: as they were, larger as splats are further apart, or flattened onto it",
     )
     keep_thickness: float = knob(
         1.0, "how much of its height over the capture's surface a splat keeps", range=(0.0, 1.0)
@@ -61,8 +74,14 @@ class ConformParameters:
 class SkinParameters:
     """By joints: those of the skeleton that rel splatSim:skin:skeleton names."""
 
-    weight: float = knob(1.0, "how far: 0 leaves splats where they are", range=(0.0, 1.0))
-    method: Literal["linear", "dualQuaternion"] = knob("linear", "how joints are blended")
+    weight: float = knob(
+        1.0,
+        "how far: 0 leaves splats where they are, 1 follows; needs rel skin:skeleton",
+        range=(0.0, 1.0),
+    )
+    method: Literal["linear", "dualQuaternion"] = knob(
+        "linear", "how joints are blended; dualQuaternion keeps volume in twists"
+    )
     binding: Literal["weights", "triangles"] = knob(
         "weights",
         "what splats follow where rel splatSim:skin:mesh names a mesh: its points' joint weights, "
@@ -77,7 +96,7 @@ class DeformParameters:
     splatSim:deform:<name>:frame names, or the field's."""
 
     type: Literal["transform", "bend", "twist", "taper", "lattice", "noise", "curl", "wave"] = knob(
-        "transform", "what it does", uniform=True
+        "transform", "what it does to space", uniform=True
     )
     order: int = knob(0, "place in the stack, lowest first", range=(-1000, 1000), uniform=True)
     weight: float = knob(1.0, "how much of it", range=(0.0, 1.0))
@@ -136,25 +155,31 @@ class ParticlesParameters:
     )  # fmt: skip
     turbulence: float = knob(0.0, "speed of the air's whirls", unit="unit/s", range=(0.0, INF))
     turbulence_scale: float = knob(1.0, "size of the whirls", unit="unit", range=(1e-6, INF))
-    turbulence_speed: float = knob(0.5, "how often whirls change", unit="1/s", range=(0.0, INF))
-    drag: float = knob(0.5, "how fast splats take the air's velocity", unit="1/s", range=(0.0, INF))
+    turbulence_speed: float = knob(0.5, "how often the whirls change", unit="1/s", range=(0.0, INF))
+    drag: float = knob(
+        0.5, "how fast splats take the velocity of the air", unit="1/s", range=(0.0, INF)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DissolveParameters:
     """Splats let go, one after the other; or, time reversed, come together."""
 
-    enabled: bool = knob(False, "whether they do")
+    enabled: bool = knob(False, "whether splats let go")
     mode: Literal["dissolve", "assemble"] = knob(
-        "dissolve", "whether splats fly off, or come from where they would have flown", uniform=True
+        "dissolve",
+        "whether splats fly off, or come back from where they would have flown",
+        uniform=True,
     )
     by: Literal["noise", "distance", "random"] = knob(
-        "noise", "who goes first: patches, the nearest to origin, or anyone", uniform=True
+        "noise", "who goes first: patches of a size, the nearest to origin, or anyone", uniform=True
     )
     origin: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0), "of distance, in the field's space", usd_type="point3f", uniform=True
     )
-    size: float = knob(0.25, "of the patches", unit="unit", range=(1e-6, INF), uniform=True)
+    size: float = knob(
+        0.25, "of the patches of by noise", unit="unit", range=(1e-6, INF), uniform=True
+    )
     start: float = knob(
         0.0, "when the first goes, after the simulation's start", unit="s", range=(-INF, INF),
         uniform=True,
@@ -163,12 +188,26 @@ class DissolveParameters:
         2.0, "time from the first to the last", unit="s", range=(0.0, INF), uniform=True
     )
     speed: float = knob(
-        0.0, "with which they go, along their normal", unit="unit/s", range=(0.0, INF), uniform=True
+        0.0,
+        "with which splats go, along their normal",
+        unit="unit/s",
+        range=(0.0, INF),
+        uniform=True,
     )
     spread: float = knob(
-        30.0, "half the angle of the cone about it", unit="deg", range=(0.0, 180.0), uniform=True
+        30.0,
+        "half the angle of the cone about the normal",
+        unit="deg",
+        range=(0.0, 180.0),
+        uniform=True,
     )
     fade: float = knob(
-        0.5, "time in which they vanish; 0 is never", unit="s", range=(0.0, INF), uniform=True
+        0.5,
+        "time in which a splat that goes vanishes; 0 is never",
+        unit="s",
+        range=(0.0, INF),
+        uniform=True,
     )
-    shrink: float = knob(1.0, "how much of their size they lose meanwhile", range=(0.0, 1.0))
+    shrink: float = knob(
+        1.0, "part of their size that splats lose while they vanish", range=(0.0, 1.0)
+    )
