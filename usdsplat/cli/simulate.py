@@ -31,7 +31,7 @@ from usdsplat.cli import console
 from usdsplat.cli.parsing import option
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frames import parse_frames
+from usdsplat.images.frames import LIMIT, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -155,9 +155,9 @@ def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:
         if not stage.HasAuthoredTimeCodeRange():
             raise UsageError("--frames", "none, and a stage without a range", "such as 1:100")
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-        if last < first:
-            found = f"none, and a stage that ends at {last:g}, before {first:g}"
-            raise UsageError("--frames", found, "such as 1:100")
+        if not 0 <= last - first < LIMIT:
+            found = f"none, and a stage from {first:g} to {last:g}"
+            raise UsageError("--frames", found, f"a range of at most {LIMIT} frames")
         return tuple(first + i for i in range(int(last - first) + 1))
     frames = parse_frames(options.frames)
     if any(later - earlier != 1 for earlier, later in itertools.pairwise(frames)):

@@ -179,6 +179,8 @@ def _literals(hint: Any) -> tuple[Any, ...] | None:
 
 def _limits(lower: float, upper: float) -> str:
     """Words for an interval, open ends left out."""
+    if math.isinf(lower) and math.isinf(upper):
+        return "a number"
     if math.isinf(upper):
         return f"{lower:g} or more"
     if math.isinf(lower):
@@ -188,4 +190,7 @@ def _limits(lower: float, upper: float) -> str:
 
 def _type_name(hint: Any) -> str:
     """An annotation as a user reads it."""
+    parts = typing.get_args(hint)
+    if typing.get_origin(hint) is tuple and set(parts) <= {int, float}:
+        return f"{len(parts)} numbers"
     return hint.__name__ if isinstance(hint, type) and not typing.get_args(hint) else str(hint)

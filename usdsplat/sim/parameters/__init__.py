@@ -6,8 +6,13 @@ the name `rd:someName` on the command line, and `parameters.rd.some_name` here.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
+from usdsplat.core.errors import UsageError
+from usdsplat.core.knobs import checked, knobs
 from usdsplat.sim.parameters.affector import AffectorParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
@@ -47,9 +52,12 @@ __all__ = [
     "SimParameters",
     "SkinParameters",
     "camel",
+    "legal",
 ]
 
 NAMESPACE = "splatSim"
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,3 +107,30 @@ def camel(name: str) -> str:
     """`pattern_scale` as USD spells it, `patternScale`."""
     first, *rest = name.split("_")
     return first + "".join(word.title() for word in rest)
+
+
+def legal(where: str, cls: type[T], values: Mapping[str, Any]) -> T:
+    """`core.knobs.checked`, and no number is infinite but where the default is: no end of time.
+
+    Raises:
+        UsageError: If a name is no knob of `cls`, or it cannot have that value.
+    """
+    made = checked(where, cls, values)
+    for item in knobs(cls):
+        if item.name in values and item.default not in (math.inf, -math.inf):
+            value = getattr(made, item.name)
+            wrong = [each for each in _numbers(value) if not math.isfinite(each)]
+            if wrong:
+                is_one = isinstance(value, float)
+                expected = f"{item.expected}, finite" if is_one else "finite numbers"
+                raise UsageError(f"{where} {item.name}", str(wrong[0]), expected)
+    return made
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """All numbers of a value."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _numbers(part)
+    elif isinstance(value, (int, float)):
+        yield value

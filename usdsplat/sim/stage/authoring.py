@@ -9,8 +9,8 @@ from typing import Any
 from pxr import Gf, Sdf, Usd
 
 from usdsplat.core.errors import UsageError
-from usdsplat.core.knobs import Knob, checked, knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
+from usdsplat.core.knobs import Knob, knobs
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel, legal
 from usdsplat.sim.schema_source import MULTIPLE, SINGLE, usd_type
 
 SINGLE_APIS = {group: each.name for each in SINGLE for group in each.groups}
@@ -32,7 +32,7 @@ def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = No
     """
     for name, value in values.items():
         group, instance, item = find(name)
-        taken = getattr(checked(name, _class(group), {item.name: value}), item.name)
+        taken = _legal(name, group, item, value)
         if time is not None and item.uniform:
             raise UsageError(name, f"a value at {time:g}", "one value for all times")
         _apply(prim, group, instance)
@@ -75,6 +75,14 @@ def _names(instance: str) -> Iterator[str]:
     for group, cls in {**GROUPS, **INSTANCED}.items():
         lead = f"{group}:{instance}:" if group in MULTIPLE_APIS else f"{group}:"
         yield from (f"{lead}{camel(item.name)}" for item in knobs(cls))
+
+
+def _legal(name: str, group: str, item: Knob, value: Any) -> Any:
+    """A value as its knob's type, refused by the name that the user knows."""
+    try:
+        return getattr(legal("", _class(group), {item.name: value}), item.name)
+    except UsageError as error:
+        raise UsageError(name, error.found, error.expected) from None
 
 
 def _class(group: str) -> type:

@@ -52,7 +52,8 @@ class _Field:
 
 
 class Bake:
-    """Of all fields of a simulation. Leaving it by an exception leaves what can be resumed."""
+    """Of all fields of a simulation. Nothing is written before it is entered; leaving it by an
+    exception leaves what can be resumed."""
 
     def __init__(
         self,
@@ -68,6 +69,7 @@ class Bake:
         self._parameters = parameters
         self._provenance = provenance
         self._epochs = 0
+        self._is_new = False
         self.resumed: Checkpoint | None = None
         """Where it goes on from: states after the frame `resumed.time`."""
         self.is_complete = False
@@ -124,9 +126,7 @@ class Bake:
         elif known is not None and layers.checkpoint.exists():
             bake._restore(checkpoints.load(layers.checkpoint))
         else:
-            layers.begin()
-        if not bake.is_complete:
-            bake._present()
+            bake._is_new = True
         return bake
 
     @property
@@ -212,6 +212,10 @@ class Bake:
         return self._layers.target
 
     def __enter__(self) -> Self:
+        if self._is_new:
+            self._layers.begin()
+        if not self.is_complete:
+            self._present()
         return self
 
     def __exit__(

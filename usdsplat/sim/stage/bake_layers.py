@@ -13,6 +13,7 @@ layer comes last, so what it says is there.
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -145,6 +146,9 @@ class BakeLayers:
         used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
         if self.target.resolve() in {path.resolve() for path in used}:
             raise StageError(str(self.target), "a layer of the stage itself", "another name")
+        if not self.target.parent.is_dir():
+            found = os.strerror(errno.ENOENT)
+            raise OutputError(str(self.folder), found, "a place to make a folder")
         if self.target.suffix != ".usda":
             raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
 

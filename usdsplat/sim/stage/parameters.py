@@ -14,9 +14,9 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.knobs import Knob, checked, knobs
+from usdsplat.core.knobs import Knob, knobs
 from usdsplat.schema.values import value
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel, legal
 
 T = TypeVar("T")
 
@@ -118,7 +118,7 @@ def _taken(attribute: Usd.Attribute, cls: type, item: Knob, found: Any) -> Any:
     is_double = attribute.GetTypeName().scalarType in DOUBLE
     plain = _plain(found, single=not is_double)
     try:
-        return getattr(checked("", cls, {item.name: plain}), item.name)
+        return getattr(legal("", cls, {item.name: plain}), item.name)
     except UsageError as error:
         where = f"{attribute.GetPrim().GetPath()}.{attribute.GetName()}"
         raise StageError(where, error.found, error.expected) from None

@@ -12,6 +12,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat.core.cloud import F32, F64, SplatCloud
+from usdsplat.core.errors import StageError
 from usdsplat.sim.parameters import (
     GROUPS,
     NAMESPACE,
@@ -26,6 +27,7 @@ from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
 from usdsplat.sim.stage.collections import find_simulations
+from usdsplat.sim.stage.doubts import doubts
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all, remarks
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
@@ -98,6 +100,7 @@ class StageRecipe:
             *(said or ()),
             *of_field,
             *remarks(simulation, (*GROUPS, "deform", "driver")),
+            *(str(each) for each in doubts(simulation)),
             *(each for prim in members for each in remarks(prim, ("affector",))),
         )
         """What the stage says and nobody reads, a sentence each."""
@@ -196,12 +199,15 @@ class StageRecipe:
             mask = fields.per_splat(self._field, asked.mask, len(self._rest), code)
             if mask is None:
                 raise fields.missing(self._simulation, f"{lead}:mask", asked.mask, self._field)
-        return Deformer(
-            name=name,
-            parameters=asked,
-            frame=self._space.from_prim(prim, code) if prim else np.eye(4),
-            mask=mask,
-        )
+        frame = self._space.from_prim(prim, code) if prim else np.eye(4)
+        where = f"{self._simulation.GetPath()}.{lead}"
+        if not abs(np.linalg.det(frame[:3, :3])) > 0:
+            raise StageError(f"{where}:{FRAME}", "a prim that is squashed flat", "one with a size")
+        count = math.prod(asked.divisions)
+        if asked.type == "lattice" and len(asked.points) not in (0, count):
+            found = f"{len(asked.points)} points"
+            raise StageError(f"{where}:points", found, f"{count}, as many as divisions say")
+        return Deformer(name=name, parameters=asked, frame=frame, mask=mask)
 
     def _driver(self, name: str, code: Usd.TimeCode) -> Driver:
         lead = f"{NAMESPACE}:driver:{name}"

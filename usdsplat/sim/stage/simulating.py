@@ -99,8 +99,11 @@ class Simulation:
         lap: Callable[[str], None] = lambda name: None,
     ) -> None:
         prims = find_simulations(stage)
+        where = stage.GetRootLayer().GetDisplayName()
+        if not stage.GetTimeCodesPerSecond() > 0:
+            found = f"timeCodesPerSecond of {stage.GetTimeCodesPerSecond():g}"
+            raise StageError(where, found, "more than 0")
         if not prims:
-            where = stage.GetRootLayer().GetDisplayName()
             raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
         self._device, self._lap = device, lap
         self._start = frames[0]
@@ -211,14 +214,14 @@ def simulate(
         resume=resume,
     )
     spent: list[float] = []
+    states = None if bake.resumed is None else dict(bake.resumed.states)
+    left = list(bake.left)
+    if left:
+        progress.step("beginning", 0, 0)
+        simulation.begin(states)
+        for each in simulation.remarks:
+            remark(each)
     with bake:
-        states = None if bake.resumed is None else dict(bake.resumed.states)
-        left = list(bake.left)
-        if left:
-            progress.step("beginning", 0, 0)
-            simulation.begin(states)
-            for each in simulation.remarks:
-                remark(each)
         for number, frame in enumerate(left):
             progress.step("simulating", number, len(left))
             start = time.perf_counter()

@@ -215,4 +215,7 @@ def _stack(query: UsdSkel.SkeletonQuery, found: object) -> F64:
     if len(array) != joints:
         where = str(query.GetPrim().GetPath())
         raise StageError(where, f"{len(array)} transforms", f"one for each of {joints} joints")
+    if not np.isfinite(array).all():
+        where = str(query.GetPrim().GetPath())
+        raise StageError(where, "joints that are nowhere", "transforms that are finite")
     return array.transpose(0, 2, 1)

@@ -52,13 +52,16 @@ class Space:
         """From a prim's space to the simulation's.
 
         Raises:
-            StageError: If the field is squashed flat there.
+            StageError: If the field is squashed flat there, or one of both is nowhere.
         """
-        ours = self.to_world(time)
-        if not abs(np.linalg.det(ours[:3, :3])) > 0 or not np.isfinite(ours).all():
+        ours, theirs = self.to_world(time), to_world(prim, time)
+        for one, matrix in ((self.field, ours), (prim, theirs)):
+            if not np.isfinite(matrix).all():
+                where = f"{one.GetPath()} at {time}"
+                raise StageError(where, "a transform that is not finite", "a finite one")
+        if not abs(np.linalg.det(ours[:3, :3])) > 0:
             where = f"{self.field.GetPath()} at {time}"
             raise StageError(where, "a transform that cannot be undone", "one without a scale of 0")
-        theirs = to_world(prim, time)
         if np.array_equal(ours, theirs):
             return np.eye(4)  # to the bit: nothing is to be carried
         return np.asarray(np.linalg.solve(ours, theirs))

@@ -1,0 +1,287 @@
+"""`usdsplat simulate`: parameters, presets, bakes, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from tests.cli.conftest import ball
+from usdsplat import schema
+from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
+from usdsplat.sim.stage.authoring import author
+
+FRAMES = ("--frames", "1:3")
+
+
+@pytest.fixture
+def sim(tmp_path):
+    """A stage of 3 frames: 60 splats, a SplatSim prim, and a ball that comes to them."""
+    path = tmp_path / "sim.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(3)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    schema.author(stage, "/World/Field", ball(60))
+    author(stage.DefinePrim("/World/Sim", "SplatSim"), {"bake:checkpointEvery": 2})
+    sphere = UsdGeom.Sphere.Define(stage, "/World/Sphere")
+    sphere.CreateRadiusAttr(0.2)
+    move = sphere.AddTranslateOp()
+    for frame in (1, 3):
+        move.Set((0.5 * (frame - 2), 0, 0), frame)
+    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    stage.GetRootLayer().Save()
+    return path
+
+
+def positions(path, frame, prim="/World/Field"):
+    """The centres on a stage, shape (n, 3)."""
+    stage = Usd.Stage.Open(str(path))
+    return np.array(schema.fetch(stage.GetPrimAtPath(prim), frame).positions)
+
+
+# --- help -------------------------------------------------------------------------------------
+
+
+def test_help_shows_every_flag_and_how_it_is_used(run):
+    """Oracle: the flags of the options, and the commands of the README."""
+    status, out, err = run("simulate", "--help")
+    assert (status, err) == (0, "")
+    for flag in ("--output", "--frames", "--preset", "--set", "--list-parameters", "--resume",
+                 "--force", "--frame", "--device", "--threads", "--json", "--mute"):  # fmt: skip
+        assert flag in out
+    assert "usdsplat simulate --preset grow scan.ply -o grow.usda" in out
+
+
+def test_every_parameter_is_listed_once(run, run_json):
+    """Oracle: the fields of the dataclasses; the text shows what the JSON does."""
+    lead = {"deform": "deform:<name>", "driver": "driver:<name>"}
+    expected = [
+        f"{lead.get(group, group)}:{camel(item.name)}"
+        for group, cls in {**GROUPS, **INSTANCED}.items()
+        for item in fields(cls)
+    ]
+    rows = run_json("simulate", "--list-parameters")
+    values = [row["name"] for row in rows if row["type"] != "rel"]
+    assert sorted(values) == sorted(expected) and len(set(values)) == len(values) > 100
+    assert all(row["text"] for row in rows)
+    status, out, err = run("simulate", "--list-parameters")
+    assert (status, err) == (0, "")
+    listed = re.findall(r"^([a-z]+:[\w<>:]+) ", out, re.MULTILINE)
+    assert listed == [row["name"] for row in rows]
+
+
+def test_relationships_are_listed_where_their_parameters_are(run_json):
+    """Oracle: the relationships that the reader of stages looks for."""
+    rows = run_json("simulate", "--list-parameters")
+    found = {row["name"] for row in rows if row["type"] == "rel"}
+    assert found == {
+        "relax:surface", "conform:target", "skin:skeleton", "skin:mesh", "deform:<name>:frame",
+        "collection:splats:includes", "collection:affectors:includes",
+    }  # fmt: skip
+
+
+# --- presets ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["grow", "push", "conform", "dissolve"])
+def test_a_preset_of_a_capture_can_be_simulated(name, run, capture, tmp_path):
+    """Oracle: the files that are named, and a bake of their first frames that moves splats."""
+    made = tmp_path / f"{name}.usda"
+    status, out, err = run("simulate", "--preset", name, capture, "-o", made)
+    assert status == 0
+    assert out.splitlines() == [str(tmp_path / f"{name}_capture.usdc"), str(made)]
+    assert err == f"usdsplat: next: usdsplat simulate {made} -o {tmp_path / f'{name}_bake.usda'}\n"
+    bake = tmp_path / "bake.usda"
+    sets = ("--set", "rd:substeps=4") if name == "grow" else ()
+    frames = ("--frames", "1:3")
+    if name != "grow":  # by then the ball is there, and splats are on their way
+        frames = ("--frames", "20:22")
+        sets = ("--set", f"{name}:start=0") if name != "push" else ()
+    assert run("simulate", made, "-o", bake, *frames, *sets)[0] == 0
+    stage = Usd.Stage.Open(str(bake))
+    (field,) = (str(each.GetPath()) for each in stage.Traverse() if schema.is_splat_field(each))
+    first, last = (float(text) for text in frames[1].split(":"))
+    assert positions(bake, first, field).shape == (300, 3)
+    at = positions(bake, last, field)
+    assert len(at) != 300 or not np.array_equal(at, positions(bake, first, field))
+
+
+def test_a_preset_of_a_stage_refers_to_it(run_json, shot, tmp_path):
+    """Oracle: the sublayer, and no copy of the capture."""
+    made = tmp_path / "push.usda"
+    assert run_json("simulate", "--preset", "push", shot, "-o", made) == {"files": [str(made)]}
+    assert list(Sdf.Layer.FindOrOpen(str(made)).subLayerPaths) == ["./shot.usda"]
+
+
+def test_what_is_there_is_not_replaced_by_a_preset(run, capture, tmp_path):
+    """Oracle: one sentence, status 2; the file keeps its bytes."""
+    made = tmp_path / "push.usda"
+    made.write_text("mine")
+    status, out, err = run("simulate", "--preset", "push", capture, "-o", made)
+    assert (status, out) == (2, "")
+    assert err == f"usdsplat: {made}: found a file, expected a new name\n"
+    made.rename(tmp_path / "push_capture.usdc")
+    status, _, err = run("simulate", "--preset", "push", capture, "-o", made)
+    assert status == 2 and "push_capture.usdc: found a file" in err
+    assert (tmp_path / "push_capture.usdc").read_text() == "mine" and not made.exists()
+
+
+# --- bakes ------------------------------------------------------------------------------------
+
+
+def test_a_bake_moves_what_the_ball_meets_and_leaves_the_capture(run, sim, tmp_path):
+    """Oracle: the ball's radius; the capture's own bytes."""
+    before = sim.read_bytes()
+    bake = tmp_path / "bake.usda"
+    status, out, err = run("simulate", sim, "-o", bake)
+    assert (status, out) == (0, f"{bake}\n")
+    assert re.search(r"^usdsplat: 3 frames of 60 splats in .* at most [\d,]+ MB$", err, re.M)
+    assert sim.read_bytes() == before
+    at = positions(bake, 2)
+    assert np.linalg.norm(at, axis=1).min() > 0.199
+    assert np.linalg.norm(positions(sim, 2), axis=1).min() < 0.19
+    assert np.array_equal(positions(bake, 1)[:, 0] > 0, positions(sim, 1)[:, 0] > 0)
+
+
+def test_the_report_is_json(run, sim, tmp_path):
+    """Oracle: the keys that a script would ask for."""
+    status, out, _ = run("simulate", sim, "-o", tmp_path / "bake.usda", *FRAMES, "--json")
+    report = json.loads(out)
+    assert status == 0
+    assert (report["frames"], report["splats"]) == (3, {"/World/Field": 60})
+    assert report["target"] == str(tmp_path / "bake.usda")
+    assert report["stages"]["contact"] >= 0 and report["seconds"] >= report["seconds_per_frame"]
+
+
+def test_set_is_the_same_as_an_edit_of_the_stage(run, sim, tmp_path):
+    """Oracle: the value, authored on a copy of the stage."""
+    edited = tmp_path / "edited.usda"
+    stage = Usd.Stage.Open(str(sim))
+    author(stage.GetPrimAtPath("/World/Sphere"), {"affector:radiusScale": 1.5})
+    author(stage.GetPrimAtPath("/World/Sim"), {"settle:omega": 2.0})
+    stage.Export(str(edited))
+    sets = ("--set", "affector:radiusScale=1.5", "--set", "/World/Sim.settle:omega=2")
+    assert run("simulate", sim, "-o", tmp_path / "a.usda", *sets)[0] == 0
+    assert run("simulate", edited, "-o", tmp_path / "b.usda")[0] == 0
+    for frame in (1, 2, 3):
+        a, b = (positions(tmp_path / name, frame) for name in ("a.usda", "b.usda"))
+        assert np.array_equal(a, b)
+
+
+def test_a_bake_is_replaced_by_force_only(run, sim, tmp_path):
+    """Oracle: the sentence, and the bake's bytes."""
+    bake = tmp_path / "bake.usda"
+    assert run("simulate", sim, "-o", bake)[0] == 0
+    before = bake.read_bytes()
+    status, out, err = run("simulate", sim, "-o", bake)
+    assert (status, out) == (2, "")
+    assert err == (f"usdsplat: {bake}: found a file, expected a new name, or --resume or --force\n")
+    assert bake.read_bytes() == before
+    assert run("simulate", sim, "-o", bake, "--frames", "1:2", "--force")[0] == 0
+    assert Usd.Stage.Open(str(bake)).GetRootLayer().customLayerData != {}
+    assert bake.read_bytes() != before
+
+
+def test_resume_has_nothing_to_do_where_all_is_there(run, sim, tmp_path):
+    """Oracle: the report, and the samples' bytes."""
+    bake = tmp_path / "bake.usda"
+    assert run("simulate", sim, "-o", bake)[0] == 0
+    before = (tmp_path / "bake_data" / "samples.usdc").read_bytes()
+    status, _, err = run("simulate", sim, "-o", bake, "--resume")
+    assert (status, err) == (0, "usdsplat: nothing to do: every frame is there already\n")
+    assert (tmp_path / "bake_data" / "samples.usdc").read_bytes() == before
+
+
+def test_resume_refuses_other_parameters(run, sim, tmp_path):
+    """Oracle: one sentence; the bake is still there."""
+    bake = tmp_path / "bake.usda"
+    assert run("simulate", sim, "-o", bake)[0] == 0
+    status, _, err = run("simulate", sim, "-o", bake, "--resume", "--set", "settle:omega=1")
+    assert status == 2 and err.count("\n") == 1 and ": found " in err
+    assert bake.exists()
+
+
+def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch):
+    """Oracle: the same bake, never interrupted."""
+    from usdsplat.sim.stage.simulating import Simulation
+
+    whole, broken = tmp_path / "whole.usda", tmp_path / "broken.usda"
+    assert run("simulate", sim, "-o", whole)[0] == 0
+    advance, count = Simulation.advance, 0
+
+    def stop(self):
+        nonlocal count
+        count += 1
+        if count == 2:
+            raise KeyboardInterrupt
+        advance(self)
+
+    monkeypatch.setattr(Simulation, "advance", stop)
+    try:
+        status = run("simulate", sim, "-o", broken)[0]
+    except KeyboardInterrupt:
+        status = 130
+    assert status != 0
+    monkeypatch.undo()
+    status, out, _ = run("simulate", sim, "-o", broken, "--resume", "--json")
+    assert status == 0 and json.loads(out)["frames"] == 1
+    for frame in (1, 2, 3):
+        assert np.array_equal(positions(whole, frame), positions(broken, frame))
+
+
+# --- refusals ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "simulate: found no STAGE, expected a stage or capture, and -o FILE"),
+        (("{sim}",), "simulate: found no --output, expected a stage or capture, and -o FILE"),
+        (("{ply}", "-o", "{out}"), "which is a capture, expected a stage with a SplatSim prim"),
+        (("{shot}", "-o", "{out}"), "found no SplatSim prim, expected one; usdsplat simulate --pr"),
+        (("{sim}", "-o", "{sim}"), "sim.usda: found "),
+        (("{sim}", "-o", "{out}c"), "found the suffix '.usdac', expected .usda"),
+        (("{sim}", "-o", "no/such/out.usda"), "No such file or directory, expected a place"),
+        (("{sim}", "-o", "{out}", "--frames", "3:1"), "frames: found "),
+        (("{sim}", "-o", "{out}", "--frames", "1:9x2"), "expected every frame from one to another"),
+        (("{sim}", "-o", "{out}", "--frames", "soon"), "expected a range such as"),
+        (("{sim}", "-o", "{out}", "--set", "rd:feed"), "expected [/PRIM.]group:name=value"),
+        (("{sim}", "-o", "{out}", "--set", "rd:fed=0.04"), "'rd:fed', expected such as rd:feed"),
+        (("{sim}", "-o", "{out}", "--set", "rd:feed=7"), "rd:feed: found 7.0, expected 0 to 0.1"),
+        (("{sim}", "-o", "{out}", "--set", "rd:feed=nan"), "rd:feed: found nan, expected 0 to"),
+        (("{sim}", "-o", "{out}", "--set", "rd:feed=much"), "found 'much', expected 0 to 0.1"),
+        (("{sim}", "-o", "{out}", "--set", "affector:blend=inf"), "affector:blend: found inf, exp"),
+        (("{sim}", "-o", "{out}", "--set", "/No.rd:feed=0.04"), "found no SplatSim prim /No, exp"),
+        (("{sim}", "-o", "{out}", "--set", "deform:a:angle=9"), "found no deform 'a', expected"),
+        (("{sim}", "-o", "{out}", "--device", "abacus"), "found "),
+        (("{sim}", "-o", "{out}", "--threads", "0"), "found "),
+        (("--preset", "melt", "{ply}", "-o", "{out}"), "found 'melt', expected one of grow, push"),
+        (("--preset", "push", "{ply}", "-o", "{out}", "--frames", "1:2"), "--frames: found --pres"),
+        (("--preset", "push", "{sim}", "-o", "{out}", "--frame", "rdf"), "--frame: found a stage"),
+        (("--preset", "push", "{ply}no", "-o", "{out}"), "found "),
+    ],
+)
+def test_what_cannot_be_asked_for_is_one_sentence(words, sentence, run, sim, shot, capture):
+    """Oracle: where: found X, expected Y; nothing is written."""
+    names = {"sim": sim, "shot": shot, "ply": capture, "out": sim.with_name("out.usda")}
+    before = sorted(sim.parent.iterdir())
+    status, out, err = run("simulate", *(word.format(**names) for word in words))
+    assert (status, out) == (2, "")
+    assert err.startswith("usdsplat: ") and err.count("\n") == 1
+    assert ": found " in err and ", expected " in err and sentence in err
+    assert sorted(sim.parent.iterdir()) == before
+
+
+def test_progress_is_lines_where_nobody_watches(run, sim, tmp_path, monkeypatch):
+    """Oracle: the frames that are to be done, as plain lines on stderr."""
+    monkeypatch.setattr("usdsplat.cli.console.INTERVALS", ((float("inf"), 0.0),))
+    err = run("simulate", sim, "-o", tmp_path / "bake.usda")[2]
+    shown = re.findall(r"^usdsplat: simulating (\d)/3 ", err, re.MULTILINE)
+    assert shown[-1] == "3" and sorted(shown) == shown
