@@ -105,6 +105,7 @@ class Simulation:
             raise StageError(where, found, "more than 0")
         if not prims:
             raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
+        self._stage = stage  # prims live no longer than it
         self._device, self._lap = device, lap
         self._start = frames[0]
         self.recipes: dict[str, StageRecipe] = {}
