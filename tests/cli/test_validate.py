@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
-from pxr import Usd
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from usdsplat.sim.stage.authoring import author
 
 
 def break_scales(shot):
@@ -51,3 +54,80 @@ def test_a_missing_stage_is_status_2(run):
     status, out, err = run("validate", "missing.usda")
     assert (status, out) == (2, "")
     assert err == "usdsplat: missing.usda: found no such file, expected a USD file\n"
+
+
+@pytest.fixture
+def simulation(shot):
+    """The shot, and a simulation of it in which a ball acts."""
+    stage = Usd.Stage.Open(str(shot))
+    author(stage.DefinePrim("/World/Sim", "SplatSim"), {"settle:omega": 2.0})
+    sphere = UsdGeom.Sphere.Define(stage, "/World/Sphere")
+    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    stage.GetRootLayer().Save()
+    return stage
+
+
+def found_in(simulation, run):
+    """Findings as (severity, where, name), and the status."""
+    simulation.GetRootLayer().Save()
+    status, out, _ = run("validate", simulation.GetRootLayer().realPath, "--json")
+    found = [(x["severity"], f"{x['path']}.{x['attribute']}", x["name"]) for x in json.loads(out)]
+    return status, found
+
+
+def test_nothing_is_wrong_with_a_simulation(simulation, run):
+    """Oracle: a stage that `simulate` takes without a word."""
+    assert found_in(simulation, run) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "values", "expected"),
+    [
+        ("rd:fed", "float", [0.1], ("warning", "rd:fed", "unused")),
+        ("sim:seed", "int", [1, 2], ("warning", "sim:seed", "unused")),
+        ("growth:rate", "float", [1.0], ("warning", "growth:rate", "unused")),
+        ("settle:omega", "float", [500.0], ("error", "settle:omega", "notSimulated")),
+        ("settle:delay", "float", [1.0, -1.0], ("error", "settle:delay", "notSimulated")),
+        ("rd:enabled", "string", ["yes"], ("error", "rd:enabled", "notSimulated")),
+    ],
+)
+def test_a_simulations_parameters_are_validated(name, kind, values, expected, simulation, run):
+    """Oracle: one finding about the attribute; a value out of range is found at any sample."""
+    prim = simulation.GetPrimAtPath("/World/Sim")
+    prim.RemoveProperty(f"splatSim:{name}")
+    attribute = prim.CreateAttribute(f"splatSim:{name}", Sdf.ValueTypeNames.Find(kind))
+    for frame, value in enumerate(values, 1):
+        attribute.Set(value, frame if len(values) > 1 else Usd.TimeCode.Default())
+    severity, where, what = expected
+    status, found = found_in(simulation, run)
+    assert found == [(severity, f"/World/Sim.splatSim:{where}", what)]
+    assert status == (severity == "error")
+
+
+def test_what_a_simulation_names_and_is_not_there_is_found(simulation, run):
+    """Oracle: a target, a member of a collection and a shape that cannot act."""
+    prim = simulation.GetPrimAtPath("/World/Sim")
+    prim.CreateRelationship("collection:affectors:includes").SetTargets(["/No"])
+    assert ("warning", "/World/Sim.collection:affectors:includes", "unused") in found_in(
+        simulation, run
+    )[1]
+    prim.GetRelationship("collection:affectors:includes").ClearTargets(True)
+    prim.CreateRelationship("splatSim:conform:target").SetTargets(["/No"])
+    found = found_in(simulation, run)
+    assert found[0] == 1
+    assert ("error", "/World/Sim.splatSim:conform:target", "notSimulated") in found[1]
+    prim.RemoveProperty("splatSim:conform:target")
+    author(UsdGeom.Cone.Define(simulation, "/World/Cone").GetPrim(), {"affector:friction": 0.1})
+    assert found_in(simulation, run) == (1, [("error", "/World/Cone.", "notSimulated")])
+
+
+def test_a_bake_without_its_data_is_found(simulation, run, tmp_path):
+    """Oracle: nothing before the folder of the data is away, an error after."""
+    bake = tmp_path / "bake.usda"
+    assert run("simulate", simulation.GetRootLayer().realPath, "-o", bake)[0] == 0
+    assert run("validate", bake)[0] == 0
+    (tmp_path / "bake_data").rename(tmp_path / "elsewhere")
+    status, out, _ = run("validate", bake, "--json")
+    found = json.loads(out)
+    assert status == 1 and [each["name"] for each in found] == ["noResults"]
+    assert "bake_data/samples.usdc" in found[0]["found"]

@@ -1,4 +1,4 @@
-"""Check the splats of a stage; each finding comes with its cure.
+"""Check the splats and simulations of a stage; each finding comes with its cure.
 
 examples:
   usdsplat validate shot.usd
@@ -9,7 +9,8 @@ examples:
   usdsplat validate shot.usd --variant /World/Tree:season=autumn --mute proxy
 
 notes:
-  An error changes or loses the picture. A warning is what other applications may trip over.
+  An error changes or loses the picture, or cannot be simulated. A warning is what other
+  applications may trip over, or what leads nowhere.
 """
 
 from __future__ import annotations
@@ -44,11 +45,13 @@ def run(options: Options) -> int:
     """Print the findings; return 1 if there are errors among them."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.schema import validate
+    from usdsplat.sim.stage.validating import validate_simulations
 
     time = time_code(options.time)
     with console.progress() as progress:
         stage = open_stage(options.stage, options.opening)
         findings = validate(stage, time=time, progress=progress)
+        findings += validate_simulations(stage, time=time)
     errors = sum(finding.severity == "error" for finding in findings)
     warnings = len(findings) - errors
     if options.json:

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from pxr import Usd
 
 from usdsplat.core.errors import StageError
 from usdsplat.schema.values import value
-from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.parameters import GROUPS, NAMESPACE
 from usdsplat.sim.stage import collections
-from usdsplat.sim.stage.parameters import instances
+from usdsplat.sim.stage.parameters import instances, unread
 
 _PATTERN = ("u", "v", "vMinusU")
 """Sources of drivers that only a reaction gives."""
 
 
-def doubts(simulation: Usd.Prim) -> list[StageError]:
-    """What a SplatSim prim asks for and cannot have, in the order of the groups."""
+def doubts(simulation: Usd.Prim, affectors: Iterable[Usd.Prim]) -> list[StageError]:
+    """Properties of a SplatSim prim and its affectors that nobody reads, and what the simulation
+    asks for and cannot have."""
     return [
-        StageError(f"{simulation.GetPath()}.{name}", found, expected)
-        for name, found, expected in _doubts(simulation)
+        *unread(simulation, (*GROUPS, "deform", "driver")),
+        *(each for prim in affectors for each in unread(prim, ("affector",))),
+        *(
+            StageError(f"{simulation.GetPath()}.{name}", found, expected)
+            for name, found, expected in _doubts(simulation)
+        ),
     ]
 
 

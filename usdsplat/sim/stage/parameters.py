@@ -72,9 +72,9 @@ def instances(prim: Usd.Prim, group: str) -> list[str]:
     return sorted(names)
 
 
-def remarks(prim: Usd.Prim, groups: Iterable[str]) -> list[str]:
-    """A sentence for each property of ours that nobody reads, with the name it may be meant for;
-    and for samples over time of what holds for all times.
+def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
+    """Each property of ours that nobody reads, with the name it may be meant for; and samples over
+    time of what holds for all times.
 
     Args:
         prim: A simulation or an affector.
@@ -89,9 +89,9 @@ def remarks(prim: Usd.Prim, groups: Iterable[str]) -> list[str]:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             meant = f"such as {near[0]}" if near else f"one of {NAMESPACE}:{{{','.join(groups)}}}:"
-            said.append(str(StageError(where, "a property that nobody reads", meant)))
+            said.append(StageError(where, "a property that nobody reads", meant))
         elif known[name] and prim.GetAttribute(name).GetNumTimeSamples():
-            said.append(str(StageError(where, "samples over time", "one value for all times")))
+            said.append(StageError(where, "samples over time", "one value for all times"))
     return said
 
 

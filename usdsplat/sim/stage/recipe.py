@@ -14,7 +14,6 @@ from pxr import Usd
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.sim.parameters import (
-    GROUPS,
     NAMESPACE,
     DeformParameters,
     DriverParameters,
@@ -28,7 +27,7 @@ from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.doubts import doubts
-from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all, remarks
+from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
 from usdsplat.sim.stage.targets import SurfaceReader, related
@@ -99,9 +98,7 @@ class StageRecipe:
         self.remarks: tuple[str, ...] = (
             *(said or ()),
             *of_field,
-            *remarks(simulation, (*GROUPS, "deform", "driver")),
-            *(str(each) for each in doubts(simulation)),
-            *(each for prim in members for each in remarks(prim, ("affector",))),
+            *map(str, doubts(simulation, members)),
         )
         """What the stage says and nobody reads, a sentence each."""
 

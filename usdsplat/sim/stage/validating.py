@@ -1,0 +1,88 @@
+"""Find what is wrong with the simulations and the bakes of a stage, each with its cure.
+
+`schema.validate` knows splat fields; it stands below simulations and does not know them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.schema import Finding
+from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage import collections
+from usdsplat.sim.stage.doubts import doubts
+from usdsplat.sim.stage.provenance import read_record
+from usdsplat.sim.stage.recipe import recipes
+
+_MOST = 1000
+"""Times at which values are looked at."""
+
+
+def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list[Finding]:
+    """Check every SplatSim prim, what acts in it, and the files of a bake.
+
+    Args:
+        stage: Is not changed.
+        time: Time code to check; None checks wherever a parameter has a sample.
+
+    Returns:
+        Errors for what cannot be simulated, the first of each simulation, and for results that are
+        missing; warnings for what nobody reads and what leads nowhere.
+    """
+    found = list(_bakes(stage))
+    for prim in collections.find_simulations(stage):
+        members = collections.affectors(stage, prim)
+        found += [_finding("warning", "unused", error) for error in doubts(prim, members)]
+        times = [time] if time is not None else _times(stage, [prim, *members])
+        try:
+            for recipe in recipes(stage, prim, start=times[0]):
+                for each in times:
+                    recipe.at(each)
+        except UsdSplatError as error:
+            found.append(_finding("error", "notSimulated", error))
+    return found
+
+
+def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
+    """Layers of a bake that are not there."""
+    for layer in stage.GetLayerStack(includeSessionLayers=False):
+        if read_record(layer) is None:
+            continue
+        for path in layer.subLayerPaths:
+            if not Sdf.Layer.FindOrOpenRelativeToLayer(layer, path):
+                yield Finding(
+                    severity="error",
+                    path="/",
+                    attribute="",
+                    name="noResults",
+                    found=f"a bake without its layer {path}",
+                    expected=f"the file beside {layer.GetDisplayName()}",
+                    cure="bring the folder of its data back, or bake it again",
+                )
+
+
+def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
+    """Where a parameter has a sample, and the stage's start."""
+    times = {stage.GetStartTimeCode()}
+    for prim in prims:
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.GetName().startswith(f"{NAMESPACE}:"):
+                times.update(attribute.GetTimeSamples())
+    return sorted(times)[:_MOST]
+
+
+def _finding(severity: str, name: str, error: UsdSplatError) -> Finding:
+    """An error in the words of validation."""
+    path, _, attribute = error.where.partition(".")
+    return Finding(
+        severity="error" if severity == "error" else "warning",
+        path=path,
+        attribute=attribute,
+        name=name,
+        found=error.found,
+        expected=error.expected,
+        cure=f"make it {error.expected}",
+    )
