@@ -11,6 +11,7 @@ from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.rows import differ, largest
 from usdsplat.sim.state import FREE, State
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -46,8 +47,8 @@ class Strain:
         Returns:
             `gradient`, or one of its own; None where still nothing is deformed.
         """
-        off = np.abs(state.positions - wanted).max(axis=1)
-        pushed = (off > OFF * state.rest_scales.max(axis=1)) & ((state.flags & FREE) == 0)
+        off = largest(np.abs(state.positions - wanted))
+        pushed = (off > OFF * largest(state.rest_scales)) & ((state.flags & FREE) == 0)
         if gradient is None:
             if not pushed.any() and not self._was_deformed(state):
                 return None
@@ -66,8 +67,7 @@ class Strain:
         if not np.array_equal(state.scales, state.rest_scales):
             return True
         now, rest = state.rotations, state.rest_rotations
-        same = (now == rest).all(axis=1) | (now == -rest).all(axis=1)
-        return not same.all()
+        return bool((differ(now, rest) & differ(now, -rest)).any())
 
     def _measure_all(self, state: State, pushed: Mask, gradient: F32, normals: F32) -> None:
         """With neighbours that were found before."""
@@ -78,7 +78,7 @@ class Strain:
         chosen = pushed.copy()
         chosen[_beside(state, pushed, self._all.neighbours[pushed])] = True
         self._all.measure(
-            self._device, state.positions, gradient, sizes=_sizes(state.rest_scales),
+            self._device, state.positions, gradient, sizes=largest(state.rest_scales),
             rows=chosen.astype(np.uint8),
         )  # fmt: skip
 
@@ -100,7 +100,7 @@ class Strain:
         chosen = np.zeros(len(used), np.uint8)
         chosen[here] = 1
         local.measure(
-            self._device, state.positions[used], out, sizes=_sizes(state.rest_scales[used]),
+            self._device, state.positions[used], out, sizes=largest(state.rest_scales[used]),
             rows=chosen,
         )  # fmt: skip
         gradient[rows] = out[here]
@@ -110,11 +110,6 @@ def _beside(state: State, pushed: Mask, found: I32) -> I64:
     """Neighbours of pushed splats that are not pushed and do not fly, ascending, shape (m,)."""
     others = np.unique(found[found >= 0])
     return others[~pushed[others] & ((state.flags[others] & FREE) == 0)]
-
-
-def _sizes(scales: F32) -> F32:
-    """How far splats reach: their largest deviations, shape (n,)."""
-    return np.ascontiguousarray(scales.max(axis=1))
 
 
 def _others(found: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from usdsplat import schema
 from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.sim.arrays_file import load_arrays, save_arrays
+from usdsplat.sim.rows import differ, largest
 from usdsplat.sim.stage.radiance import Key
 from usdsplat.sim.state import Frame
 
@@ -229,7 +230,7 @@ class Spool:
             for name in ("positions", "rotations", "scales"):
                 new, old = getattr(cloud, name), getattr(self._rest, name)
                 if new is not old:
-                    moved |= (new != old).any(axis=1)
+                    moved |= differ(new, old)
             if 2 * np.count_nonzero(moved) < len(cloud):
                 if self._rest_box is None:
                     none = np.zeros(len(cloud), np.bool_)
@@ -321,7 +322,6 @@ def _box(cloud: SplatCloud, turned: Bool, slack: float) -> F32:
     """Box around splats, whichever way those that turn are turned."""
     scales = cloud.scales
     if turned.any():
-        largest = scales.max(axis=1, keepdims=True)
-        scales = np.where(turned[:, None], largest, scales)
+        scales = np.where(turned[:, None], largest(scales)[:, None], scales)
     turning = 2 * math.sin(TURNED / 4)
     return schema.compute_extent(replace(cloud, scales=scales), slack=slack + turning)
