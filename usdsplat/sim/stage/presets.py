@@ -28,8 +28,9 @@ FIRST, LAST, RATE = 1, 100, 24
 LEAST, MOST = 5, 95
 """Percentiles between which the box lies."""
 
-_PATTERN = 150
-"""Lattice units in the size of a capture: about a dozen stripes."""
+_PATTERN = 110
+"""Lattice units in the size of a capture: about nine stripes. Carriers, and with them the time that
+a frame takes, grow with its square."""
 _REACTION_STEPS = 6000
 """Until the last frame, when a pattern is formed; a frame has 256 at most."""
 
