@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
+from tests.delegate.stages import random_cloud
 from tests.delegate.test_sampling import psnr
+from tests.sim.stage.bakes import PATH, Shot, save_stage, shot
 from usdsplat import schema
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
@@ -19,7 +21,7 @@ from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.sim.stage.epochs import UNBORN_SCALE
 from usdsplat.sim.state import Frame
 
-__all__ = ["add_view", "between", "blurred", "psnr", "still", "stills"]
+__all__ = ["add_view", "between", "blurred", "psnr", "seen", "source", "still", "stills"]
 
 SIZE = (72, 54)
 CAMERA = "/World/Camera"
@@ -36,6 +38,23 @@ def add_view(stage: Usd.Stage, *, eye: Sequence[float] = (0, 0, 9)) -> UsdGeom.C
     camera.CreateFocalLengthAttr(20.0)
     camera.CreateClippingRangeAttr(Gf.Vec2f(0.1, 1000.0))
     return camera
+
+
+def seen(folder: Path, mode: str, **options: object) -> Shot:
+    """A bake of a stage with a camera; splats drift, turn, grow, are born and die."""
+    stage = save_stage(folder, {PATH: random_cloud(0, n=24, degree=1)}, options.pop("form", "float"))
+    add_view(stage)
+    stage.Save()
+    seed = options.pop("seed", 0)
+    bake = shot(folder, mode, stage=stage, lives=mode != "edit", **options)
+    bake.seed = seed
+    bake.run()
+    return bake
+
+
+def source(bake: Shot) -> Path:
+    """The stage beneath a bake."""
+    return bake.target.with_name("shot.usda")
 
 
 def blurred(

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
-from tests.delegate.stages import random_cloud
-from tests.renders import add_view, between, blurred, psnr, still, stills
-from tests.sim.stage.bakes import PATH, Shot, save_stage, shot
+from tests.renders import CAMERA, SIZE, between, blurred, psnr, seen, source, still, stills
+from tests.sim.stage.bakes import PATH
+from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 
 LIVES = ("dense", "clips", "packed")
@@ -29,23 +30,6 @@ SHUTTERS = {
     "before the beginning": (1, (-0.5, 0.5)),
 }
 """Of a bake over frames 1 to 14 with epochs of 4: frame, and shutter in frames."""
-
-
-def seen(folder: Path, mode: str, **options: object) -> Shot:
-    """A bake of a stage with a camera; splats drift, turn, grow, are born and die."""
-    stage = save_stage(
-        folder, {PATH: random_cloud(0, n=24, degree=1)}, options.pop("form", "float")
-    )
-    add_view(stage)
-    stage.Save()
-    bake = shot(folder, mode, stage=stage, lives=mode != "edit", **options)
-    bake.run()
-    return bake
-
-
-def source(bake: Shot) -> Path:
-    """The stage beneath a bake."""
-    return bake.target.with_name("shot.usda")
 
 
 def muted(target: Path) -> Usd.Stage:
@@ -99,3 +83,71 @@ def test_nothing_jumps_where_epochs_meet(tmp_path: Path, mode: str) -> None:
             at_rest = 4e-3 if mode == "packed" else 2e-4
             across, around = changes[2:4], changes[:2] + changes[4:]
             assert max(across) < 1.5 * max(around) + at_rest, (start, changes)
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_muted_results_leave_the_capture(tmp_path: Path, mode: str) -> None:
+    """Oracle: the capture's own stage: its picture and what is read, bit for bit."""
+    bake = seen(tmp_path, mode)
+    stages = muted(bake.target), Usd.Stage.Open(str(source(bake)))
+    for time in (None, 1.0, 6.5):
+        pictures = []
+        for stage in stages:
+            with Engine(stage) as engine:
+                pictures.append(still(engine, time))
+        np.testing.assert_array_equal(*pictures)
+        found, expected = (schema.fetch(stage.GetPrimAtPath(PATH), time) for stage in stages)
+        for name in ("positions", "rotations", "scales", "opacities", "sh"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert found.ids is None
+        assert found.velocities is None
+
+
+def test_packed_results_do_not_ask_the_captures_arrays(tmp_path: Path) -> None:
+    """Oracle: the picture before the capture's own arrays are spoilt, bit for bit."""
+    bake = seen(tmp_path, "packed")
+    stage = Usd.Stage.Open(str(bake.target))
+    prim = stage.GetPrimAtPath(PATH)
+    assert prim.GetTypeName() == schema.tokens.PACKED_TYPE
+    with Engine(stage) as engine:
+        before = still(engine, 3.0)
+    capture = Usd.Stage.Open(str(source(bake)))
+    for name in ("orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"):
+        attribute = capture.GetPrimAtPath(PATH).GetAttribute(name)
+        attribute.Set(type(attribute.Get())(3))
+    with Engine(stage) as engine:
+        np.testing.assert_array_equal(still(engine, 3.0), before)
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_motion_vectors_point_where_splats_go(tmp_path: Path, mode: str) -> None:
+    """Oracle: the solver's places before and after, by identity, carry the point that a pixel shows
+    through the pinhole, to a thousandth of a pixel; those that are not there stay."""
+    bake = seen(tmp_path, mode)
+    with Engine(Usd.Stage.Open(str(bake.target)), time=5) as engine:
+        view = engine.view(CAMERA, resolution=SIZE)
+        names = ("motionForward", "motionBackward", "elementId", "depth")
+        found = engine.picture(view, None, names)
+        cloud = engine.render_scene.drawn()[0][1].spec.cloud
+    frames = {frame.time: frame.cloud for frame in bake.frames[PATH]}
+    y, x = np.nonzero(found["elementId"] >= 0)
+    rows = found["elementId"][y, x]
+    ids = rows if cloud.ids is None else cloud.ids[rows]
+    depth = found["depth"][y, x].astype(np.float64)
+    scale = SIZE[0]  # the focal length is the aperture
+    middle = np.stack([x + 0.5 - SIZE[0] / 2, SIZE[1] / 2 - y - 0.5], axis=1)
+    assert len(x) > 500
+    for name, time, sign in (("motionForward", 6.0, 1), ("motionBackward", 4.0, -1)):
+        step = np.array([_step(frames[5.0], frames[time], each) for each in ids])
+        there = middle * depth[:, None] / scale + step[:, :2]
+        moved = there * scale / (depth - step[:, 2])[:, None] - middle
+        assert np.abs(moved).max() > 0.3
+        np.testing.assert_allclose(found[name][y, x], sign * moved, atol=1e-3)
+
+
+def _step(here: SplatCloud, there: SplatCloud, identity: int) -> np.ndarray:
+    """How far a splat goes from one frame to another."""
+    at, to = (np.flatnonzero(cloud.ids == identity) for cloud in (here, there))
+    if not len(at) or not len(to):
+        return np.zeros(3)
+    return there.positions[to[0]].astype(np.float64) - here.positions[at[0]]

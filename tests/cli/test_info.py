@@ -10,6 +10,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from tests.cli.conftest import ball
+from tests.renders import seen
 from usdsplat import schema
 from usdsplat.cli import summary
 
@@ -65,6 +66,20 @@ def test_provenance_is_shown(run, run_json, capture, tmp_path):
     assert (status, err) == (0, "")
     assert "    source             ball.ply\n" in out
     assert "  splats             300\n" in out
+
+
+def test_a_bake_says_what_it_was_made_of(run, run_json, tmp_path):
+    """Oracle: what the bake was opened with; edits of the capture have no sample long ago."""
+    bake = seen(tmp_path, "edit", seed=5)
+    (field,) = run_json("info", bake.target)["fields"]
+    assert (field["samples"], field["sampled"]) == (14, [1.0, 14.0])
+    told = field["bake"]
+    assert (told["mode"], told["frames"], told["seed"]) == ("edit", [1.0, 14.0], 5)
+    assert (told["completed"], told["inputs"]) == ("14 of 14", ["shot.usda"])
+    assert "bake" not in field["provenance"]
+    status, out, err = run("info", bake.target)
+    assert (status, err) == (0, "")
+    assert "    mode               edit\n    frames             1 14\n" in out
 
 
 def test_text_leaves_out_what_says_nothing(run, capture):

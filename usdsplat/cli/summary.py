@@ -92,6 +92,8 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     numeric = [code for code in samples if code is not None]
     imageable = UsdGeom.Imageable(prim)
     size = _stored_bytes(prim, time)
+    origin = _plain(prim.GetCustomDataByKey(provenance.KEY) or {})
+    bake = origin.pop("bake", None)
     return {
         **identity,
         "form": schema.form_of(prim),
@@ -104,7 +106,23 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "projection_mode": schema.projection_mode(prim),
         "sorting_mode": schema.sorting_mode(prim),
         "purpose": str(imageable.ComputePurpose()),
-        "provenance": _plain(prim.GetCustomDataByKey(provenance.KEY) or {}),
+        "provenance": origin,
+        "bake": _of_bake(bake) if bake else None,
+    }
+
+
+def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
+    """What a simulation remembers of itself, without what only a resumption compares."""
+    first, last = record["frameRange"]
+    return {
+        "mode": record["mode"],
+        "frames": [first, last],
+        "completed": f"{record['completedFrames']} of {last - first + 1:g}",
+        "resumes_from": record["checkpoint"],
+        "substeps": record["substeps"],
+        "seed": record["seed"],
+        "made_by": f"usdsplat {record['solverVersion']}",
+        "inputs": [line.split("  ", 1)[-1] for line in record["inputHash"]],
     }
 
 

@@ -66,9 +66,10 @@ def bracket(attribute: Usd.Attribute, code: Usd.TimeCode) -> Bracket:
 
 
 def sample_times(prim: Usd.Prim, names: Iterable[str]) -> list[float]:
-    """Time codes at which any of these attributes has a sample, ascending."""
+    """Time codes at which any of these attributes has a sample, ascending; not tokens.LONG_AGO."""
     found = [prim.GetAttribute(name) for name in names]
-    return sorted({time for item in found if item for time in item.GetTimeSamples()})
+    times = {time for item in found if item for time in item.GetTimeSamples()}
+    return sorted(times - {tokens.LONG_AGO})
 
 
 def array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> Array | None:

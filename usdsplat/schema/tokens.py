@@ -90,6 +90,10 @@ DATA_ATTRIBUTES = frozenset(
 )
 """A change of one of these changes the cloud that `fetch` returns; of no other attribute."""
 
+LONG_AGO = -1e6
+"""A sample here is no frame, but what is held before the first one [time code]; USD 26.11 takes
+edits of arrays that come before all samples for what is no number."""
+
 GRADE_ATTRIBUTES = frozenset(
     {GRADE_EXPOSURE, GRADE_TEMPERATURE, GRADE_TINT, GRADE_GAIN, GRADE_SATURATION, GRADE_MATRIX}
 )

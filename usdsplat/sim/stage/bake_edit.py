@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Vt
 
+from usdsplat.schema import tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.stage.bake_dense import KINDS, common, stored
 from usdsplat.sim.stage.epochs import Sample
@@ -22,10 +23,6 @@ from usdsplat.sim.stage.plan import Plan
 
 Array = npt.NDArray[Any]
 Bool = npt.NDArray[np.bool_]
-
-LONG_BEFORE = 100_000.0
-"""How long before its first sample a bake has the same sample once more [time code]: before the
-first, USD 26.11 takes edits for what is no number."""
 
 
 def changed(array: str, new: Array, old: Array, epsilon: float) -> Bool:
@@ -73,7 +70,7 @@ class EditAuthor:
             kind = KINDS[name][0]
             part.sample(plan.path, name, kind, value, sample.time)
             if sample.time == self._first:
-                part.sample(plan.path, name, kind, value, sample.time - LONG_BEFORE)
+                part.sample(plan.path, name, kind, value, tokens.LONG_AGO)
         common(part, plan, sample)
 
 
