@@ -42,7 +42,9 @@ def add_view(stage: Usd.Stage, *, eye: Sequence[float] = (0, 0, 9)) -> UsdGeom.C
 
 def seen(folder: Path, mode: str, **options: object) -> Shot:
     """A bake of a stage with a camera; splats drift, turn, grow, are born and die."""
-    stage = save_stage(folder, {PATH: random_cloud(0, n=24, degree=1)}, options.pop("form", "float"))
+    stage = save_stage(
+        folder, {PATH: random_cloud(0, n=24, degree=1)}, options.pop("form", "float")
+    )
     add_view(stage)
     stage.Save()
     seed = options.pop("seed", 0)

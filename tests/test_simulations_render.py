@@ -90,7 +90,12 @@ def _part(time: float) -> float:
 
 @pytest.mark.parametrize(
     ("mode", "form", "near"),
-    [("dense", "float", 100), ("edit", "float", 100), ("dense", "half", 75), ("packed", "half", 60)],
+    [
+        ("dense", "float", 100),
+        ("edit", "float", 100),
+        ("dense", "half", 75),
+        ("packed", "half", 60),
+    ],
 )
 def test_a_turning_deformer_is_a_turning_xform(
     tmp_path: Path, mode: str, form: str, near: float
