@@ -165,14 +165,15 @@ def _grow(scene: Scene, sim: Usd.Prim) -> None:
 
 
 def _push(scene: Scene, sim: Usd.Prim) -> None:
-    """A ball that goes through the capture, which settles behind it."""
+    """A ball that goes through the capture, which settles behind it.
+
+    In the end the ball lets go: splats that it has taken along want back, right through it.
+    """
     author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
-    _ball(
-        scene,
-        radius=0.18 * scene.size,
-        frames=(FIRST, max(round(0.72 * scene.last), 2)),
-        friction=0.2,
-    )
+    through = max(round(0.6 * scene.last), 2)
+    ball = _ball(scene, radius=0.18 * scene.size, frames=(FIRST, through), friction=0.1)
+    author(ball, {"affector:enabled": True}, time=FIRST)
+    author(ball, {"affector:enabled": False}, time=through + 1)
 
 
 def _conform(scene: Scene, sim: Usd.Prim) -> None:
@@ -239,7 +240,7 @@ _PRESETS: dict[str, Callable[[Scene, Usd.Prim], None]] = {
 }
 
 
-def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: float) -> None:
+def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: float) -> Usd.Prim:
     """A ball that goes along the capture's longer side, right through its middle."""
     ball = UsdGeom.Sphere.Define(scene.stage, scene.parent.AppendChild("Ball"))
     ball.CreateRadiusAttr(radius)
@@ -259,6 +260,7 @@ def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: flo
             "affector:blend": scene.local(0.05 * radius),
         },
     )
+    return ball.GetPrim()
 
 
 def _only_field(capture: Usd.Stage) -> Usd.Prim:
