@@ -102,7 +102,7 @@ class BakeLayers:
         merged = self.folder / "samples.usdc"
         # Other types' arrays have no default value: centres must not have one either.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
-        merge([self.clip(number) for number in range(clips)], merged, self.rate, retyped)
+        merge([self.clip(number) for number in range(clips)], merged, retyped)
         self._write_root([merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:

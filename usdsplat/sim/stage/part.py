@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -96,21 +97,23 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
     source.Traverse(Sdf.Path.absoluteRootPath, visit)
 
 
-def merge(parts: Sequence[Path], target: Path, rate: float, silenced: Sequence[str] = ()) -> None:
+def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> None:
     """Write the samples of several parts into one file.
 
     Args:
-        parts: In order of time.
+        parts: In order of time, at least one.
         target: A .usdc.
-        rate: Time codes in a second.
         silenced: Attributes whose default values in weaker layers do not count.
 
     Raises:
         OutputError: If it cannot be written there.
     """
-    with new_part(target, rate) as whole:
-        for path in parts:
-            part = Sdf.Layer.OpenAsAnonymous(str(path))
+    first, *others = parts
+    with atomic_path(target) as path:
+        shutil.copyfile(first, path)  # samples of the others are added one by one
+        whole = Part(Sdf.Layer.FindOrOpen(str(path)))
+        for other in others:
+            part = Sdf.Layer.OpenAsAnonymous(str(other))
             declare(part, whole.layer)
             for attribute in sampled(part):
                 for time in part.ListTimeSamplesForPath(attribute):
@@ -119,6 +122,8 @@ def merge(parts: Sequence[Path], target: Path, rate: float, silenced: Sequence[s
             whole.save()
         for name in silenced:
             whole.layer.GetAttributeAtPath(name).default = Sdf.ValueBlock()
+        whole.save()
+        del whole
 
 
 def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:
