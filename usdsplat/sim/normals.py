@@ -24,6 +24,22 @@ def manifold_dimension(surfaceness: F32) -> int:
     return 2 if len(surfaceness) == 0 or np.median(surfaceness) >= SHEET else 3
 
 
+def axes(device: CpuDevice, rotations: F32, scales: F32) -> F32:
+    """The thin axes of splats, of any side.
+
+    Args:
+        device: Where to.
+        rotations: Unit quaternions, shape (n, 4).
+        scales: [unit], shape (n, 3).
+
+    Returns:
+        Unit vectors, shape (n, 3).
+    """
+    found: F32 = device.empty(scales.shape, np.float32)
+    device.run(kernels.thin_axes, rotations, scales, found)
+    return found
+
+
 def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F32:
     """The thin axes of captured splats, all on the outer side of each connected part.
 
@@ -37,9 +53,7 @@ def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F3
         Unit vectors by row, shape (n, 3). A part's outermost splat, the farthest from the mean of
         all, faces away from it; the rest follows its neighbours.
     """
-    axes: F32 = device.empty(scales.shape, np.float32)
-    device.run(kernels.thin_axes, rotations, scales, axes)
-    return oriented(device, graph, axes)
+    return oriented(device, graph, axes(device, rotations, scales))
 
 
 def oriented(device: CpuDevice, graph: Graph, normals: F32) -> F32:

@@ -15,7 +15,7 @@ from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.closest import Triangles
 from usdsplat.sim.influence import Influence
 from usdsplat.sim.neighbors import Neighbors, nearest
-from usdsplat.sim.normals import captured, grown, manifold_dimension
+from usdsplat.sim.normals import axes, captured, grown, manifold_dimension
 from usdsplat.sim.reaction import Reaction
 from usdsplat.sim.relaxing import Projection, relax
 from usdsplat.sim.seeds import nuclei, plant, untouched
@@ -70,6 +70,8 @@ class Pattern:
         p = first.parameters
         if self._needs_graph:
             self._survey(state, first)
+        elif self._uses.collides:  # of sheets that are pushed either side will do
+            state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
         if not self._uses.reacts:
             return
         if self._carriers is not None:
@@ -110,7 +112,7 @@ class Pattern:
     # --- what others ask ------------------------------------------------------------------
 
     def normals(self, state: State) -> F32:
-        """At rest, shape (n, 3); zero where nobody needs them."""
+        """At rest, shape (n, 3), of any side where only shapes need them; else zero."""
         found: F32 | None = state.memory.get(NORMALS)
         return np.zeros((len(state), 3), np.float32) if found is None else found
 

@@ -32,7 +32,7 @@ class Uses:
     colors: bool = False
 
     faces: bool = False
-    """Somebody asks which way splats face."""
+    """Somebody asks which way splats face, and which side is out."""
 
     @property
     def writes(self) -> frozenset[str]:
@@ -86,7 +86,6 @@ def _uses(moment: Moment, has_skin: bool) -> Uses:
         sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
         colors="color" in outputs,
         faces="displacement" in outputs
-        or "collide" in roles
         or p.dissolve.enabled
         or (reacts and p.growth.rate != 0)
         or bears,
