@@ -93,17 +93,17 @@ def between(frames: Sequence[Frame], time: float, rate: float = 24.0) -> SplatCl
     """What a shot looks like at any time, by identity and in float64.
 
     Splats are on lines between frames; those that are born fade in and grow over the frame before,
-    where they are born; those that die fade out where they were. Past the ends velocities lead on.
+    where they are born; those that die fade out where they were. Past the end velocities lead on,
+    and before the beginning nothing moves.
     """
     at = [frame.time for frame in frames]
     i = int(np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 1))
     before, after = frames[i].cloud, frames[min(i + 1, len(at) - 1)].cloud
     f = time - at[i]
-    if i == len(at) - 1 or f < 0:
+    if i == len(at) - 1:
         ahead = before.velocities * f / rate
-        if f < 0:
-            ahead = (after.positions[_rows(before, after)] - before.positions) * f
         return replace(before, positions=(before.positions + ahead).astype(np.float32))
+    f = max(f, 0.0)
     ids = np.union1d(before.ids, after.ids)
     old, new = _spread(before, ids), _spread(after, ids)
     born, gone = ~np.isin(ids, before.ids), ~np.isin(ids, after.ids)
@@ -114,11 +114,6 @@ def between(frames: Sequence[Frame], time: float, rate: float = 24.0) -> SplatCl
     mixed = {name: (1 - f) * old[name] + f * new[name] for name in old}
     mixed["rotations"] = quaternion.slerp(old["rotations"], new["rotations"], f)
     return SplatCloud(**{name: each.astype(np.float32) for name, each in mixed.items()})
-
-
-def _rows(of: SplatCloud, found: SplatCloud) -> np.ndarray:
-    assert np.isin(of.ids, found.ids).all()
-    return np.searchsorted(found.ids, of.ids)
 
 
 def _spread(cloud: SplatCloud, ids: np.ndarray) -> dict[str, np.ndarray]:

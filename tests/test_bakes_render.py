@@ -43,7 +43,8 @@ def muted(target: Path) -> Usd.Stage:
 @pytest.mark.parametrize("mode", ALL_MODES)
 def test_any_shutter_sees_the_frames_and_what_is_between(tmp_path: Path, mode: str) -> None:
     """Oracle: the mean of still pictures of the solver's own frames, mixed by identity in float64;
-    beyond the last frame velocities lead on, and of mode edit, which has none, all is held."""
+    past the last frame velocities lead on, but those of mode edit, which has none; before the
+    first one all is held."""
     bake = seen(tmp_path, mode)
     frames = bake.frames[PATH]
     with Engine(Usd.Stage.Open(str(bake.target))) as engine:
@@ -83,6 +84,23 @@ def test_nothing_jumps_where_epochs_meet(tmp_path: Path, mode: str) -> None:
             at_rest = 4e-3 if mode == "packed" else 2e-4
             across, around = changes[2:4], changes[:2] + changes[4:]
             assert max(across) < 1.5 * max(around) + at_rest, (start, changes)
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_frames_that_were_not_baked_show_the_ends(tmp_path: Path, mode: str) -> None:
+    """Oracle: still pictures of the solver's first and last frame: velocities do not lead on for
+    ever."""
+    bake = seen(tmp_path, mode)
+    frames = bake.frames[PATH]
+    with Engine(Usd.Stage.Open(str(bake.target))) as engine:
+        for time, frame in (
+            (-40.0, frames[0]),
+            (0.5, frames[0]),
+            (15.0, frames[-1]),
+            (99.0, frames[-1]),
+        ):
+            expected = stills([frame.cloud], source(bake), PATH)
+            assert psnr(still(engine, time), expected) > NEARLY[mode], time
 
 
 @pytest.mark.parametrize("mode", ALL_MODES)

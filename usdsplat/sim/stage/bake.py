@@ -23,9 +23,10 @@ from pxr import Sdf, Usd
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.sim import checkpoint as checkpoints
 from usdsplat.sim.checkpoint import Checkpoint
+from usdsplat.schema import tokens
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage import plan as plans
-from usdsplat.sim.stage.bake_dense import DenseAuthor
+from usdsplat.sim.stage.bake_dense import DenseAuthor, stop
 from usdsplat.sim.stage.bake_edit import EditAuthor
 from usdsplat.sim.stage.bake_layers import BakeLayers
 from usdsplat.sim.stage.bake_packed import PackedAuthor
@@ -245,6 +246,11 @@ class Bake:
                 for sample in samples(field.spool, frames, self._times, is_closed=is_closed):
                     field.author.write(part, sample)
                     part.save()
+                if field.plan.keeping.velocities:
+                    if not self._epochs:
+                        stop(part, field.plan.path, tokens.LONG_AGO)
+                    if not is_closed:
+                        stop(part, field.plan.path, self._end)
         self._epochs += 1
         self._present()
 
@@ -259,9 +265,16 @@ class Bake:
 
     def _spans(self) -> list[tuple[float, float]]:
         """First time of each clip, and of the one after it [time code]."""
-        size, last = self._parameters.clip_frames, len(self._times) - 1
+        size = self._parameters.clip_frames
         starts = [number * size for number in range(self._epochs)]
-        return [(self._times[start], self._times[min(start + size, last)]) for start in starts]
+        times = [tokens.LONG_AGO, *self._times[1:], self._end]
+        return [(times[start], times[min(start + size, len(self._times))]) for start in starts]
+
+    @property
+    def _end(self) -> float:
+        """A frame after the last one [time code]."""
+        step = self._times[-1] - self._times[-2] if len(self._times) > 1 else 1.0
+        return self._times[-1] + step
 
     def _restore(self, found: Checkpoint) -> None:
         """Go on from a checkpoint."""

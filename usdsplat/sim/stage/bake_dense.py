@@ -83,6 +83,13 @@ def stored(name: str, value: Array) -> Array:
     return np.where((value > 0) & (value < tiny), tiny, value)
 
 
+def stop(part: Part, path: str, time: float) -> None:
+    """Let velocities lead on no further than to this time, after the last frame, or from it until
+    the first: a bake of some frames of a shot shows its ends in the others."""
+    none = Vt.Vec3fArray()
+    part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, none, time)
+
+
 def common(part: Part, plan: Plan, sample: Sample) -> None:
     """What is written in every mode: extent, velocities, ids, pattern."""
     path, time = plan.path, sample.time

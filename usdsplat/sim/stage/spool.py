@@ -123,9 +123,11 @@ class Spool:
             self._key = Key.of(frame.cloud)
 
     def finish(self) -> None:
-        """Spool the last frame: its velocities are the solver's."""
+        """Spool the last frame: its velocities are the solver's, and its harmonics are written, or
+        those of the last key would be held to the end."""
         if self.pending is not None:
-            self._write(self.pending, self.pending.frame.cloud.velocities)
+            last = replace(self.pending, is_key=self.pending.is_key or self._keeping.harmonics)
+            self._write(last, last.frame.cloud.velocities)
 
     def read(self, index: int) -> dict[str, Array]:
         """What was kept of a frame, mapped."""
