@@ -15,12 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom, UsdLux
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
 
 from benchmarks.scenes import DATA
+from usdsplat import schema
 from usdsplat.cli.main import main as usdsplat
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.sim.stage.authoring import author
+from usdsplat.sim.stage.torus import author_torus
 
 CAMERA = "/Shot"
 SIM = "/World/Simulation/Sim"
@@ -45,7 +48,7 @@ class Strip:
 def shoot(
     stage: Usd.Stage, eye: tuple[float, ...], at: tuple[float, ...], angle: float = 30.0
 ) -> None:
-    """A camera, `angle` degrees high, and a light from above its left."""
+    """A camera, `angle` degrees high, a light from above its left, and a fainter one."""
     camera = UsdGeom.Camera.Define(stage, CAMERA)
     view = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*eye), Gf.Vec3d(*at), Gf.Vec3d(0, 1, 0))
     camera.AddTransformOp().Set(view.GetInverse())
@@ -53,65 +56,117 @@ def shoot(
     camera.CreateHorizontalApertureAttr(18.0)
     camera.CreateFocalLengthAttr(12.0 / np.tan(np.radians(angle) / 2))
     camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000))
-    sun = UsdLux.DistantLight.Define(stage, "/Sun")
-    sun.CreateIntensityAttr(2.6)
-    turn = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), -50))
-    around = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.YAxis(), -40))
-    sun.AddTransformOp().Set(turn * around * Gf.Matrix4d(camera.GetLocalTransformation()))
-    dome = UsdLux.DomeLight.Define(stage, "/Sky")
-    dome.CreateIntensityAttr(0.5)
+    for name, strength, up, side in (("Key", 2.6, -50, -40), ("Fill", 0.7, -10, 60)):
+        light = UsdLux.DistantLight.Define(stage, f"/{name}")
+        light.CreateIntensityAttr(strength)
+        light.CreateNormalizeAttr(True)
+        place = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), up))
+        place *= Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.YAxis(), side))
+        light.AddTransformOp().Set(place * view.GetInverse())
 
 
 def grow(stage: Usd.Stage) -> None:
-    """A labyrinth on a statue."""
-    shoot(stage, (2.5, 1.9, 4.5), (0, 1.0, 0))
+    """A labyrinth grows on a kettle."""
+    stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
+    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "growth:birthRate": 0.25})
+    shoot(stage, (0.16, 0.15, 0.42), (0.005, 0.0, 0))
 
 
 def push(stage: Usd.Stage) -> None:
-    """A ball rolls through a flower bed."""
-    shoot(stage, (0.3, 0.5, 0.9), (0, 0.05, 0))
+    """A ball goes through a statue."""
+    ball = UsdGeom.Sphere.Get(stage, "/World/Simulation/Ball")
+    ball.GetDisplayColorAttr().Set([(0.75, 0.16, 0.05)])
+    ball.GetRadiusAttr().Set(0.27)
+    move = ball.GetTranslateOp()
+    for frame in move.GetAttr().GetTimeSamples():
+        move.GetAttr().ClearAtTime(frame)
+    for frame, x in ((1, -1.2), (30, 1.4)):
+        move.Set(Gf.Vec3d(x, 1.05, 0.22), frame)
+    author(ball.GetPrim(), {"affector:friction": 0.05})
+    shoot(stage, (2.2, 1.7, 4.9), (0.05, 1.0, 0))
 
 
 def walk(stage: Usd.Stage) -> None:
-    """A figure wades through it."""
-    shoot(stage, (0.3, 0.5, 0.9), (0, 0.05, 0))
+    """A figure comes out of a flower bed."""
+    stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
+    figure = stage.DefinePrim("/World/Simulation/Figure")
+    figure.GetReferences().AddReference(str(DATA / "usd" / "usdwg" / "CesiumMan.usdz"))
+    place = UsdGeom.Xformable(figure)
+    place.ClearXformOpOrder()
+    move = place.AddTranslateOp()
+    for frame, z in ((1, -0.13), (36, 0.17)):
+        move.Set(Gf.Vec3d(-0.02, 0.022, z), frame)
+    place.AddScaleOp().Set(Gf.Vec3f(0.115))
+    for prim in Usd.PrimRange(figure):
+        if prim.GetTypeName() == "Skeleton":
+            author(prim, {"affector:friction": 0.0, "affector:radiusScale": 1.1})
+    author(stage.GetPrimAtPath(SIM), {"settle:omega": 6.0})
+    shoot(stage, (0.17, 0.26, 0.52), (-0.01, 0.105, 0.03))
 
 
 def conform(stage: Usd.Stage) -> None:
-    """A statue becomes a ring."""
-    shoot(stage, (2.5, 1.9, 4.5), (0, 1.0, 0))
+    """A kettle becomes a doughnut."""
+    select(stage, lambda points: points[:, 1] > -0.078)
+    path = Sdf.Path("/World/Simulation/Ring")
+    stage.RemovePrim(path)
+    ring = author_torus(stage, path, radius=0.055, tube=0.028, axis="Y")
+    turn = ring.AddRotateYOp()
+    for frame, angle in ((1, 0.0), (72, 60.0)):
+        turn.Set(angle, frame)
+    author(
+        stage.GetPrimAtPath(SIM),
+        {"conform:start": 0.2, "conform:duration": 1.5, "conform:stagger": 0.8},
+    )
+    shoot(stage, (0.2, 0.24, 0.38), (0.005, -0.01, 0))
 
 
 def dissolve(stage: Usd.Stage) -> None:
-    """The wind takes a statue."""
-    shoot(stage, (2.5, 1.9, 4.5), (0, 1.0, 0))
+    """The wind takes a statue off its plinth."""
+    select(stage, lambda points: points[:, 1] > -0.12)
+    shoot(stage, (2.5, 2.0, 5.3), (0.35, 1.05, 0))
+
+
+def select(stage: Usd.Stage, which: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Only splats at such places, in the stage's space, take part."""
+    for prim in stage.Traverse():
+        if schema.is_splat_field(prim):
+            place = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0))
+            points = schema.fetch(prim).positions @ place[:3, :3] + place[3, :3]
+            mask = Vt.FloatArray.FromNumpy(which(points).astype(np.float32))
+            name = "primvars:splatSim:weight"
+            prim.CreateAttribute(name, Sdf.ValueTypeNames.FloatArray).Set(mask)
 
 
 STRIPS = {
-    "growth": Strip(
-        capture="statue_angel.sog", preset="grow", frames=(1, 25, 50, 75, 100), edit=grow
-    ),
+    "growth": Strip(capture="pod.spz", preset="grow", frames=(1, 13, 25, 37, 50), edit=grow),
     "affector": Strip(
-        capture="flowers_lod2_0.sog", preset="push", frames=(1, 25, 40, 55, 75), edit=push
+        capture="statue_angel.sog", preset="push", frames=(1, 12, 16, 21, 40), edit=push
+    ),
+    "skeleton": Strip(
+        capture="flowers_lod2_0.sog", preset="push", frames=(8, 14, 20, 27, 36), edit=walk
     ),
     "conform": Strip(
-        capture="statue_trumpet.sog", preset="conform", frames=(1, 25, 40, 60, 100), edit=conform
+        capture="pod.spz", preset="conform", frames=(1, 22, 34, 46, 72), edit=conform
     ),
     "dissolve": Strip(
-        capture="statue_angel.sog", preset="dissolve", frames=(1, 20, 35, 50, 65), edit=dissolve
+        capture="statue_angel.sog", preset="dissolve", frames=(1, 18, 30, 42, 58), edit=dissolve
     ),
 }
 
 
-def pictures(strip: Strip, folder: Path) -> np.ndarray:
-    """The strip's frames side by side, shape (h, w, 3)."""
+def bake(strip: Strip, folder: Path) -> Path:
+    """Make the stage, simulate it; returns the layer of results."""
     made, baked = folder / "scene.usda", folder / "bake.usda"
-    source = DATA / "splats" / strip.capture
-    run(f"simulate --preset {strip.preset} {source} -o {made}")
+    run(f"simulate --preset {strip.preset} {DATA / 'splats' / strip.capture} -o {made}")
     stage = Usd.Stage.Open(str(made))
     strip.edit(stage)
     stage.Save()
-    run(f"simulate {made} -o {baked} --frames {strip.frames[0]}:{strip.frames[-1]}")
+    run(f"simulate {made} -o {baked} --frames 1:{strip.frames[-1]}")
+    return baked
+
+
+def pictures(strip: Strip, baked: Path) -> np.ndarray:
+    """The strip's frames side by side, shape (h, w, 3)."""
     shot = Usd.Stage.Open(str(baked))
     row = []
     with Engine(shot, time=strip.frames[0]) as engine:
@@ -136,7 +191,8 @@ def save(image: np.ndarray, path: Path) -> None:
     rgb = Image.fromarray(np.uint8(np.clip(image, 0, 1) * 255 + 0.5))
     for height in range(rgb.height, 100, -16):
         small = rgb.resize((round(rgb.width * height / rgb.height), height), Image.LANCZOS)
-        small.quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+        small = small.quantize(256, kmeans=1, dither=Image.Dither.NONE)
+        small.save(path, optimize=True)
         if path.stat().st_size <= LIMIT:
             print(f"{path}: {small.width}x{small.height}, {path.stat().st_size // 1000} kB")
             return
@@ -146,7 +202,8 @@ def main(names: list[str]) -> None:
     """Make the strips of these names, or all."""
     for name in names or STRIPS:
         with tempfile.TemporaryDirectory() as folder:
-            save(pictures(STRIPS[name], Path(folder)), Path("docs") / f"sim_{name}.png")
+            baked = bake(STRIPS[name], Path(folder))
+            save(pictures(STRIPS[name], baked), Path("docs") / f"sim_{name}.png")
 
 
 if __name__ == "__main__":
