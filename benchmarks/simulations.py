@@ -145,9 +145,7 @@ STRIPS = {
     "skeleton": Strip(
         capture="flowers_lod2_0.sog", preset="push", frames=(8, 14, 20, 27, 36), edit=walk
     ),
-    "conform": Strip(
-        capture="pod.spz", preset="conform", frames=(1, 22, 34, 46, 72), edit=conform
-    ),
+    "conform": Strip(capture="pod.spz", preset="conform", frames=(1, 22, 34, 46, 72), edit=conform),
     "dissolve": Strip(
         capture="statue_angel.sog", preset="dissolve", frames=(1, 18, 30, 42, 58), edit=dissolve
     ),
