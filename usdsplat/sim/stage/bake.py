@@ -21,9 +21,9 @@ import numpy.typing as npt
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.schema import tokens
 from usdsplat.sim import checkpoint as checkpoints
 from usdsplat.sim.checkpoint import Checkpoint
-from usdsplat.schema import tokens
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage import plan as plans
 from usdsplat.sim.stage.bake_dense import DenseAuthor, stop
