@@ -68,6 +68,7 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     status, out, err = run("demo", "-o", folder, "--splats", 3000, "--frames", 3)
     assert status == 0
     said = [line for line in err.splitlines() if "compiling" not in line]
+    said = [line for line in said if "%" not in line]  # progress, where a machine is slow
     assert [line for line in said if "rd:patternScale" not in line] == []
     told = [line.split()[0].rsplit("/", 1)[1] for line in out.splitlines()[:-1]]
     assert told == [

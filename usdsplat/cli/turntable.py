@@ -78,13 +78,19 @@ def look_across(stage: Usd.Stage, path: str) -> None:
         moved.ComputeLocalToWorldTransform(time).ExtractTranslation()
         for time in (times[0], times[-1])
     )
-    way = math.degrees(math.atan2(last[0] - first[0], last[2] - first[2]))
-    angles = (way + aside + half for aside in (-ASIDE, ASIDE) for half in (-180.0, 0.0, 180.0))
-    angle = min(angles, key=abs)
+    view = UsdGeom.Camera(stage.GetPrimAtPath(CAMERA)).GetCamera(1).frustum.ComputeViewDirection()
+    turn = _heading(last - first) - _heading(view)
+    angles = (turn + aside + half for aside in (-ASIDE, ASIDE) for half in (0.0, 180.0))
+    angle = min((math.remainder(each, 360.0) for each in angles), key=abs)
     turntable = UsdGeom.Xformable(stage.GetPrimAtPath(Sdf.Path(CAMERA).GetParentPath()))
     for op in turntable.GetOrderedXformOps():
         if op.GetOpType() == UsdGeom.XformOp.TypeRotateY:
             op.Set(angle)
+
+
+def _heading(vector: Gf.Vec3d) -> float:
+    """From z towards x, about the upright axis [degree]."""
+    return math.degrees(math.atan2(vector[0], vector[2]))
 
 
 def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
