@@ -28,8 +28,10 @@ NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
 )
 """In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and how much, (n, 8);
 neighbours over those wanted, and the radius of the neighbourhood at the beginning, (n,)."""
-UV, SHAPE, _LISTS = "pattern:uv", "pattern:shape", "neighbors:"
-"""In `State.globals`: u and v of the carriers; dimension and usual support; lists of neighbours."""
+UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
+"""In `State.globals`: u and v of the carriers; dimension and usual support; what was automatic;
+lists of neighbours."""
+_AUTOMATIC = ("patternScale", "reactionSubdivisions", "dimension", "hMin", "hMax")
 
 
 class Pattern:
@@ -72,6 +74,10 @@ class Pattern:
             self._survey(state, first)
         elif self._uses.collides:  # of sheets that are pushed either side will do
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
+        found = np.zeros(len(_AUTOMATIC))  # 0 is for what nobody asked for
+        if self._needs_graph:
+            found[2:] = self.dimension, *self._neighbors.limits
+        state.globals[RESOLVED] = found
         if not self._uses.reacts:
             return
         if self._carriers is not None:
@@ -90,6 +96,7 @@ class Pattern:
         )  # fmt: skip
         plant(self._device, uv, weight)
         self._put(state, uv)
+        found[:2] = reaction.scale, reaction.subdivisions
 
     def remember(self, state: State) -> None:
         """Add to the state what `restore` needs."""
@@ -129,6 +136,11 @@ class Pattern:
         before = state.memory[REST_SUPPORT]
         ratio = np.where(before > 0, state.support / np.where(before > 0, before, 1), 1)
         return np.power(ratio, np.float32(follow)).astype(np.float32)
+
+    def resolved(self, state: State) -> dict[str, float]:
+        """Parameters that were automatic, as they turned out at the beginning."""
+        values = state.globals[RESOLVED].tolist()
+        return {name: each for name, each in zip(_AUTOMATIC, values, strict=True) if each > 0}
 
     @property
     def remarks(self) -> tuple[str, ...]:

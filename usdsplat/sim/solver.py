@@ -116,6 +116,11 @@ class Solver:
         return self._seen >= 0
 
     @property
+    def resolved(self) -> dict[str, float]:
+        """Parameters that were automatic, as they turned out."""
+        return self._pattern.resolved(self.state)
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
         return self._pattern.remarks

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from tests.sim.recipes import ball
 from tests.sim.stage.bakes import everything
@@ -22,6 +22,7 @@ from usdsplat.core import covariance
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.kernels.device import open_device
 from usdsplat.sim.stage.authoring import author
+from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import Clock, Simulation, simulate
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -322,3 +323,16 @@ def test_a_stage_without_a_simulation_is_refused(tmp_path: Path) -> None:
     stage.RemovePrim(SIM)
     with pytest.raises(StageError, match="found no SplatSim prim"):
         Simulation(stage, FRAMES, device=open_device())
+
+
+def test_what_was_automatic_is_remembered(tmp_path: Path) -> None:
+    """Oracle: the solver's own answers, read back from the layer of results."""
+    shot = save_shot(tmp_path, LIVELY)
+    stage = Usd.Stage.Open(str(shot))
+    simulation = Simulation(stage, FRAMES, device=open_device())
+    simulation.begin()
+    record = read_record(Sdf.Layer.FindOrOpen(str(bake(shot, frames=FRAMES[:2]))))
+    assert record is not None
+    for path, solver in simulation.solvers.items():
+        assert record["resolved"][path] == solver.resolved
+        assert {"patternScale", "dimension", "hMin", "hMax"} <= set(solver.resolved)

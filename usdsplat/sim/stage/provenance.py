@@ -40,8 +40,8 @@ class Provenance:
     mode: str
     threads: int
     """Of no influence on the result."""
-    resolved: Mapping[str, float] = field(default_factory=dict)
-    """Parameters that were automatic."""
+    resolved: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Parameters that were automatic, by field; to be filled in when they are known."""
 
     def record(self, *, completed: int, checkpoint: str) -> dict[str, Any]:
         """As USD stores it.
@@ -65,7 +65,7 @@ class Provenance:
             "numba": importlib.metadata.version("numba"),
             "usd": ".".join(str(each) for each in Usd.GetVersion()[1:]),
             "checkpoint": checkpoint,
-            "resolved": dict(self.resolved),
+            "resolved": {path: dict(found) for path, found in self.resolved.items()},
         }
 
     def check(self, target: Path, other: Mapping[str, Any]) -> None:

@@ -205,13 +205,14 @@ def simulate(
     machine = open_device(device, threads=threads)
     simulation = Simulation(stage, frames, device=machine, lap=clock.lap)
     parameters = _common(simulation, frames[0])
+    made_of = _provenance(stage, simulation, frames, parameters, machine)
     bake = Bake.open(
         stage,
         target,
         _fields(simulation),
         frames,
         parameters.bake,
-        _provenance(stage, simulation, frames, parameters, machine),
+        made_of,
         resume=resume,
     )
     spent: list[float] = []
@@ -220,6 +221,7 @@ def simulate(
     if left:
         progress.step("beginning", 0, 0)
         simulation.begin(states)
+        made_of.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
         for each in simulation.remarks:
             remark(each)
     with bake:
