@@ -24,7 +24,7 @@ from rich.table import Table
 
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import CpuDevice, open_device
-from usdsplat.kernels.jit import parallel
+from usdsplat.kernels.jit import parallel, serial
 from usdsplat.kernels.sim import grid
 from usdsplat.sim.cells import into_cells
 from usdsplat.sim.contact import Contacts
@@ -62,14 +62,20 @@ def copy(source, target):
             target[i] = source[i]
 
 
+@serial
+def chains(values, steps):
+    """Multiply and add `steps` times."""
+    one = np.float32(0.999)
+    for _ in range(steps):
+        for i in range(values.shape[0]):
+            values[i] = values[i] * one + one
+
+
 @parallel
 def work(values, steps):
-    """Multiply and add `steps` times, in loops that vectorise, on what stays in the cache."""
-    one = np.float32(0.999)
-    for block in prange(values.shape[0] // 1024):
-        for _ in range(steps):
-            for i in range(block * 1024, (block + 1) * 1024):
-                values[i] = values[i] * one + one
+    """Likewise each row of (n, 1024), which stays in the cache."""
+    for row in prange(values.shape[0]):
+        chains(values[row], steps)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -243,7 +249,7 @@ def main(count: int = 1_000_000) -> None:
     device = open_device()
     points = sheet(count)
     source = np.random.default_rng(4).random(PROBE, dtype=np.float32)
-    target, values = np.empty_like(source), np.ones(CHAINS, np.float32)
+    target, values = np.empty_like(source), np.ones((CHAINS // 1024, 1024), np.float32)
     probes = (
         lambda: device.run(copy, source, target),
         lambda: device.run(work, values, STEPS),
