@@ -5,7 +5,7 @@ examples:
       make a stage to start from, its parameters on prims to edit: grow, push, conform, dissolve
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
       run it; bake.usda shows the result, and the capture stays as it is
-  usdsplat simulate grow.usda -o bake.usda --set rd:feed=0.04 --set affector:friction=0.5
+  usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
       with other values, without an edit of the stage
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
       go on where a bake was interrupted

@@ -147,6 +147,9 @@ def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
     (tmp_path / "two").mkdir()
     with pytest.raises(StageError, match="found 2 splat fields, expected one"):
         author_preset("push", capture(tmp_path / "two", fields=2), tmp_path / "a.usda")
+    author_preset("push", stage, tmp_path / "push.usda")
+    with pytest.raises(StageError, match=r"found the simulation .*/Sim, expected"):
+        author_preset("push", Usd.Stage.Open(str(tmp_path / "push.usda")), tmp_path / "a.usda")
     assert not (tmp_path / "a.usda").exists()
 
 

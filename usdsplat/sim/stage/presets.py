@@ -98,7 +98,7 @@ def author_preset(
 
     Raises:
         UsageError: If there is no such preset.
-        StageError: If the stage is not from a file, or has not one field.
+        StageError: If the stage is not from a file, has not one field, or is simulated already.
         OutputError: If the target cannot be written.
     """
     if name not in get_args(PresetName):
@@ -271,6 +271,9 @@ def _only_field(capture: Usd.Stage) -> Usd.Prim:
     fields = [prim for prim in capture.Traverse() if schema.is_splat_field(prim)]
     if len(fields) != 1:
         raise StageError(where, f"{len(fields)} splat fields", "one")
+    for prim in capture.Traverse():
+        if prim.GetTypeName() == "SplatSim":
+            raise StageError(where, f"the simulation {prim.GetPath()}", "a capture without one")
     return fields[0]
 
 
