@@ -98,6 +98,12 @@ class Conform:
     def __len__(self) -> int:
         return len(self._rest)
 
+    @property
+    def is_bound(self) -> bool:
+        """Whether nobody is left to be bound, for which `apply` needs a gradient."""
+        faces = self._memory.get("faces")
+        return faces is not None and not (faces == UNBOUND).any()
+
     # --- births, deaths, restarts -------------------------------------------------------
 
     def extended(

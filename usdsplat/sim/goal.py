@@ -81,7 +81,8 @@ class Goal:
             return state.rest_positions, None
         positions = state.rest_positions.copy()
         turned = None
-        if gradient:
+        binds = self._conform is not None and not self._conform.is_bound
+        if gradient or binds:  # what is bound is bound as it lies
             turned = np.empty((len(state), 3, 3), np.float32)
             turned[:] = np.eye(3)
         deformers = moment.deformers
@@ -94,7 +95,7 @@ class Goal:
             self._conform.apply(
                 moment.target, seconds, moment.parameters.conform, positions, turned
             )
-        return positions, turned
+        return positions, turned if gradient else None
 
     def bear(self, parents: I64, state: State) -> None:
         """Let children follow what their parents do.
