@@ -166,6 +166,10 @@ HOSTILE = {
     "array": (says("settle:omega", T.FloatArray, [1.0, 2.0]), "omega: found (1.0, 2.0), expected"),
     "float for bool": (says("rd:enabled", T.Float, 1.0), "rd:enabled: found 1.0, expected bool"),
     "int for token": (says("rd:preset", T.Int, 3), "rd:preset: found 3, expected one of custom"),
+    "begun long ago": (
+        says("sim:startTime", T.TimeCode, Sdf.TimeCode(-1e9)),
+        "startTime: found -1e+09, expected one at most 100000 frames before 1",
+    ),
     "unknown token": (says("rd:preset", T.Token, "stripes"), "found 'stripes', expected one of cu"),
     "later sample": (says("settle:omega", T.Float, 1.0, -5.0), "omega: found -5.0, expected 0 to"),
     "many substeps": (says("sim:substeps", T.Int, 2_000_000_000), "expected 1 to 64"),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from tests.sim.stage.bakes import PATH, Shot, everything, shot
 from usdsplat import schema
@@ -134,7 +134,9 @@ def changed_input(bake: Shot) -> None:
 
 
 def changed_parameter(bake: Shot) -> None:
-    bake.seed = 1
+    with Usd.EditContext(bake.stage, bake.stage.GetSessionLayer()):
+        prim = bake.stage.GetPrimAtPath(PATH)
+        prim.CreateAttribute("splatSim:rd:feed", Sdf.ValueTypeNames.Float).Set(0.05)
 
 
 def changed_mode(bake: Shot) -> None:

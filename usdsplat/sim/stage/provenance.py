@@ -99,19 +99,18 @@ class Provenance:
             raise StageError(f"{target}, resumed", found, expected)
 
 
-def parameter_hash(
-    stage: Usd.Stage, times: Sequence[float], settings: Mapping[str, object] | None = None
-) -> str:
-    """SHA-256 over all opinions of a simulation at all its frames.
+def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
+    """SHA-256 over all opinions of a simulation at all its frames, and over which prims and
+    variants there are: a session may choose them.
 
     Args:
         stage: Every prim is asked for properties under `splatSim:`.
         times: The frames [time code].
-        settings: What else decides, such as options of a command.
     """
-    total = hashlib.sha256(repr(sorted((settings or {}).items())).encode())
-    total.update(repr([float(time) for time in times]).encode())
+    total = hashlib.sha256(repr([float(time) for time in times]).encode())
     for prim in stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+        variants = sorted(prim.GetVariantSets().GetAllVariantSelections().items())
+        total.update(f"{prim.GetPath()} {prim.IsActive()} {variants}\0".encode())
         for item in prim.GetAuthoredProperties():
             if item.GetName().startswith(_PREFIXES):
                 total.update(f"{item.GetPath()}\0".encode())

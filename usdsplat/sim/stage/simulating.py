@@ -28,6 +28,9 @@ from usdsplat.sim.uses import Uses, uses_over
 
 Remark = Callable[[str], None]
 
+LEAD = 100_000
+"""Frames that may be simulated before the first that is asked for."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
@@ -119,6 +122,10 @@ class Simulation:
         self._carried: dict[str, frozenset[str]] = {}
         for path, recipe in self.recipes.items():
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
+            if lead > LEAD:
+                where = f"{recipe.simulation}.splatSim:sim:startTime"
+                expected = f"one at most {LEAD} frames before {frames[0]:g}"
+                raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
             self.uses[path] = uses_over(recipe, times)
             self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
