@@ -21,7 +21,7 @@ from usdsplat.sim.parameters import (
     SimParameters,
     SkinParameters,
 )
-from usdsplat.sim.specs import Affector, Deformer, Driver, Moment, SkinBinding
+from usdsplat.sim.specs import Deformer, Driver, Moment, SkinBinding
 from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
@@ -154,10 +154,6 @@ class StageRecipe:
     def parameters(self, time: float) -> Parameters:
         """All parameters of the simulation at a time code."""
         return read_all(self._simulation, Usd.TimeCode(time))
-
-    def affectors(self, time: float) -> tuple[Affector, ...]:
-        """The affectors alone at a time code."""
-        return tuple(each.at(Usd.TimeCode(time)) for each in self._affectors)
 
     def field_to_simulation(self, time: float) -> F64:
         """From the field's space at a time code to the simulation's, shape (4, 4)."""
