@@ -19,8 +19,9 @@ class AffectorParameters:
     role: Literal["collide", "seed", "mask", "wind", "feed", "growth", "opacity"] = knob(
         "collide",
         "collide pushes splats out; the others act by amount inside and up to falloff outside: "
-        "seed begins the pattern, mask selects splats, wind blows along its local z axis, feed "
-        "adds to the reaction's feed rate, growth and opacity multiply",
+        "seed begins the pattern, mask lets only splats that it reaches grow, have children and be "
+        "pushed, wind blows splats that fly along its local z axis, feed adds to the reaction's "
+        "feed rate, growth and opacity multiply",
         uniform=True,
     )
     amount: float = knob(
