@@ -32,6 +32,9 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.deep
 	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.colour
+	$(BIN)/python -m benchmarks.simulation
+	$(BIN)/python -m benchmarks.simulated_frame
+	$(BIN)/python -m benchmarks.bakes
 
 clean:
 	rm -rf $(VENV) demo

@@ -30,7 +30,7 @@ from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.simulating import simulate
 
 RATE = 24
-RADIUS, REACH = 0.35, 2.4
+RADIUS, REACH = 0.5, 2.4
 """Of the ball, and how far it goes to either side [unit]."""
 CASES = ((0, "carrier"), (0, "self"), (3, "carrier"))
 """Degree of the harmonics, and where the reaction runs."""

@@ -37,6 +37,8 @@ HUGE = 0.05
 EDGE = 1.2
 """Half axes of a splat's ellipse, in its deviations."""
 
+DRAWN = 64
+"""Points drawn for each that may be kept, at most, where the distance is automatic."""
 DENSITY = 4.0
 """Points on an ellipse, for each square of the distance; enough for a sample without gaps."""
 
@@ -190,13 +192,17 @@ class _Ellipses:
             ids=rows if cloud.ids is None else cloud.ids[rows],
         )
 
-    def points(self, device: CpuDevice, distance: float, seed: int) -> tuple[F32, F32]:
-        """Points on all of them, so many that none further apart than `distance` is without one
-        between; and in which order they are taken, centres first."""
+    def counts(self, distance: float) -> I64:
+        """How many points each has at a distance, shape (n,)."""
         half = np.linalg.norm(self.long, axis=1).astype(np.float64)
         wide = np.maximum(np.linalg.norm(self.short, axis=1), distance / 4)
         counts = np.minimum(1 + np.pi * DENSITY * half * wide / distance**2, MOST_POINTS)
-        counts = np.where(half < distance / 2, 1, counts).astype(np.int64)
+        return np.where(half < distance / 2, 1, counts).astype(np.int64)
+
+    def points(self, device: CpuDevice, distance: float, seed: int) -> tuple[F32, F32]:
+        """Points on all of them, so many that none further apart than `distance` is without one
+        between; and in which order they are taken, centres first."""
+        counts = self.counts(distance)
         first = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(counts, out=first[1:])
         points: F32 = device.empty((int(first[-1]), 3), np.float32)
@@ -227,6 +233,9 @@ def _sampled(
         _, apart = nearest(device, ellipses.centres, ellipses.centres, 2)
         apart = apart[np.isfinite(apart[:, -1]) & (apart[:, -1] > 0), -1]
         distance = float(np.median(apart)) if len(apart) else 1.0
+        # Else far more are drawn than can be kept, where many splats lie on one another.
+        drawn = int(ellipses.counts(distance).sum())
+        distance *= math.sqrt(max(1.0, drawn / max(DRAWN * most, 4 * len(ellipses.ids))))
     else:
         distance /= PER_DISTANCE
     while True:
