@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 import numba
 import pytest
 
-from usdsplat.kernels.compiling import on_compile
+from usdsplat.kernels.compiling import compile_time, on_compile
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
@@ -25,3 +27,22 @@ def test_each_compilation_is_heard_of_once():
     assert heard == ["doubled", "doubled"]
     assert doubled(1j) == 2j
     assert heard == ["doubled", "doubled"]
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
+def test_time_is_counted_while_compiling_only():
+    """Oracle: 0 before, more after a compilation and within the wall time, the same after a call
+    that compiles nothing."""
+
+    @numba.njit
+    def halved(x):
+        return x / 2
+
+    start = time.perf_counter()
+    with compile_time() as compiled:
+        assert compiled() == 0
+        halved(1.0)
+        taken = compiled()
+        assert 0 < taken < time.perf_counter() - start
+        halved(2.0)
+        assert compiled() == taken

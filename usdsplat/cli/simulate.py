@@ -52,7 +52,7 @@ class Options:
     overrides: Annotated[
         UseAppendAction[tuple[str, ...]], option("[/PRIM.]NAME=VALUE", name="set")
     ] = ()
-    """a parameter's value in place of the stage's, such as rd:feed=0.04; may be repeated"""
+    """a parameter's value in place of the stage's, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
     """print every parameter and stop"""
     resume: Annotated[bool, option()] = False

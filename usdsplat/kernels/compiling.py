@@ -27,3 +27,11 @@ def on_compile(callback: Callable[[str], None]) -> Iterator[None]:
     """While the context lasts, call `callback` with the name of each function to be compiled."""
     with event.install_listener("numba:compile", _Listener(callback)):
         yield
+
+
+@contextmanager
+def compile_time() -> Iterator[Callable[[], float]]:
+    """While the context lasts, what it gives says how long compiling has taken so far [s]."""
+    timer = event.TimingListener()
+    with event.install_listener("numba:compile", timer):
+        yield lambda: timer.duration if timer.done else 0.0

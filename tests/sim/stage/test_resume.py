@@ -153,7 +153,7 @@ def changed_range(bake: Shot) -> None:
         (changed_input, r"found other input files \(shot.usda\)"),
         (changed_parameter, "found other parameters"),
         (changed_mode, "found another mode, packed, expected dense"),
-        (changed_range, "found other parameters"),
+        (changed_range, "found another frame range"),
     ],
 )
 def test_other_ingredients_are_refused(

@@ -336,3 +336,12 @@ def test_what_was_automatic_is_remembered(tmp_path: Path) -> None:
     for path, solver in simulation.solvers.items():
         assert record["resolved"][path] == solver.resolved
         assert {"patternScale", "dimension", "hMin", "hMax"} <= set(solver.resolved)
+
+
+def test_compiling_is_booked_apart() -> None:
+    """Oracle: a compiler that says to have taken an hour, of which nobody else has any."""
+    spent = [0.0]
+    clock = Clock(lambda: spent[0])
+    spent[0] = 3600.0
+    clock.lap("work")
+    assert -3600 <= clock.spent["work"] < -3500

@@ -38,6 +38,10 @@ def _doubts(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
         for path in asked.GetForwardedTargets() if asked else ():
             if not stage.GetObjectAtPath(path):
                 yield includes, f"{path}, which is not there", "a prim"
+    preset = value(simulation.GetAttribute(f"{NAMESPACE}:rd:preset"), Usd.TimeCode.Default())
+    for name in ("rd:feed", "rd:kill"):
+        if preset not in (None, "custom") and _ever(simulation, name):
+            yield f"{NAMESPACE}:{name}", f"a value and rd:preset {preset}", "rd:preset custom"
     if not _ever(simulation, "rd:enabled"):
         for name in ("growth:rate", "growth:birthRate"):
             if _ever(simulation, name):

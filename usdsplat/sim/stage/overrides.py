@@ -32,7 +32,7 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
     """
     match = _ASSIGNMENT.fullmatch(text.strip())
     if not match:
-        raise UsageError("--set", repr(text), "[/PRIM.]group:name=value, such as rd:feed=0.04")
+        raise UsageError("--set", repr(text), "[/PRIM.]group:name=value, such as rd:preset=coral")
     where, name, typed = match.groups()
     group, instance, item = find(name)
     value = _value(item, typed, text)
