@@ -77,13 +77,13 @@ class Provenance:
         mine = self.record(completed=0, checkpoint="")
         names = {
             "solverVersion": "version of usdsplat",
-            "inputHash": "input files",
             "mode": "mode",
             "frameRange": "frame range",
             "seed": "seed",
             "substeps": "substeps",
             "dt": "dt",
             "paramHash": "parameters",
+            "inputHash": "input files",
         }
         for key, name in names.items():
             if _plain(other.get(key)) == _plain(mine[key]):
