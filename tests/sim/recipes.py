@@ -99,6 +99,26 @@ def played(device: CpuDevice, recipe: Written, frames: int, **given: Any) -> lis
     return found
 
 
+ARRAYS = ("positions", "rotations", "scales", "opacities", "sh")
+
+
+def changed(frames: list[Any], rest: SplatCloud) -> set[str]:
+    """Arrays of which some bit differs from the capture in some frame."""
+    return {
+        name
+        for frame in frames
+        for name in ARRAYS
+        if not np.array_equal(getattr(frame.cloud, name), getattr(rest, name))
+    }
+
+
+def pusher(time: float, **given: Any) -> dict[str, Any]:
+    """A capsule that comes in until time 8 and is far away from 9 on."""
+    x = 2.0 - 0.15 * time if time < 9 else 50.0
+    body = affector("capsule", (0.4, 0.4, 0.5), placed((x, 0, 0)), ccd=False, clearance=0.5)
+    return {"affectors": (body,), **given}
+
+
 # --- everything at once ------------------------------------------------------------------
 
 LIVELY = {

@@ -10,13 +10,16 @@ import pytest
 
 from tests.sim.affectors import affector, capsule_gaps, placed, rotation
 from tests.sim.recipes import (
+    ARRAYS,
     Written,
     always,
     ball,
+    changed,
     deformer,
     driver,
     knobs,
     played,
+    pusher,
     started,
 )
 from tests.sim.shapes import sphere
@@ -27,8 +30,6 @@ from usdsplat.kernels.device import open_device
 from usdsplat.sim.contact import USUAL
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
 from usdsplat.sim.uses import uses_over
-
-ARRAYS = ("positions", "rotations", "scales", "opacities", "sh")
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +53,6 @@ def assert_same_splats(found: SplatCloud, expected: SplatCloud, tolerance: float
         (found.opacities, expected.opacities),
     ):
         np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * np.abs(b).max())
-
-
-def changed(frames: list[Any], rest: SplatCloud) -> set[str]:
-    """Arrays of which some bit differs from the capture in some frame."""
-    return {
-        name
-        for frame in frames
-        for name in ARRAYS
-        if not np.array_equal(getattr(frame.cloud, name), getattr(rest, name))
-    }
 
 
 EXACT = {"appearance": {"sh_min_angle": 0.0}}
@@ -127,13 +118,6 @@ def test_splats_on_a_target_move_with_it(device) -> None:
 
 
 # --- being pushed, and the way back ------------------------------------------------------
-
-
-def pusher(time: float, **given: Any) -> dict[str, Any]:
-    """A capsule that comes in until time 8 and is far away from 9 on."""
-    x = 2.0 - 0.15 * time if time < 9 else 50.0
-    body = affector("capsule", (0.4, 0.4, 0.5), placed((x, 0, 0)), ccd=False, clearance=0.5)
-    return {"affectors": (body,), **given}
 
 
 def test_nobody_is_inside_where_a_sample_is_taken(device) -> None:
@@ -216,103 +200,6 @@ def test_who_is_not_selected_is_not_touched(device) -> None:
         assert np.abs(each[7].cloud.positions - rest.positions).max() > 0.1
 
 
-# --- when --------------------------------------------------------------------------------
-
-
-def lively(time: float, **sim: Any) -> dict[str, Any]:
-    """Pushed, bent and coloured."""
-    bend = deformer("bend", angle=5 * time)
-    tint = driver("opacity", source="distance", in_max=0.3, amount=0.5)
-    p = knobs(sim=sim)
-    return pusher(time, parameters=p, deformers=(bend,), drivers=(tint,))
-
-
-def test_before_its_start_nothing_happens(device) -> None:
-    """Oracle: the capture's bits until then; then a simulation whose first frame is that one."""
-    rest = ball(500)
-    late = played(device, Written(rest, lambda time: lively(time, start_time=5.0)), 12)
-    other = played(device, Written(rest, lively), 8, start=5.0)
-    assert changed(late[:4], rest) == set()
-    for a, b in zip(late[4:], other, strict=True):
-        assert a.time == b.time
-        for name in ARRAYS:
-            np.testing.assert_array_equal(getattr(a.cloud, name), getattr(b.cloud, name))
-
-
-def test_frames_may_begin_after_the_simulation(device) -> None:
-    """Oracle: the same frames of a bake that begins with the simulation, to the bit."""
-    rest = ball(500)
-    says = lambda time: lively(time, start_time=3.0)  # noqa: E731
-    whole = played(device, Written(rest, says), 10, start=3.0)
-    recipe = Written(rest, says)
-    uses = uses_over(recipe, range(3, 13))
-    from usdsplat.sim.solver import Solver
-
-    solver = Solver(recipe, uses, device=device, start=9.0)
-    for expected in whole[6:]:
-        frame = solver.frame()
-        assert frame.time == expected.time
-        for name in (*ARRAYS, "velocities"):
-            there = getattr(frame.cloud, name)
-            np.testing.assert_array_equal(there, getattr(expected.cloud, name))
-        solver.advance()
-
-
-@pytest.mark.parametrize("how", ["end", "disabled"])
-def test_after_its_end_nothing_changes(device, how: str) -> None:
-    """Oracle: the bits of the last frame; bends, affectors and drivers that move on do nothing."""
-
-    def says(time: float) -> dict[str, Any]:
-        return lively(time, **({"end_time": 6.0} if how == "end" else {"enabled": time <= 6}))
-
-    frames = played(device, Written(ball(500), says), 12)
-    for frame, time in zip(frames[6:], range(7, 13), strict=True):
-        assert frame.time == time
-        assert (frame.cloud.velocities == 0).all()
-        for name in ARRAYS:
-            there = getattr(frame.cloud, name)
-            np.testing.assert_array_equal(there, getattr(frames[5].cloud, name))
-
-
-def test_a_simulation_that_is_off_goes_on_when_it_is_on_again(device) -> None:
-    """Oracle: a restart in between, to the bit; and at the end the bend's own place for splats."""
-
-    def says(time: float) -> dict[str, Any]:
-        given = lively(time, enabled=not 4 <= time < 9)
-        return {**given, "parameters": replace(
-            given["parameters"], settle=knobs(settle={"omega": 60.0}).settle
-        )}  # fmt: skip
-
-    rest = ball(500)
-    whole = played(device, Written(rest, says), 20)
-    solver = started(device, Written(rest, says), 20)
-    solver.frame()
-    for _ in range(5):
-        solver.advance()
-        solver.frame()
-    state = solver.checkpoint()
-    again = started(device, Written(rest, says), 20, state=state)
-    for expected in whole[6:]:
-        again.advance()
-        for name in ARRAYS:
-            there = getattr(again.frame().cloud, name)
-            np.testing.assert_array_equal(there, getattr(expected.cloud, name))
-    still = Written(rest, lambda time: {**lively(20.0), "affectors": ()})
-    bent = played(device, still, 1)[0].cloud.positions
-    np.testing.assert_allclose(whole[-1].cloud.positions, bent, rtol=0, atol=1e-3)
-
-
-@pytest.mark.parametrize("rate", [24.0, 30.0, 60.0])
-def test_seconds_are_time_codes_over_their_rate(device, rate: float) -> None:
-    """Oracle: free fall, g t^2 / 2 up to symplectic Euler's g t dt / 2."""
-    p = knobs(particles={"enabled": True, "gravity": (0.0, -9.0, 0.0), "drag": 0.0})
-    recipe = Written(ball(200), always(parameters=p), codes_per_second=rate)
-    frames = played(device, recipe, 13)
-    t = 12 / rate
-    fallen = recipe.rest.positions[:, 1] - frames[-1].cloud.positions[:, 1]
-    np.testing.assert_allclose(fallen, 4.5 * t * (t + 1 / (4 * rate)), rtol=1e-5)
-
-
 # --- what is written ---------------------------------------------------------------------
 
 CASES: dict[str, Any] = {
@@ -358,13 +245,6 @@ def test_exactly_what_is_announced_changes(device, case: str) -> None:
     writes = uses_over(recipe, range(1, 11)).writes
     found = changed(played(device, recipe, 10), recipe.rest)
     assert found | {"positions"} == writes
-
-
-def test_what_is_off_does_nothing(device) -> None:
-    """Oracle: the capture's bits, though affectors, deformers and drivers are there."""
-    recipe = Written(ball(300), lambda time: lively(time, enabled=False))
-    assert changed(played(device, recipe, 6), recipe.rest) == set()
-    assert uses_over(recipe, range(1, 7)).writes == {"positions"}
 
 
 def test_a_pattern_waits_until_it_is_enabled(device) -> None:
