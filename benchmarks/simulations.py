@@ -66,10 +66,10 @@ def shoot(
 
 
 def grow(stage: Usd.Stage) -> None:
-    """A labyrinth grows on a kettle."""
+    """A labyrinth spreads over a kettle."""
     stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
-    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "growth:birthRate": 0.25})
-    shoot(stage, (0.16, 0.15, 0.42), (0.005, 0.0, 0))
+    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "rd:seedDensity": 0.0007})
+    shoot(stage, (0.17, 0.18, 0.44), (0.01, 0.0, 0))
 
 
 def push(stage: Usd.Stage) -> None:
@@ -101,7 +101,7 @@ def walk(stage: Usd.Stage) -> None:
         if prim.GetTypeName() == "Skeleton":
             author(prim, {"affector:friction": 0.0, "affector:radiusScale": 1.1})
     author(stage.GetPrimAtPath(SIM), {"settle:omega": 6.0})
-    shoot(stage, (0.17, 0.26, 0.52), (-0.01, 0.105, 0.03))
+    shoot(stage, (0.1, 0.26, 0.64), (-0.015, 0.1, 0.03))
 
 
 def conform(stage: Usd.Stage) -> None:
@@ -109,20 +109,28 @@ def conform(stage: Usd.Stage) -> None:
     select(stage, lambda points: points[:, 1] > -0.078)
     path = Sdf.Path("/World/Simulation/Ring")
     stage.RemovePrim(path)
-    ring = author_torus(stage, path, radius=0.055, tube=0.028, axis="Y")
+    ring = author_torus(stage, path, radius=0.036, tube=0.02, axis="Y")
+    ring.AddTranslateOp().Set((-0.01, -0.01, 0))
+    ring.GetDisplayColorAttr().Set([(0.5, 0.3, 0.12)])
     turn = ring.AddRotateYOp()
-    for frame, angle in ((1, 0.0), (72, 60.0)):
+    for frame, angle in ((1, 0.0), (48, 60.0)):
         turn.Set(angle, frame)
     author(
         stage.GetPrimAtPath(SIM),
-        {"conform:start": 0.2, "conform:duration": 1.5, "conform:stagger": 0.8},
+        {
+            "conform:start": 0.1,
+            "conform:duration": 1.0,
+            "conform:stagger": 0.5,
+            "conform:mode": "closest",
+            "conform:scaleMode": "density",
+        },
     )
-    shoot(stage, (0.2, 0.24, 0.38), (0.005, -0.01, 0))
+    shoot(stage, (0.2, 0.26, 0.4), (0.005, -0.005, 0))
 
 
 def dissolve(stage: Usd.Stage) -> None:
     """The wind takes a statue off its plinth."""
-    select(stage, lambda points: points[:, 1] > -0.12)
+    select(stage, lambda points: points[:, 1] > 0.03)
     shoot(stage, (2.5, 2.0, 5.3), (0.35, 1.05, 0))
 
 
@@ -138,14 +146,14 @@ def select(stage: Usd.Stage, which: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 STRIPS = {
-    "growth": Strip(capture="pod.spz", preset="grow", frames=(1, 13, 25, 37, 50), edit=grow),
+    "growth": Strip(capture="pod.spz", preset="grow", frames=(1, 8, 16, 26, 40), edit=grow),
     "affector": Strip(
-        capture="statue_angel.sog", preset="push", frames=(1, 12, 16, 21, 40), edit=push
+        capture="statue_angel.sog", preset="push", frames=(4, 12, 16, 21, 40), edit=push
     ),
     "skeleton": Strip(
-        capture="flowers_lod2_0.sog", preset="push", frames=(8, 14, 20, 27, 36), edit=walk
+        capture="flowers_lod2_0.sog", preset="push", frames=(6, 15, 21, 28, 36), edit=walk
     ),
-    "conform": Strip(capture="pod.spz", preset="conform", frames=(1, 22, 34, 46, 72), edit=conform),
+    "conform": Strip(capture="pod.spz", preset="conform", frames=(1, 14, 22, 30, 48), edit=conform),
     "dissolve": Strip(
         capture="statue_angel.sog", preset="dissolve", frames=(1, 18, 30, 42, 58), edit=dissolve
     ),
@@ -187,13 +195,15 @@ def save(image: np.ndarray, path: Path) -> None:
     from PIL import Image
 
     rgb = Image.fromarray(np.uint8(np.clip(image, 0, 1) * 255 + 0.5))
-    for height in range(rgb.height, 100, -16):
+    height, size = rgb.height, LIMIT + 1
+    while size > LIMIT:
         small = rgb.resize((round(rgb.width * height / rgb.height), height), Image.LANCZOS)
-        small = small.quantize(256, kmeans=1, dither=Image.Dither.NONE)
-        small.save(path, optimize=True)
-        if path.stat().st_size <= LIMIT:
-            print(f"{path}: {small.width}x{small.height}, {path.stat().st_size // 1000} kB")
-            return
+        small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE).save(
+            path, optimize=True
+        )
+        size = path.stat().st_size
+        height = round(0.98 * height * min(1, LIMIT / size) ** 0.5)
+    print(f"{path}: {small.width}x{small.height}, {size // 1000} kB")
 
 
 def main(names: list[str]) -> None:
