@@ -139,16 +139,25 @@ def skeleton_of(stage: Usd.Stage) -> UsdSkel.Skeleton:
 
 
 def bones_of(stage: Usd.Stage, frame: int) -> F64:
-    """Both ends of each bone between two joints, in the stage's space, shape (b, 2, 3)."""
+    """Ends of each bone in the stage's space, shape (b, 2, 3); a leaf's goes on as far again."""
     skeleton = skeleton_of(stage)
     cache = UsdSkel.Cache()
     cache.Populate(UsdSkel.Root.Find(skeleton.GetPrim()), Usd.PrimDefaultPredicate)
     query = cache.GetSkelQuery(skeleton)
     place = skeleton.ComputeLocalToWorldTransform(frame)
     joints = [matrix * place for matrix in query.ComputeJointSkelTransforms(frame)]
-    ends = np.array([matrix.ExtractTranslation() for matrix in joints])
-    parents = np.array(query.GetTopology().GetParentIndices())
-    return np.stack([ends[parents], ends], axis=1)[parents >= 0]
+    bind = query.GetJointWorldBindTransforms()
+    parents = list(query.GetTopology().GetParentIndices())
+    bones = []
+    for joint, parent in enumerate(parents):
+        end = joints[joint].ExtractTranslation()
+        if parent >= 0:
+            bones.append((joints[parent].ExtractTranslation(), end))
+        if joint not in parents:
+            before, at = (bind[i].ExtractTranslation() for i in (parent, joint))
+            tip = bind[joint].GetInverse().Transform(2 * at - before)
+            bones.append((end, joints[joint].Transform(tip)))
+    return np.array(bones)
 
 
 def distance(points: np.ndarray, bones: F64) -> F64:
