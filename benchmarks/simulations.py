@@ -66,10 +66,10 @@ def shoot(
 
 
 def grow(stage: Usd.Stage) -> None:
-    """A labyrinth spreads over a kettle."""
+    """A labyrinth grows on a bust."""
     stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
-    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "rd:seedDensity": 0.0007})
-    shoot(stage, (0.17, 0.18, 0.44), (0.01, 0.0, 0))
+    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "growth:birthRate": 0.25})
+    shoot(stage, (-1.3, 1.6, -3.6), (0.0, 1.15, 0))
 
 
 def push(stage: Usd.Stage) -> None:
@@ -109,8 +109,7 @@ def conform(stage: Usd.Stage) -> None:
     select(stage, lambda points: points[:, 1] > -0.078)
     path = Sdf.Path("/World/Simulation/Ring")
     stage.RemovePrim(path)
-    ring = author_torus(stage, path, radius=0.036, tube=0.02, axis="Y")
-    ring.AddTranslateOp().Set((-0.01, -0.01, 0))
+    ring = author_torus(stage, path, radius=0.042, tube=0.023, axis="Y")
     ring.GetDisplayColorAttr().Set([(0.5, 0.3, 0.12)])
     turn = ring.AddRotateYOp()
     for frame, angle in ((1, 0.0), (48, 60.0)):
@@ -146,7 +145,9 @@ def select(stage: Usd.Stage, which: Callable[[np.ndarray], np.ndarray]) -> None:
 
 
 STRIPS = {
-    "growth": Strip(capture="pod.spz", preset="grow", frames=(1, 8, 16, 26, 40), edit=grow),
+    "growth": Strip(
+        capture="statue_massa.sog", preset="grow", frames=(1, 13, 25, 37, 50), edit=grow
+    ),
     "affector": Strip(
         capture="statue_angel.sog", preset="push", frames=(4, 12, 16, 21, 40), edit=push
     ),
