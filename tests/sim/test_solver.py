@@ -366,3 +366,10 @@ def test_a_pattern_on_nothing_that_is_seen(device, domain: str) -> None:
         assert "\n" not in str(error)
         return
     assert np.isfinite(frames[-1].uv).all()
+
+
+def test_a_pattern_that_would_never_end_is_refused(device) -> None:
+    """Oracle: the sentence; a lattice unit of many spacings needs the square of them in steps."""
+    p = knobs(rd={"enabled": True, "domain": "self", "pattern_scale": 1e4})
+    with pytest.raises(StageError, match=r"splatSim:rd:patternScale: found 10000, \d+ spacings"):
+        played(device, Written(ball(300), always(parameters=p)), 2)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
+from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
@@ -31,6 +32,8 @@ neighbours over those wanted, and the radius of the neighbourhood at the beginni
 UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
 """In `State.globals`: u and v of the carriers; dimension and usual support; what was automatic;
 lists of neighbours."""
+MOST_PARTS = 1000
+"""Of one reaction step, so that it is stable; more would never end."""
 _AUTOMATIC = ("patternScale", "reactionSubdivisions", "dimension", "hMin", "hMax")
 
 
@@ -159,6 +162,10 @@ class Pattern:
         """Do the reaction steps of a frame."""
         reaction = self._reacting(state, moment)
         reaction.adopt(moment.parameters.rd)
+        if reaction.subdivisions > MOST_PARTS:
+            found = f"{reaction.scale:g}, {reaction.scale / reaction.spacing:.0f} spacings"
+            expected = "a few spacings: a larger unit takes ever more and smaller steps"
+            raise StageError("splatSim:rd:patternScale", found, expected)
         uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
         seed, feed = (self._gathered(state, each) for each in (influence.seed, influence.feed))
         if seed is not None:
