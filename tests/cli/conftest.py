@@ -12,11 +12,20 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import formats, schema
 from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate import memory
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import AOVS
 
 SCENE = RenderSettings(color_mode="scene")
+
+
+@pytest.fixture(autouse=True)
+def _a_program_of_usual_size(monkeypatch):
+    """What other tests left in memory, compilers above all, is none of a command's."""
+    before, usual = memory.resident(), 300 << 20
+    grown = memory.resident
+    monkeypatch.setattr(memory, "resident", lambda: max(grown() - before, 0) + usual)
 
 
 def nothing_held_out(x0, y0, x1, y1):

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from tests.sim.stage.stages import make_stage, simulation_of
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
+from usdsplat.sim.parameters import GROUPS, INSTANCED, BakeParameters, camel
 from usdsplat.sim.stage.authoring import author, relate
 from usdsplat.sim.stage.parameters import read, read_all
 
 ONE = Usd.TimeCode(1)
+
+
+def test_what_is_read_hangs_on_no_print_options() -> None:
+    """Oracle: the value, which six digits do not hold."""
+    stage = make_stage(3)  # its prims live as long as it does
+    prim = simulation_of(stage)
+    author(prim, {"bake:opacityEpsilon": 1 / 512})
+    with np.printoptions(legacy="1.13", precision=3):
+        found = read(prim, BakeParameters, "splatSim:bake", ONE)
+    assert found.opacity_epsilon == 1 / 512
 
 
 @pytest.mark.parametrize("group", [*GROUPS, *INSTANCED])

@@ -131,7 +131,8 @@ def _plain(found: Any, *, single: bool) -> Any:
     if isinstance(found, Sdf.TimeCode):
         return float(found.GetValue())
     if isinstance(found, float):
-        return float(str(np.float32(found))) if single else found
+        # Not by str(), which is anybody's to change: see numpy.set_printoptions.
+        return float(np.format_float_scientific(np.float32(found))) if single else found
     try:
         return tuple(_plain(part, single=single) for part in found)
     except TypeError:
