@@ -201,7 +201,7 @@ def _conform(scene: Scene, sim: Usd.Prim) -> None:
             "conform:order": "distance",
             "conform:mode": "closest",
             "conform:orient": 1.0,
-            "conform:scaleMode": "density",
+            "conform:scaleMode": "preserve",
             "conform:keepThickness": 0.0,
             "settle:omega": 12.0,
         },
