@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_before_its_start_nothing_happens(device) -> None:
 def test_frames_may_begin_after_the_simulation(device) -> None:
     """Oracle: the same frames of a bake that begins with the simulation, to the bit."""
     rest = ball(500)
-    says = lambda time: lively(time, start_time=3.0)  # noqa: E731
+    says = partial(lively, start_time=3.0)
     whole = played(device, Written(rest, says), 10, start=3.0)
     recipe = Written(rest, says)
     uses = uses_over(recipe, range(3, 13))
