@@ -25,10 +25,9 @@ def moved(seed: int, steps: int) -> Solver:
 def saved(path: Path, **solvers: Solver) -> Checkpoint:
     states = {f"/{name}": solver.state for name, solver in solvers.items()}
     extras = {"note": np.arange(5, dtype=np.uint16)}
-    meta = {"word": "ß", "list": [1, None]}
     checkpoint.save(
         path,
-        Checkpoint(time=7.5, states=states, parameter_hash="abc", extras=extras, meta=meta),
+        Checkpoint(time=7.5, states=states, parameter_hash="abc", extras=extras),
     )
     return checkpoint.load(path)
 
@@ -39,7 +38,6 @@ def test_every_bit_of_several_states_comes_back(tmp_path: Path) -> None:
     solvers["A"].state.positions[0] = (np.nan, -0.0, 1e-45)
     found = saved(tmp_path / "c", **solvers)
     assert (found.time, found.parameter_hash) == (7.5, "abc")
-    assert found.meta == {"word": "ß", "list": [1, None]}
     np.testing.assert_array_equal(found.extras["note"], np.arange(5))
     for name, solver in solvers.items():
         restored = Solver(found.states[f"/{name}"])

@@ -373,3 +373,13 @@ def test_a_pattern_that_would_never_end_is_refused(device) -> None:
     p = knobs(rd={"enabled": True, "domain": "self", "pattern_scale": 1e4})
     with pytest.raises(StageError, match=r"splatSim:rd:patternScale: found 10000, \d+ spacings"):
         played(device, Written(ball(300), always(parameters=p)), 2)
+
+
+def test_who_has_no_way_out_is_counted(device) -> None:
+    """Oracle: two half-spaces that are everything together; there is a way out of one alone."""
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
+    up, over = affector("plane"), affector("plane", matrix=down)
+    for bodies, expected in (((up,), 0), ((up, over), 50)):
+        solver = started(device, Written(ball(50), always(affectors=bodies)), 2)
+        solver.advance()
+        assert solver.trapped == expected

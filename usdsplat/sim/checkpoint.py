@@ -30,8 +30,6 @@ class Checkpoint:
     code_version: str = __version__
     extras: Mapping[str, Array] = field(default_factory=dict)
     """What else must be kept, by name."""
-    meta: Mapping[str, Any] = field(default_factory=dict)
-    """The same, for what JSON can hold."""
 
 
 def save(target: Path, checkpoint: Checkpoint) -> None:
@@ -51,7 +49,6 @@ def save(target: Path, checkpoint: Checkpoint) -> None:
         "parameterHash": checkpoint.parameter_hash,
         "codeVersion": checkpoint.code_version,
         "states": scalars,
-        "meta": dict(checkpoint.meta),
     }
     save_arrays(target, arrays, meta)
 
@@ -75,7 +72,6 @@ def load(source: Path) -> Checkpoint:
             parameter_hash=meta["parameterHash"],
             code_version=meta["codeVersion"],
             extras=_under(arrays, "extra|"),
-            meta=meta["meta"],
         )
     except (KeyError, TypeError) as error:
         raise FormatError(str(source), f"no {error}", "a checkpoint of a simulation") from error

@@ -91,7 +91,6 @@ class Reaction:
         count: int | None = None,
         *,
         feed_offset: F32 | None = None,
-        kill_offset: F32 | None = None,
     ) -> F32:
         """u and v after `count` reaction steps, those of a frame by default.
 
@@ -99,7 +98,6 @@ class Reaction:
             uv: Shape (n, 2); not changed.
             count: Steps of `d_tau`.
             feed_offset: Added to the feed rate, which is then kept from 0 to 0.1, shape (n,).
-            kill_offset: Added to the kill rate, which is then kept from 0 to 0.1, shape (n,).
         """
         rd, graph = self.parameters, self.graph
         feed, kill = rates(rd)
@@ -108,7 +106,7 @@ class Reaction:
         area = self.scale**2
         now = uv[graph.order].reshape(-1)
         then = np.empty_like(now)
-        feeds, kills = self._per_point(feed, feed_offset), self._per_point(kill, kill_offset)
+        feeds, kills = self._feeds(feed, feed_offset), np.array([kill], np.float32)
         for _ in range((rd.substeps if count is None else count) * parts):
             self._device.run(
                 kernels.gray_scott, *self.weights, now, feeds, kills,
@@ -119,10 +117,11 @@ class Reaction:
         after[graph.order] = now.reshape(-1, 2)
         return after
 
-    def _per_point(self, rate: float, offset: F32 | None) -> F32:
+    def _feeds(self, feed: float, offset: F32 | None) -> F32:
+        """The feed rate, one for all or by slot."""
         if offset is None:
-            return np.array([rate], np.float32)
-        return np.clip(np.float32(rate) + offset[self.graph.order], 0, np.float32(0.1))
+            return np.array([feed], np.float32)
+        return np.clip(np.float32(feed) + offset[self.graph.order], 0, np.float32(0.1))
 
     def _weigh(self) -> None:
         """Weights of all neighbours, their largest sum, and the mean spacing."""

@@ -79,6 +79,8 @@ class Solver:
         self._influences = Influences(device)
         strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
         self._drawing = Drawing(device, strain)
+        self.trapped = 0
+        """Most splats that a step of this solver has not brought out of the affectors."""
         self._seen = -1
         """Last step at which the simulation was on; -1 before the first."""
         self._moment = first
@@ -327,7 +329,8 @@ class Solver:
         state = self.state
         spared = np.flatnonzero((self._weight() <= 0) & (state.flags & PINNED == 0))
         state.flags[spared] |= PINNED
-        self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
+        counts = self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
+        self.trapped = max(self.trapped, counts.trapped)
         state.flags[spared] &= ~PINNED
         self._lap("contact")
 

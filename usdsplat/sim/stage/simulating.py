@@ -15,6 +15,7 @@ from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.sim.parameters import Parameters
@@ -275,6 +276,10 @@ def _simulate(
             spent.append(clock.now - start)
             progress.step("simulating", number + 1, len(left))
     clock.lap("writing")
+    for path, solver in simulation.solvers.items():
+        if solver.trapped:
+            found = f"{counted(solver.trapped, 'splat')} that no push brings out of the affectors"
+            remark(f"{path}: found {found}, expected a way out between them")
     return Report(
         target=str(target),
         frames=len(left),
