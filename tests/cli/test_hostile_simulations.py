@@ -216,7 +216,7 @@ HOSTILE = {
     "no rate": (lambda stage: stage.SetTimeCodesPerSecond(0), "found timeCodesPerSecond of 0, exp"),
     "long": (lambda stage: stage.SetEndTimeCode(1e12), "a stage from 1 to 1e+12, expected a range"),
     "endless": (lambda stage: stage.SetEndTimeCode(INF), "a stage from 1 to inf, expected a range"),
-    "backwards": (lambda stage: stage.SetEndTimeCode(-5), "a stage that ends at -5, before 1, exp"),
+    "backwards": (lambda stage: stage.SetEndTimeCode(-5), "a stage from 1 to -5, expected a range"),
     "edit and births": (
         all_of(says("bake:mode", T.Token, "edit"), says("rd:enabled", T.Bool, True),
                says("growth:birthRate", T.Float, 1.0)),

@@ -108,6 +108,7 @@ class Shot:
     times: Sequence[float]
     solvers: Callable[[], dict[str, Solver]]
     writes: frozenset[str] = ALL
+    seed: int = 0
     frames: dict[str, list[Frame]] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
 
@@ -115,7 +116,7 @@ class Shot:
         return Provenance(
             param_hash=parameter_hash(self.stage, self.times),
             input_hash=input_hash(self.stage),
-            seed=0,
+            seed=self.seed,
             substeps=1,
             dt=1 / 24,
             frame_range=(self.times[0], self.times[-1]),
