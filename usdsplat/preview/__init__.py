@@ -1,0 +1,1 @@
+"""A window onto a stage, with usdview's habits; every model of it works without a window."""

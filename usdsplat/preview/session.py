@@ -1,0 +1,198 @@
+"""The one thread that touches a stage, and how everybody else talks to it.
+
+    session = Session(lambda publish: Document(stage, publish=publish))
+    session.listen(print)                          # pictures and news, in the session's thread
+    session.look(ViewState(size=(960, 720)))       # the latest wins
+    session.ask(lambda document: properties(document.stage, path), done=show)
+
+Tasks come before pictures and run in their order, under the document's lock. A picture is drawn
+without the lock, from what the engine has synced: coarse while the view moves, in full when it
+rests.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.document import Document
+from usdsplat.preview.values import Event, Problem, ViewState
+
+T = TypeVar("T")
+Listener = Callable[[Event], None]
+Task = tuple[Callable[[Document], Any], Callable[[Any], None], Callable[[UsdSplatError], None]]
+
+LOG = logging.getLogger("usdsplat")
+
+
+class Session:
+    """A document in a thread of its own.
+
+    Args:
+        open_document: Called in the session's thread with what it shall publish to.
+        own_thread: False for a host that calls `turn` itself, in the thread that owns the stage.
+    """
+
+    def __init__(
+        self,
+        open_document: Callable[[Listener], Document],
+        *,
+        own_thread: bool = True,
+    ) -> None:
+        self._open = open_document
+        self._changed = threading.Condition()
+        self._tasks: deque[Task] = deque()
+        self._state: ViewState | None = None
+        self._is_stale = True
+        self._is_closing = False
+        self._listeners: tuple[Listener, ...] = ()
+        self._document: Document | None = None
+        self._has_failed = False
+        self._thread = threading.Thread(target=self._run, name="usdsplat session", daemon=True)
+        if own_thread:
+            self._thread.start()
+
+    # --- from any thread -------------------------------------------------------------------
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Tell `listener` of everything, in the session's thread; returns how to stop that."""
+        with self._changed:
+            self._listeners = (*self._listeners, listener)
+
+        def stop() -> None:
+            with self._changed:
+                self._listeners = tuple(each for each in self._listeners if each is not listener)
+
+        return stop
+
+    def look(self, state: ViewState) -> None:
+        """Say what shall be seen; what was asked before and is not begun is forgotten."""
+        with self._changed:
+            self._state = state
+            self._wake()
+
+    def ask(
+        self,
+        task: Callable[[Document], T],
+        done: Callable[[T], None] = lambda result: None,
+        failed: Callable[[UsdSplatError], None] | None = None,
+    ) -> None:
+        """Have something done with the document; `done` is called in the session's thread.
+
+        A UsdSplatError goes to `failed`, or without one becomes a `Problem`.
+        """
+        with self._changed:
+            self._tasks.append((task, done, failed or self._complain))
+            self._wake()
+
+    def wake(self) -> None:
+        """Say that the stage may have changed."""
+        with self._changed:
+            self._wake()
+
+    def close(self, timeout: float = 10.0) -> None:
+        """End what goes on, and let go of the document; tasks that have not begun are dropped."""
+        with self._changed:
+            self._is_closing = True
+            self._tasks.clear()
+            self._changed.notify_all()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(timeout)
+        elif not self._thread.ident:
+            self._end()
+
+    # --- from the session's thread ---------------------------------------------------------
+
+    def turn(self) -> bool:
+        """Do one task, or draw one picture; return whether there is more to do.
+
+        For hosts without the session's own thread.
+        """
+        if self._document is None:
+            if self._has_failed:
+                return False
+            self._begin()
+            return True
+        with self._changed:
+            task = self._tasks.popleft() if self._tasks else None
+            state = self._state
+            if task is None:
+                self._is_stale = False
+        if task is not None:
+            self._do(self._document, *task)
+            return True
+        if state is None:
+            return False
+        try:
+            more = self._document.draw(state)
+        except UsdSplatError as error:
+            self._complain(error)
+            more = False
+        return more or self._has_work()
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            try:
+                more = self.turn()
+            except Exception:  # a bug must not take the window with it
+                LOG.exception("a bug in the preview")
+                self._publish(Problem(sentence="found a bug, expected none; see the terminal"))
+                more = False
+            with self._changed:
+                while not (more or self._is_stale or self._tasks or self._is_closing):
+                    self._changed.wait()
+                if self._is_closing:
+                    break
+        self._end()
+
+    def _begin(self) -> None:
+        try:
+            self._document = self._open(self._publish)
+        except UsdSplatError as error:
+            self._has_failed = True
+            self._complain(error)
+        else:
+            self._document.wake = self.wake
+            self._publish(self._document.opened())
+
+    def _end(self) -> None:
+        document, self._document = self._document, None
+        self._has_failed = True
+        if document is not None:
+            document.close()
+
+    def _do(
+        self,
+        document: Document,
+        task: Callable[[Document], Any],
+        done: Callable[[Any], None],
+        failed: Callable[[UsdSplatError], None],
+    ) -> None:
+        try:
+            with document.lock:
+                result = task(document)
+        except UsdSplatError as error:
+            failed(error)
+        else:
+            done(result)
+
+    def _has_work(self) -> bool:
+        with self._changed:
+            return self._is_stale or bool(self._tasks)
+
+    def _wake(self) -> None:
+        self._is_stale = True
+        self._changed.notify_all()
+
+    def _publish(self, event: Event) -> None:
+        for listener in self._listeners:
+            listener(event)
+
+    def _complain(self, error: UsdSplatError) -> None:
+        self._publish(Problem(sentence=str(error)))

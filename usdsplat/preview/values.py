@@ -1,0 +1,169 @@
+"""What crosses between a window and a session: frozen values, and nothing of USD or Qt.
+
+A window says what it wants to see by one `ViewState`; a session answers with `Picture`s and tells
+what happened by the other values here. They may cross threads and, as JSON, sockets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.knobs import knob
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.specs import CameraSpec
+from usdsplat.preview.camera import FreeCamera
+
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisplaySettings:
+    """How what was rendered is shown; nothing of it changes what is rendered."""
+
+    exposure: float = knob(
+        0.0, "of the picture on the screen; files are not changed", unit="stop", range=(-16.0, 16.0)
+    )
+    gamma: float = knob(1.0, "applied after the view transform", range=(0.1, 5.0))
+    channel: Literal["rgb", "red", "green", "blue", "alpha", "luminance"] = knob(
+        "rgb", "which channel of color is shown"
+    )
+    background: Literal["black", "grey", "white", "checker"] = knob(
+        "grey", "what is seen where nothing is"
+    )
+    depth_range: tuple[float, float] = knob(
+        (0.0, 0.0),
+        "planar depths shown white and black; both 0 take those of the picture",
+        unit="scene unit",
+    )
+    colormap: Literal["grey", "turbo"] = knob("grey", "of depths")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """One way to see the stage: all of a picture, or one side of a comparison."""
+
+    aov: str = "color"
+    """One of `images.aovs.AOVS`, by the name that files use."""
+    time: float | None = None
+    """Time code; None is the timeline's."""
+    settings: RenderSettings = field(default_factory=RenderSettings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewState:
+    """Everything that a viewport shall show."""
+
+    size: tuple[int, int] = (960, 720)
+    """Of the viewport, width and height [pixel of the screen]."""
+    camera: FreeCamera | str | None = None
+    """One of nobody's, the path of a stage's camera, or None for one that frames everything."""
+    time: float | None = None
+    """Of the timeline [time code]; None is USD's default time."""
+    look: Look = field(default_factory=Look)
+    other: Look | None = None
+    """What is shown right of the wipe; None for no comparison."""
+    wipe: float = 0.5
+    """Where the comparison is cut, a part of the width."""
+    display: DisplaySettings = DisplaySettings()
+    purposes: tuple[str, ...] = ("default", "render")
+    selected: tuple[str, ...] = ()
+    """Paths of the selected prims, which are outlined by their boxes."""
+    is_moving: bool = False
+    """Whether the next picture matters more than a good one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Picture:
+    """What a viewport shows, once."""
+
+    image: Image
+    """Display RGB, row 0 at the top, shape (h, w, 3); of the viewport's size divided by `scale`."""
+    state: ViewState
+    """What was asked for."""
+    camera: CameraSpec
+    """What it was seen by."""
+    number: int
+    """Pictures so far."""
+    scale: float = 1.0
+    """Pixels of the viewport to a side of a pixel of the picture; 1 is full quality."""
+    is_final: bool = True
+    """Whether nothing better follows while nothing changes."""
+    splats: int = 0
+    """That may touch the picture."""
+    total: int = 0
+    """On the stage, instances counted each."""
+    milliseconds: dict[str, float] = field(default_factory=dict)
+    """Wall time by stage, "total" among them."""
+    megabytes: float = 0.0
+    """What the process holds."""
+    device: str = "cpu"
+    warnings: tuple[str, ...] = ()
+    """A sentence for each prim that cannot be drawn as it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """A stage is there to be looked at."""
+
+    name: str
+    """Of the file."""
+    start: float
+    end: float
+    """Its range [time code]; both 0 where it has none."""
+    rate: float
+    """Time codes in a second at which it plays."""
+    up_axis: Literal["Y", "Z"]
+    cameras: tuple[str, ...]
+    has_simulation: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageChanged:
+    """Something on the stage is other than before."""
+
+    structure: bool
+    """Whether there may be other prims than before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationStatus:
+    """Where a simulation is."""
+
+    state: Literal["none", "ready", "beginning", "running", "paused", "recording", "failed"]
+    frame: float | None = None
+    """That was made last [time code]."""
+    frames: tuple[float, float] | None = None
+    """First and last that can be looked at now [time code]."""
+    end: float | None = None
+    """Where it stops."""
+    splats: int = 0
+    seconds: float = 0.0
+    """That the last frame took."""
+    message: str = ""
+    """A sentence, where there is something to say."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """What could not be done, a sentence; the last good picture stays."""
+
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Busy:
+    """What takes long, such as compiling; "" when it is over."""
+
+    what: str
+
+
+Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy
+
+
+def as_json(value: Any) -> Any:
+    """A value of this module as JSON has it, pictures without their image."""
+    raise NotImplementedError
