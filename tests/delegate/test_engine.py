@@ -15,7 +15,7 @@ from usdsplat import schema
 from usdsplat.core.errors import BackendError, StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
+from usdsplat.delegate.specs import CameraSpec, Framing, View
 
 SIZE = (32, 24)
 
@@ -44,6 +44,57 @@ def test_an_unchanged_picture_is_not_drawn_again():
         UsdGeom.Imageable(stage.GetPrimAtPath("/World/A")).MakeInvisible()
         assert engine.picture(view)["color"].base is not first.base
         assert engine.stats is not stats
+
+
+def test_a_picture_without_a_sync_is_of_what_was_synced():
+    """What a host does that locks the stage while it syncs, and draws without the lock. Oracle: the
+    count of what was read from the stage, and pictures before and after the edit."""
+    stage = two_fields()
+    with Engine(stage, time=1) as engine:
+        view = engine.view(resolution=SIZE)
+        before = engine.picture(view)["color"]
+        UsdGeom.Imageable(stage.GetPrimAtPath("/World/A")).MakeInvisible()
+        engine.set_time(2)
+        pulls = engine.pulls
+        assert engine.picture(view, sync=False)["color"].base is before.base
+        other = replace(view, framing=Framing(resolution=SIZE, data_window=(4, 0, 32, 24)))
+        cropped = engine.picture(other, RenderSettings(samples=3), sync=False)["color"]
+        whole = engine.picture(view, RenderSettings(samples=3), sync=False)["color"]
+        assert engine.pulls == pulls
+        np.testing.assert_array_equal(cropped, whole[:, 4:])
+        after = engine.picture(view, RenderSettings(samples=3))["color"]
+        assert not np.array_equal(after, whole)
+        assert engine.pulls != pulls
+
+
+@pytest.mark.parametrize("sync", [True, False])
+def test_a_picture_that_shows_other_times_follows_the_stage(sync):
+    """Oracle: similar triangles: a ball that moves by 0.1 of a view one unit wide."""
+    stage = Usd.Stage.CreateInMemory()
+    move = UsdGeom.Sphere.Define(stage, "/Ball").AddTranslateOp()
+    move.Set((0.0, 0.0, -11.0), 0.0)
+    move.Set((1.0, 0.0, -11.0), 1.0)
+    spec = CameraSpec(window=(-0.5, -0.5, 0.5, 0.5), clipping_range=(0.1, 100.0))
+    view = View(camera=spec, framing=Framing(resolution=(65, 65)))
+    with Engine(stage, time=0.0) as engine:
+        engine.sync()
+        found = engine.picture(view, aovs=("motionForward",), sync=sync)["motionForward"]
+    assert found[32, 32] == pytest.approx((6.5, 0.0), abs=1e-4)
+
+
+def test_a_camera_of_nobodys_needs_no_engine():
+    """Oracle: the same camera taken from the stage, whatever is asked for."""
+    stage = two_fields()
+    add_camera(stage)
+    with Engine(stage, time=1) as engine:
+        theirs = engine.view("/Camera", resolution=SIZE)
+        ours = View(camera=replace(theirs.camera, path=""), framing=theirs.framing)
+        for settings in (RenderSettings(), RenderSettings(samples=2, sorting="rayHitDistance")):
+            aovs = ("color", "P", "motionForward", "cryptoObject", "Neye")
+            expected = engine.picture(theirs, settings, aovs)
+            for name, pixels in engine.picture(ours, settings, aovs).items():
+                np.testing.assert_array_equal(pixels, expected[name])
+        assert engine.estimate(ours).splats == engine.estimate(theirs).splats
 
 
 def test_views_are_values_at_a_time():
@@ -115,7 +166,14 @@ def test_a_closed_engine_says_so_and_closes_twice_without_harm():
     view = engine.view(resolution=SIZE)
     engine.close()
     engine.close()
-    for use in (engine.sync, engine.products, lambda: engine.picture(view), lambda: engine.time):
+    uses = (
+        engine.sync,
+        engine.products,
+        lambda: engine.picture(view),
+        lambda: engine.picture(view, sync=False),
+        lambda: engine.time,
+    )
+    for use in uses:
         with pytest.raises(UsageError, match="engine: found a closed one, expected an open one"):
             use()
 

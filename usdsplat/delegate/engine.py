@@ -10,16 +10,16 @@ Pictures follow edits of the stage by themselves.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
-from types import TracebackType
+from dataclasses import replace
 from typing import Any
 
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import UsageError
 from usdsplat.delegate.band import Band
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.layer import DeepSamples
 from usdsplat.delegate.memory import Estimate, estimate
+from usdsplat.delegate.moments import other_times
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -27,7 +27,7 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, Renderer
+from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, Renderer, depends_on_time
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View
 from usdsplat.kernels.device import open_device
@@ -65,7 +65,6 @@ class Engine:
         purposes: tuple[str, ...] = PURPOSES,
         refinement: int = 2,
     ) -> None:
-        _check_refinement(refinement)
         self._renderer = Renderer(open_device(device, threads=threads))
         self._param = RenderParam(RenderScene())
         self._index = RenderIndex(self._param)
@@ -95,7 +94,6 @@ class Engine:
         Raises:
             UsageError: If it is out of range.
         """
-        _check_refinement(levels)
         self._open().set_refinement(levels)
 
     def sync(self) -> None:
@@ -242,12 +240,13 @@ class Engine:
             band_pixels: About how many pixels to draw at a time.
         """
         self.sync()
+        settings = self._resolved(settings)
         return self._renderer.render(
             self._param.scene,
             view,
-            self._resolved(settings),
+            settings,
             aovs,
-            moments=self._moments(view),
+            moments=self._moments(view, settings, aovs),
             holdout=holdout,
             band_pixels=band_pixels,
         )
@@ -278,18 +277,32 @@ class Engine:
         )
 
     def picture(
-        self, view: View, settings: RenderSettings | None = None, aovs: tuple[str, ...] = ("color",)
+        self,
+        view: View,
+        settings: RenderSettings | None = None,
+        aovs: tuple[str, ...] = ("color",),
+        *,
+        sync: bool = True,
     ) -> dict[str, Pixels]:
         """Return a whole picture, drawn only if the last one was not the same.
+
+        Args:
+            view, settings, aovs: As in `render`.
+            sync: False draws what was synced last and leaves the stage alone, which another thread
+                may edit meanwhile. Only pictures that show other times too, by motion blur or the
+                motion AOVs, go to the stage all the same.
 
         Returns:
             AOV -> its pixels in the data window, read-only, shape (height, width) or, of color,
             (height, width, 4): premultiplied, in the space that `settings` ask for.
         """
-        self.sync()
+        if sync:
+            self.sync()
+        self._open()
+        settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
-        moments = self._moments(view)
-        self._pass.execute(view, self._resolved(settings), aovs, buffers, moments=moments)
+        moments = self._moments(view, settings, aovs)
+        self._pass.execute(view, settings, aovs, buffers, moments=moments)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(
@@ -333,34 +346,31 @@ class Engine:
     def __enter__(self) -> Engine:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # --- private ---------------------------------------------------------------------------
 
-    def _moments(self, view: View) -> Moments:
-        """The scene and what `view` sees at other times; all that is not the stage's stays."""
-        frame, camera = self.time, view.camera
-        prim = self._index.cameras.get(camera.path)
-        spec = prim.spec if prim else None
-        own = {k: v for k, v in asdict(camera).items() if spec and v != getattr(spec, k)}
+    def _moments(
+        self, view: View, settings: RenderSettings, aovs: tuple[str, ...]
+    ) -> Moments | None:
+        """The scene and what `view` sees at other times, if any are shown; all that is not the
+        stage's stays."""
+        if not depends_on_time(settings, view.camera, aovs):
+            return None
+        prim = self._index.cameras.get(view.camera.path)
+        return other_times(
+            self._param.scene,
+            view,
+            frame=self.time,
+            spec=None if prim is None else prim.spec,
+            go=self._go,
+            camera=lambda: self._camera(view.camera.path, view.framing),
+        )
 
-        def at(time: float) -> tuple[RenderScene, View]:
-            if frame is None:
-                return self._param.scene, view
-            self.set_time(frame + time)
-            self.sync()
-            if spec is None or time == 0.0:
-                return self._param.scene, view
-            there = replace(self._camera(camera.path, view.framing), **own)
-            return self._param.scene, replace(view, camera=there)
-
-        return at
+    def _go(self, time: float) -> None:
+        self.set_time(time)
+        self.sync()
 
     def _open(self) -> UsdSceneDelegate:
         if self._scene is None:
@@ -368,31 +378,20 @@ class Engine:
         return self._scene
 
     def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
-        return (settings or RenderSettings()).resolved(
-            hint for _, hint in self._index.sorting_hints()
-        )
+        hints = (hint for _, hint in self._index.sorting_hints())
+        return (settings or RenderSettings()).resolved(hints)
 
     def _framing_camera(
         self, subject: Box | None, bounds: Box | None, framing: Framing
     ) -> CameraSpec:
-        columns, rows = framing.resolution
-        aspect = framing.pixel_aspect_ratio * columns / rows
-        return frame_subject(subject, bounds, up_axis=self._open().up_axis, aspect=aspect)
+        up_axis = self._open().up_axis
+        return frame_subject(subject, bounds, up_axis=up_axis, aspect=framing.aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:
             scene = self._param.scene
             return self._framing_camera(scene.subject(), scene.bounds(), framing)
-        found = self._index.cameras.get(path)
-        if found is None:
-            known = ", ".join(sorted(self._index.cameras))
-            expected = f"one of {known}" if known else "none: the stage has no cameras"
-            raise StageError("camera", path, expected)
-        if found.spec is None:
+        spec = self._index.find_camera(path).spec
+        if spec is None:
             raise self._open().problems[path, "camera"]
-        return found.spec
-
-
-def _check_refinement(levels: int) -> None:
-    if levels not in range(6):
-        raise UsageError("refinement", str(levels), "a whole number from 0 to 5")
+        return spec

@@ -56,7 +56,7 @@ def conform(window: Window, framing: Framing) -> tuple[Window, float]:
         raise UsageError("resolution", found, "a positive size")
     if framing.conform == "adjustPixelAspectRatio":
         return window, width / height * rows / columns
-    aspect = pixel_aspect * columns / rows
+    aspect = framing.aspect
     if _keeps_height(framing.conform, width / height, aspect):
         middle, half = 0.5 * (left + right), 0.5 * height * aspect
         return (middle - half, bottom, middle + half, top), pixel_aspect

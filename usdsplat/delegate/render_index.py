@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
+from usdsplat.core.errors import StageError
 from usdsplat.delegate.camera import Camera
 from usdsplat.delegate.change_tracker import ChangeTracker
 from usdsplat.delegate.instancer import Instancer
@@ -82,6 +83,18 @@ class RenderIndex:
     def buffer(self, aov: str) -> RenderBuffer:
         """Return the bprim that holds an AOV, made at first use."""
         return self._buffers.setdefault(aov, RenderBuffer(aov))
+
+    def find_camera(self, path: str) -> Camera:
+        """Return the camera at `path`.
+
+        Raises:
+            StageError: If there is none.
+        """
+        if path not in self._cameras:
+            known = ", ".join(sorted(self._cameras))
+            expected = f"one of {known}" if known else "none: the stage has no cameras"
+            raise StageError("camera", path, expected)
+        return self._cameras[path]
 
     def sorting_hints(self) -> Iterator[tuple[str, SortingMode]]:
         """Paths of the visible fields, and the orders that they ask for."""

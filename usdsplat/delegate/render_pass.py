@@ -8,7 +8,7 @@ from typing import Any
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Moments, Renderer, depends_on_time
+from usdsplat.delegate.renderer import Moments, Renderer
 from usdsplat.delegate.specs import View
 
 
@@ -32,15 +32,15 @@ class RenderPass:
         """Draw if the buffers hold anything but this picture; return whether it was drawn.
 
         Everything a picture depends on is a frozen value or the scene's version, so "stale" is one
-        comparison and there is no flag to forget. What shows other times too is always drawn: an
-        edit there need not change anything now.
+        comparison and there is no flag to forget. What shows other times too, by `moments`, is
+        always drawn: an edit there need not change anything now.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:
             return False
         self._drawn = None
         self._draw(view, settings, aovs, buffers, moments)
-        if moments is None or not depends_on_time(settings, view.camera, aovs):
+        if moments is None:
             self._drawn = wanted
         return True
 

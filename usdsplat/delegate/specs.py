@@ -163,6 +163,11 @@ class Framing:
     """A UsdRender aspectRatioConformPolicy token."""
 
     @property
+    def aspect(self) -> float:
+        """Width over height of the display window."""
+        return self.pixel_aspect_ratio * self.resolution[0] / self.resolution[1]
+
+    @property
     def window(self) -> tuple[int, int, int, int]:
         """The data window, or the display window when there is none."""
         return self.data_window or (0, 0, *self.resolution)

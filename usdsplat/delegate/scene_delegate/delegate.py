@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
-from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
@@ -64,7 +64,7 @@ class UsdSceneDelegate:
         self._index = index
         self._population = Population()
         self._dependencies = Dependencies(self._population)
-        self._refinement = refinement
+        self._refinement = _checked_refinement(refinement)
         self._textures = Textures()
         self._skeletons = Skeletons()
         self._readings = Readings(stage)
@@ -107,6 +107,7 @@ class UsdSceneDelegate:
 
     def set_refinement(self, levels: int) -> None:
         """Refine subdivision surfaces as often as this from the next sync on."""
+        levels = _checked_refinement(levels)
         if levels != self._refinement:
             self._refinement = levels
             for path in self._population.meshes:
@@ -334,3 +335,9 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
 def _itself(prim: Usd.Prim) -> Usd.Prim:
     """What places a prim that nothing else carries."""
     return prim
+
+
+def _checked_refinement(levels: int) -> int:
+    if levels not in range(6):
+        raise UsageError("refinement", str(levels), "a whole number from 0 to 5")
+    return levels
