@@ -1,8 +1,9 @@
 """Pick the command, read its options, run it, and turn errors into one line and a status.
 
-A command is a module of this package with a dataclass `Options`, whose fields are its arguments,
-and `run(options)`, which returns the exit status. Its docstring is its help. Only the module that
-is named gets loaded, and USD and Numba only once it runs, so help is there at once.
+A command is a module of this package, with _ for -, that has a dataclass `Options`, whose fields
+are its arguments, and `run(options)`, which returns the exit status. Its docstring is its help.
+Only the module that is named gets loaded, and USD and Numba only once it runs, so help is there at
+once.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ COMMANDS = {
     "simulate": "grow, push, conform or dissolve the splats of a stage; bake a layer",
     "match": "grade splats until they look like a plate, or like a colour chart",
     "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
+    "plugin-path": "print what usdview needs to find our schemas and our viewport",
 }
 
 OVERVIEW = f"""usage: usdsplat COMMAND ...
@@ -33,7 +35,7 @@ OVERVIEW = f"""usage: usdsplat COMMAND ...
 Gaussian splats as ordinary citizens of a USD pipeline.
 
 commands:
-{chr(10).join(f"  {name:9} {text}" for name, text in COMMANDS.items())}
+{chr(10).join(f"  {name:11} {text}" for name, text in COMMANDS.items())}
 
 examples:
   usdsplat convert scan.ply scan.usdc
@@ -100,7 +102,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
-    command: Command = importlib.import_module(f"usdsplat.cli.{name}")
+    command: Command = importlib.import_module(f"usdsplat.cli.{name.replace('-', '_')}")
     from usdsplat.cli.parsing import parse
 
     options = parse(command.Options, name, command.__doc__ or "", rest)

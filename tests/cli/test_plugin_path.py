@@ -1,0 +1,55 @@
+"""`usdsplat plugin-path`."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def test_the_folders_hold_our_schemas_and_the_plugin_of_usdview(run):
+    """Oracle: the plugInfo.json in each, in USD's own words."""
+    status, out, err = run("plugin-path")
+    assert (status, err) == (0, "")
+    folders = [Path(folder) for folder in out.strip().split(os.pathsep)]
+    told = [json.loads((folder / "plugInfo.json").read_text())["Plugins"] for folder in folders]
+    schemas, (viewport,) = told
+    assert "UsdSplatParticleFieldPackedSplat" in schemas[0]["Info"]["Types"]
+    assert viewport["Type"] == "python"
+    assert [*viewport["Info"]["Types"]] == [f"{viewport['Name']}.UsdSplatContainer"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+@pytest.mark.parametrize("before", [None, "/else where"])
+def test_a_shell_takes_the_exported_line(run, before):
+    """Oracle: what sh has in the variable after the line; no empty entry, of which USD warns."""
+    _, folders, _ = run("plugin-path")
+    _, line, _ = run("plugin-path", "--export")
+    environment = {k: v for k, v in os.environ.items() if k != "PXR_PLUGINPATH_NAME"}
+    if before is not None:
+        environment["PXR_PLUGINPATH_NAME"] = before
+    script = f'{line}\nprintf %s "$PXR_PLUGINPATH_NAME"'
+    shell = subprocess.run(
+        ["sh", "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert shell.stdout == ":".join(filter(None, (folders.strip(), before)))
+
+
+def test_other_processes_know_our_types_by_the_variable(run):
+    """Oracle: USD's schema registry in a process that never imports usdsplat."""
+    _, folders, _ = run("plugin-path")
+    code = (
+        "from pxr import Usd; print(Usd.SchemaRegistry().FindConcretePrimDefinition('{}') != None)"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", code.format("ParticleFieldPackedSplat")],
+        env={**os.environ, "PXR_PLUGINPATH_NAME": folders.strip()},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (process.stdout, process.stderr) == ("True\n", "")
