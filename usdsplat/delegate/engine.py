@@ -103,6 +103,16 @@ class Engine:
         self._index.sync_all(scene)
 
     @property
+    def device(self) -> str:
+        """Name of what draws."""
+        return self._renderer.device
+
+    @property
+    def version(self) -> int:
+        """Grows with each change of what is drawn, as far as it was synced."""
+        return self._param.version
+
+    @property
     def pulls(self) -> Mapping[str, int]:
         """How many times each kind of thing was read from the stage so far."""
         return dict(self._open().pulls)

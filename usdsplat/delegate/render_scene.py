@@ -102,12 +102,19 @@ def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
 
 def _most_of(positions: F32 | F64) -> Box | None:
     """The box around nearly all positions that are finite."""
-    positions = positions[np.isfinite(positions).all(axis=1)]
-    if len(positions) == 0:
-        return None
     few = positions[:: max(1, len(positions) // FEW)]
+    few = few[np.isfinite(few).all(axis=1)]
+    if len(few) == 0:
+        return None
     low, high = np.quantile(few, (SUBJECT, 1 - SUBJECT), axis=0)
     return low.astype(np.float64), high.astype(np.float64)
+
+
+def _measured(thing: Field | Mesh, name: str, measure: Any) -> Any:
+    """A box of a thing, computed when it is first asked for."""
+    if getattr(thing, name) is None:
+        setattr(thing, name, measure(thing.spec))
+    return getattr(thing, name)
 
 
 def _left_by_crops(field: Field) -> list[Box]:
@@ -253,6 +260,10 @@ class RenderScene:
         """Like `bounds`, with centres for splats, and without the few far from all others."""
         return self._union("subject", _subject)
 
+    def subject_of(self, thing: Field | Mesh) -> Box | None:
+        """`subject` of one thing, in its own space and without its volumes."""
+        return _measured(thing, "subject", _subject)
+
     # --- private ---------------------------------------------------------------------------
 
     def _at(self, path: str) -> Field | Mesh:
@@ -266,9 +277,7 @@ class RenderScene:
             if name == "subject" and isinstance(thing, Field) and thing.crops:
                 boxes += _left_by_crops(thing)
                 continue
-            if getattr(thing, name) is None:
-                setattr(thing, name, measure(thing.spec))
-            box = getattr(thing, name)
+            box = _measured(thing, name, measure)
             if box is not None:
                 boxes.append(_place(box, thing.instances))
         if not boxes:

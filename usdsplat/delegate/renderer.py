@@ -77,6 +77,11 @@ class Renderer:
         self.stats = FrameStats()
         """Of the last picture."""
 
+    @property
+    def device(self) -> str:
+        """Name of what draws."""
+        return self._device.name
+
     def close(self) -> None:
         """Release the buffers; those of a picture that is being drawn go with its last band."""
         self._closed = True
