@@ -247,7 +247,7 @@ def _probed(group: Group, screen: Screen, step: int) -> tuple[int, int]:
     reach = np.sqrt(2 * np.log(np.maximum(255 * cloud.opacities[part].astype(np.float64), 1)))
     widest = np.sort(cloud.scales[part].astype(np.float64), axis=1)[:, :0:-1]
     long, short = (
-        reach * np.sqrt((max(fx, fy) * size / depth * widest[:, i]) ** 2 + project.LOW_PASS)
+        reach * np.sqrt((max(fx, fy) * size / depth * widest[:, i]) ** 2 + screen.low_pass)
         for i in (0, 1)
     )
     u, v = fx * x / depth + cx, fy * y / depth + cy

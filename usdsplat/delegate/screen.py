@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -42,13 +43,15 @@ class Screen:
     window: tuple[int, int, int, int]
     """Data window (x0, y0, x1, y1) [pixel], end exclusive."""
     clipping_range: tuple[float, float]
+    low_pass: float
+    """Added to the screen covariances [pixel²]."""
 
     @classmethod
     def of(cls, view: View) -> Screen:
         """Conform the camera's aperture to the image and measure it in pixels.
 
         Raises:
-            UsageError: If the aperture, the image or the data window has no area.
+            UsageError: If the aperture, the image, the data window or a pixel has no area.
         """
         camera, framing = view.camera, view.framing
         (left, bottom, right, top), _ = conform(camera.window, framing)
@@ -57,6 +60,8 @@ class Screen:
         x0, y0, x1, y1 = framing.window
         if not (x0 < x1 and y0 < y1):
             raise UsageError("data window", str(framing.window), "x0 < x1 and y0 < y1")
+        if not 0 < framing.pixel_scale < math.inf:
+            raise UsageError("pixel scale", f"{framing.pixel_scale:g}", "a positive number")
         near, far = camera.clipping_range
         if near <= 0 and not camera.orthographic:
             near = NEAREST * far
@@ -68,6 +73,7 @@ class Screen:
             size=framing.resolution,
             window=framing.window,
             clipping_range=(near, far),
+            low_pass=float(project.LOW_PASS) / framing.pixel_scale**2,
         )
 
     @property
@@ -136,7 +142,7 @@ class Screen:
             (height - 0.5 - cy) / fy + extra_v,
         )
         record["left"], record["top"], record["right"], record["bottom"] = x0, y0, x1 - 1, y1 - 1
-        record["low_pass"] = project.LOW_PASS
+        record["low_pass"] = self.low_pass
         record["projection"] = (
             project.ORTHOGRAPHIC
             if self.orthographic

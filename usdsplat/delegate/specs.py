@@ -161,6 +161,9 @@ class Framing:
     """Width over height of a pixel."""
     conform: str = "expandAperture"
     """A UsdRender aspectRatioConformPolicy token."""
+    pixel_scale: float = 1.0
+    """Side of a pixel, in pixels of the picture that this one stands for, such as 2 for a preview
+    at half the resolution: the low-pass filter is as wide as it is there."""
 
     @property
     def aspect(self) -> float:
