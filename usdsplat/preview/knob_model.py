@@ -7,8 +7,15 @@ settings = with_value(settings, "sh_degree", 2)   # refused in a sentence if it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
+
+from usdsplat.core.errors import UsageError
+from usdsplat.core.knobs import Knob, checked, knobs
 
 T = TypeVar("T")
 Kind = Literal["bool", "int", "float", "choice", "text", "vector", "color"]
@@ -33,7 +40,7 @@ class Editor:
     """Lowest legal number, of each part of a vector; None for no limit."""
     maximum: float | None = None
     soft_range: tuple[float, float] = (0.0, 1.0)
-    """What a slider spans; a number typed may be any legal one."""
+    """What a slider spans, the value in it; a number typed may be any legal one."""
     step: float = 0.01
     """By which an arrow changes it."""
     is_whole: bool = False
@@ -49,17 +56,250 @@ class Editor:
     """Whether somebody says so, rather than it being the default."""
     is_read_only: bool = False
     """Whether it can be looked at, not changed."""
+    problem: str = ""
+    """Why what somebody says is not `value`, a sentence; "" where nothing is wrong."""
+
+
+_GROUPS: Mapping[str, tuple[str, ...]] = {
+    "Splats": (
+        "sorting",
+        "rasterize_mode",
+        "display_mode",
+        "sh_degree",
+        "splat_budget",
+        "blend_space",
+    ),
+    "Colour": (
+        "color_mode",
+        "working_space",
+        "ocio_config",
+        "ocio_display",
+        "ocio_view",
+        "ocio_look",
+        "inverse_max",
+    ),
+    "Sampling": ("samples", "pixel_filter", "filter_width", "motion_blur", "depth_of_field"),
+    "Surfaces": ("refinement",),
+    "Files": ("multipart", "deep_error"),
+    "Display": ("exposure", "gamma", "channel", "background"),
+    "Depth": ("depth_range", "colormap"),
+}
+"""Heading -> knobs of settings under it."""
+_OTHER = "Other"
+
+_WORDS = {
+    "aov": "AOV",
+    "ccd": "CCD",
+    "ocio": "OCIO",
+    "rd": "RD",
+    "rgb": "RGB",
+    "sh": "SH",
+    "usd": "USD",
+    "color": "colour",
+    "colormap": "colour map",
+    "neighbors": "neighbours",
+    "rasterize": "rasterise",
+    "k": "k",
+    "h": "h",
+    "u": "u",
+    "v": "v",
+}
+"""Words of names that are not spelled as they are."""
+
+_WIDEST = {"deg": (-360.0, 360.0), "stop": (-8.0, 8.0)}
+"""What a slider spans where that is legal, by unit; beyond it people type."""
+_SCALES = {"s": 2.0, "time code": 20.0, "unit/s^2": 2.0}
+"""What is a usual number where the default gives no scale, by unit."""
+_MANY = 100.0
+"""How many times as wide as what is usual a slider may be before it is of no use."""
 
 
 def editors_of(instance: Any) -> tuple[Editor, ...]:
-    """One editor for each knob of a dataclass's instance, in order of declaration."""
-    raise NotImplementedError
+    """One editor for each knob of a dataclass's instance, in order of declaration.
+
+    Knobs that no simple editor is for, such as lists of vectors, are left out.
+    """
+    headings = {name: heading for heading, names in _GROUPS.items() for name in names}
+    return tuple(
+        editor_of(item, getattr(instance, item.name), group=headings.get(item.name, _OTHER))
+        for item in knobs(type(instance))
+        if kind_of(item) is not None
+    )
 
 
 def with_value(instance: T, name: str, value: Any) -> T:
     """The same settings, one of them changed.
 
+    Args:
+        instance: Of a dataclass of knobs.
+        name: As its editor has it.
+        value: As its editor has it, or the knob's own.
+
     Raises:
         UsageError: If there is none of that name, or it cannot have that value.
     """
-    raise NotImplementedError
+    known = {item.name: item for item in knobs(type(instance))}
+    taken = typed(known[name], value) if name in known else value
+    made = checked("settings", type(instance), {name: taken})
+    return replace(typing.cast(Any, instance), **{name: getattr(made, name)})
+
+
+def editor_of(item: Knob, value: Any, *, name: str | None = None, group: str = "") -> Editor:
+    """The editor of one knob.
+
+    Args:
+        item: One that has a kind, see `kind_of`.
+        value: What it is now.
+        name: What the editor is called; None is the knob's own name.
+        group: What it is put under.
+    """
+    kind = kind_of(item)
+    if kind is None:
+        raise UsageError(item.name, "a list of vectors", "a value with a simple editor")
+    low, high = item.range or (-math.inf, math.inf)
+    parts = _numbers(value) or _numbers(item.default)
+    is_whole = kind == "int" or int in typing.get_args(_plain(item.type))
+    holds = str if kind == "choice" else shown
+    span = (0.0, 1.0)
+    if kind in ("int", "float", "vector"):
+        span = soft_range(low, high, item.default, parts, unit=item.unit, is_whole=is_whole)
+    return Editor(
+        name=name or item.name,
+        label=label(item.name),
+        kind=kind,
+        value=holds(value),
+        default=holds(item.default),
+        none_label=_none_label(item),
+        minimum=low if math.isfinite(low) else None,
+        maximum=high if math.isfinite(high) else None,
+        soft_range=span,
+        step=1.0 if is_whole else step(span),
+        is_whole=is_whole,
+        unit=item.unit,
+        choices=tuple(map(str, item.choices or ())),
+        help=item.text,
+        group=group,
+    )
+
+
+def kind_of(item: Knob) -> Kind | None:
+    """The kind of editor that a knob has; None where none of them would do."""
+    hint = _plain(item.type)
+    if item.choices is not None:
+        return "choice"
+    if typing.get_origin(hint) is tuple:
+        parts = typing.get_args(hint)
+        if parts == (str, Ellipsis):
+            return "text"
+        if Ellipsis in parts or not set(parts) <= {int, float}:
+            return None
+        return "color" if (item.usd_type or "").startswith("color") else "vector"
+    simple: dict[Any, Kind] = {bool: "bool", int: "int", float: "float", str: "text"}
+    return simple.get(hint)
+
+
+def typed(item: Knob, value: Any) -> Any:
+    """What an editor holds as the knob has it; whether it is legal is for `checked` to say."""
+    hint = _plain(item.type)
+    if value is None and _is_infinite(item.default):
+        return item.default
+    if isinstance(value, str) and typing.get_origin(hint) is tuple:
+        return tuple(part.strip() for part in value.split(",") if part.strip())
+    if item.choices is not None:  # those that are numbers are shown as texts
+        return next((choice for choice in item.choices if str(choice) == str(value)), value)
+    return value
+
+
+def shown(value: Any) -> Any:
+    """A knob's value as an editor holds it: an infinite one is None, names are one text."""
+    if _is_infinite(value):
+        return None
+    if isinstance(value, (tuple, list)):
+        if any(isinstance(part, str) for part in value) or not value:
+            return ", ".join(value)
+        return tuple(value)
+    return value
+
+
+def label(name: str) -> str:
+    """A name as people read it: "sh_degree" is "SH degree"."""
+    words = [_WORDS.get(word, word) for word in name.split("_")]
+    first = words[0]
+    words[0] = first if len(first) == 1 else first[0].upper() + first[1:]
+    return " ".join(words)
+
+
+def soft_range(
+    low: float,
+    high: float,
+    default: Any,
+    values: tuple[float, ...] = (),
+    *,
+    unit: str = "",
+    is_whole: bool = False,
+) -> tuple[float, float]:
+    """What a slider spans: all that is legal where that is of use, else what people try first.
+
+    Args:
+        low, high: Legal numbers; infinite for no limit.
+        default: A number or a tuple of them, which gives the scale.
+        values: What the value is now; these are always in the range.
+        unit: In which some are known to be of use up to a limit.
+        is_whole: Whether fractions do not count.
+    """
+    finite = [abs(part) for part in _numbers(default) if math.isfinite(part)]
+    usual = 8.0 if is_whole else _SCALES.get(unit, 1.0)
+    scale = max(finite, default=0.0) or usual
+    if is_whole:
+        scale = max(scale, usual)
+    least, most = -_nice(4 * scale), _nice(4 * scale)
+    if unit in _WIDEST:
+        least, most = _WIDEST[unit]
+    elif high - low <= _MANY * scale:
+        least, most = low, high
+    least, most = max(low, least), min(high, most)
+    legal = [part for part in values if math.isfinite(part)]
+    return float(min([least, *legal])), float(max([most, *legal]))
+
+
+def step(span: tuple[float, float]) -> float:
+    """By which an arrow changes a number: a hundredth of the range, a round number."""
+    return _nice((span[1] - span[0]) / 200) or 0.01
+
+
+def _nice(number: float) -> float:
+    """The least of 1, 2, 5, 10, ... times a power of ten that is not less."""
+    if not 0 < number < math.inf:
+        return 0.0
+    power = 10.0 ** math.floor(math.log10(number))
+    return next(
+        (round(lead * power, 12) or lead * power for lead in (1, 2, 5) if lead * power >= number),
+        10 * power,
+    )
+
+
+def _none_label(item: Knob) -> str:
+    """What None means for a knob."""
+    if _is_infinite(item.default):
+        return "from the first" if item.default < 0 else "unlimited"
+    return "automatic" if type(None) in _options(item.type) else ""
+
+
+def _is_infinite(value: Any) -> bool:
+    return isinstance(value, float) and math.isinf(value)
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    """The numbers of a value; none of what has none."""
+    parts = value if isinstance(value, (tuple, list)) else (value,)
+    return tuple(part for part in parts if isinstance(part, (int, float)))
+
+
+def _plain(hint: Any) -> Any:
+    """An annotation without its None."""
+    return next(option for option in _options(hint) if option is not type(None))
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if is_union else (hint,)
