@@ -99,8 +99,9 @@ def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
     from usdsplat.cli.drawing import draw_frames
     from usdsplat.cli.planning import plan
-    from usdsplat.cli.stages import check_prims, open_stage_or_capture
+    from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
+    from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import on_compile
 
     request = _request(options)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import fields
 from pathlib import Path
 
-from pxr import Sdf, Usd
+from pxr import Usd
 
 from usdsplat.cli import console
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.interchange.files import composition_remarks, is_usd, open_layer, quiet
+from usdsplat.interchange.files import composition_remarks, is_usd
 from usdsplat.interchange.importing import import_capture
-
-_VARIANT = re.compile(r"(/[^:{}]*):([^=]+)=(.*)")
+from usdsplat.interchange.opening import open_as_asked
 
 
 def open_stage_or_capture(
@@ -76,77 +74,14 @@ def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ())
         StageError: If a layer cannot be opened, or has no prim, variant or layer of a given name.
         UsageError: If an option cannot be understood.
     """
-    root = open_layer(path)
-    session = Sdf.Layer.CreateAnonymous("session.usda")
-    if options.session_layer:
-        session.subLayerPaths.append(open_layer(options.session_layer).identifier)
-    mask = _mask(options.mask, keep)
-    with quiet():
-        stage = Usd.Stage.OpenMasked(root, session, mask) if mask else Usd.Stage.Open(root, session)
-        if mask:
-            check_prims(stage, "--mask", options.mask)
-            stage.ExpandPopulationMask()
-        _mute(stage, options.mute)
-        with Usd.EditContext(stage, session):
-            for text in options.variant:
-                _select(stage, text)
+    stage = open_as_asked(
+        path,
+        variants=options.variant,
+        mute=options.mute,
+        mask=options.mask,
+        session_layer=options.session_layer,
+        keep=keep,
+    )
     for remark in composition_remarks(stage):
         console.remark(remark)
     return stage
-
-
-def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationMask | None:
-    """The prims to load; None for all."""
-    for text in prims:
-        path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
-        if not (path.IsAbsolutePath() and path.IsPrimPath()):
-            raise UsageError("--mask", repr(text), "the path of a prim, such as /World/Tree")
-    return Usd.StagePopulationMask([*prims, *keep]) if prims else None
-
-
-def _mute(stage: Usd.Stage, patterns: tuple[str, ...]) -> None:
-    """Mute every used layer that one of the patterns is found in; the root layer cannot be."""
-    for text in patterns:
-        try:
-            pattern = re.compile(text)
-        except re.error as error:
-            raise UsageError("--mute", repr(text), f"a regular expression ({error})") from None
-        used = [layer.identifier for layer in stage.GetUsedLayers() if not layer.anonymous]
-        used.remove(stage.GetRootLayer().identifier)
-        matching = [identifier for identifier in used if pattern.search(identifier)]
-        if not matching:
-            names = ", ".join(sorted(Path(identifier).name for identifier in used)) or "none"
-            raise StageError("--mute", repr(text), f"part of the name of a used layer: {names}")
-        stage.MuteAndUnmuteLayers(matching, [])
-
-
-def _select(stage: Usd.Stage, text: str) -> None:
-    """Author one variant selection on the current edit target."""
-    match = _VARIANT.fullmatch(text)
-    if not match:
-        raise UsageError("--variant", repr(text), "/Prim:set=name")
-    path, set_name, name = match.groups()
-    prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    if not prim:
-        raise StageError("--variant", f"no prim {path}", "the path of a prim of the stage")
-    sets = prim.GetVariantSets()
-    if set_name not in sets.GetNames():
-        known = ", ".join(sets.GetNames()) or "none"
-        raise StageError(f"--variant {path}", f"no set {set_name!r}", f"one of its sets: {known}")
-    variants = sets.GetVariantSet(set_name)
-    if name not in variants.GetVariantNames():
-        known = ", ".join(variants.GetVariantNames())
-        raise StageError(f"--variant {path}:{set_name}", repr(name), f"one of {known}")
-    variants.SetVariantSelection(name)
-
-
-def check_prims(stage: Usd.Stage, where: str, paths: tuple[str, ...]) -> None:
-    """Refuse paths of an option at which the stage has no prim.
-
-    Raises:
-        StageError: If there is one.
-    """
-    for path in paths:
-        is_path = Sdf.Path.IsValidPathString(path) and path.startswith("/")
-        if not is_path or not stage.GetPrimAtPath(path):
-            raise StageError(where, repr(path), "the path of a prim")
