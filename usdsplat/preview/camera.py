@@ -117,6 +117,15 @@ class FreeCamera:
         eye = center + distance * level.axes[2]
         return replace(level, eye=_vector(eye), target=_vector(center))
 
+    def towards(self, other: FreeCamera, part: float) -> FreeCamera:
+        """On the way to one that looks in the same direction: 0 is here and 1 is there."""
+        if not 0.0 < part < 1.0:
+            return other if part >= 1.0 else self
+        mix = replace(other, roll=self.roll + part * math.remainder(other.roll - self.roll, 360.0))
+        distance = self.distance * (other.distance / self.distance) ** part
+        target = np.asarray(self.target) + part * np.subtract(other.target, self.target)
+        return replace(mix, target=_vector(target), eye=_vector(target + distance * mix.axes[2]))
+
     # --- to and from what renders ----------------------------------------------------------
 
     def spec(self, *, aspect: float, bounds: Box | None) -> CameraSpec:

@@ -1,0 +1,360 @@
+"""What one user looks at and does with it: a view's state, its timeline and its bookmarks.
+
+A window or a socket holds one, in its own thread, and tells it what happens; it tells the session
+what shall be seen:
+
+    viewer = Viewer(session, ask=bridge.ask, changed=update_the_panels)
+    viewer.opened(event)
+    viewer.orbit(0.1, 0.0)
+    viewer.end_move()
+
+What goes on by itself - playing, flying, gliding to what was framed - needs a clock: whoever has
+one calls `tick` while `is_ticking`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from usdsplat.delegate.default_camera import Box
+from usdsplat.delegate.specs import CameraSpec
+from usdsplat.preview.camera import FreeCamera, UpAxis, Vector
+from usdsplat.preview.session import Session
+from usdsplat.preview.timeline import Timeline
+from usdsplat.preview.values import Look, Opened, Picture, SimulationStatus, ViewState
+
+FLIGHT = 0.5
+"""How much of the way to the target a flight covers in a second, at speed 1."""
+SPEEDS = (1e-3, 1e3)
+"""Slowest and fastest."""
+LONGEST_TICK = 0.1
+"""What a flight covers at most between two ticks [s], so that a hiccup is no leap."""
+
+Ask = Callable[[Callable[[Any], Any], Callable[[Any], None]], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bookmark:
+    """A view to come back to."""
+
+    name: str
+    camera: FreeCamera | str | None
+    time: float | None
+
+
+class Viewer:
+    """A user's view of a session.
+
+    Args:
+        session: Whom to tell what shall be seen.
+        ask: As `Session.ask`, but `done` must be called in the thread that uses this viewer; None
+            for the session's own, where that is the thread.
+        changed: Called after each change of what is here.
+        glide: How long the way to what was framed takes [s]; 0 for one without a clock.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        ask: Ask | None = None,
+        changed: Callable[[], None] = lambda: None,
+        glide: float = 0.0,
+    ) -> None:
+        self._session = session
+        self._ask: Ask = ask or session.ask
+        self._changed = changed
+        self._glide_time = glide
+        self.state = ViewState()
+        self.timeline = Timeline()
+        self.bookmarks: tuple[Bookmark, ...] = ()
+        self.cameras: tuple[str, ...] = ()
+        """Paths of the stage's."""
+        self.up_axis: UpAxis = "Y"
+        self.box: Box | None = None
+        """Of what there is to see; None until it is known, and where there is nothing."""
+        self.speed = 1.0
+        """Of flights."""
+        self._seen: CameraSpec | None = None
+        self._flight = (0.0, 0.0, 0.0)
+        self._glide: _Glide | None = None
+        self._ticked: float | None = None
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the viewport."""
+        return self.state.size[0] / self.state.size[1]
+
+    # --- what happened ---------------------------------------------------------------------
+
+    def opened(self, event: Opened) -> None:
+        """Begin with a stage: all of it is framed, at its first time; how it is shown stays."""
+        has_range = event.end > event.start
+        self.timeline = Timeline(
+            start=event.start, end=event.end, rate=event.rate, current=event.start
+        )
+        self.cameras, self.up_axis = event.cameras, event.up_axis
+        self.bookmarks, self.box, self._seen = (), None, None
+        self._glide, self._flight = None, (0.0, 0.0, 0.0)
+        self._ask(lambda document: document.bounds(), self._keep_box)
+        self._see(
+            camera=None,
+            time=event.start if has_range else None,
+            look=replace(self.state.look, time=None),
+            other=None,
+            selected=(),
+            is_moving=False,
+        )
+
+    def shown(self, picture: Picture) -> None:
+        """Remember by what camera a picture was seen: moves begin there."""
+        if picture.state.camera == self.state.camera:
+            self._seen = picture.camera
+
+    def simulated(self, status: SimulationStatus) -> None:
+        """Follow a simulation that runs, and have the frames that it made on the timeline."""
+        if status.frames is not None:
+            first, last = status.frames
+            start, end = min(first, self.timeline.start), max(last, self.timeline.end)
+            if (start, end) != (self.timeline.start, self.timeline.end):
+                self.timeline.set_range(start, end)
+        if status.state == "running" and status.frame is not None:
+            self.set_time(status.frame)
+        else:
+            self._changed()
+
+    def resize(self, width: int, height: int) -> None:
+        """Show pictures of another size [pixel of the screen]."""
+        self._see(size=(max(width, 1), max(height, 1)))
+
+    # --- moves -----------------------------------------------------------------------------
+
+    def orbit(self, right: float, down: float) -> None:
+        """Turn about the target by a drag, in parts of the viewport's height."""
+        self._move(lambda camera: camera.orbited(right, down))
+
+    def pan(self, right: float, down: float) -> None:
+        """Move with a drag, in parts of the viewport's height."""
+        self._move(lambda camera: camera.panned(right, down, aspect=self.aspect))
+
+    def dolly(self, factor: float) -> None:
+        """Multiply the distance from the target."""
+        self._move(lambda camera: camera.dollied(factor))
+
+    def look_around(self, right: float, down: float) -> None:
+        """Turn about the eye by a drag, in parts of the viewport's height."""
+        self._move(lambda camera: camera.looked_around(right, down))
+
+    def fly(self, right: float, up: float, forward: float) -> None:
+        """Move eye and target, in seconds of a flight at the current speed."""
+
+        def flown(camera: FreeCamera) -> FreeCamera:
+            pace = FLIGHT * self.speed * camera.distance
+            return camera.flown(pace * right, pace * up, pace * forward)
+
+        self._move(flown)
+
+    def set_flight(self, right: float, up: float, forward: float) -> None:
+        """Fly that way from tick to tick, such as while keys are held; all 0 stops."""
+        self._flight = (right, up, forward)
+
+    def set_speed(self, speed: float) -> None:
+        """Fly faster or slower than 1."""
+        self.speed = min(max(speed, SPEEDS[0]), SPEEDS[1])
+        self._changed()
+
+    def end_move(self) -> None:
+        """Say that nobody moves the view any more, so that the picture may take its time."""
+        self._flight = (0.0, 0.0, 0.0)
+        if self.state.is_moving and not self.is_ticking:
+            self._see(is_moving=False)
+
+    # --- cameras ---------------------------------------------------------------------------
+
+    def free_camera(self) -> FreeCamera | None:
+        """What a move begins with: it sees what is seen; None until there was a picture."""
+        if isinstance(self.state.camera, FreeCamera):
+            return self.state.camera
+        if self._seen is None:
+            return None
+        return FreeCamera.like(
+            self._seen, target=self._middle(), up_axis=self.up_axis, aspect=self.aspect
+        )
+
+    def frame(self, paths: tuple[str, ...] = ()) -> None:
+        """Look at all of some prims, or of everything, from the same direction."""
+        self._ask(
+            lambda document: document.bounds(paths),
+            lambda box: None if box is None else self.frame_box(box),
+        )
+
+    def frame_box(self, box: Box) -> None:
+        """Look at all of a box from the same direction."""
+        camera = self.free_camera()
+        if camera is not None:
+            self._go(camera, camera.framing(box, aspect=self.aspect))
+
+    def aim(self, target: Vector) -> None:
+        """Have something in the middle, and turn about it from now on."""
+        camera = self.free_camera()
+        if camera is not None:
+            self._go(camera, camera.aimed(target))
+
+    def use_camera(self, camera: FreeCamera | str | None) -> None:
+        """Look through a stage's, by its path, or nobody's, or the one that frames everything."""
+        self._glide = None
+        self._see(camera=camera)
+
+    def add_bookmark(self, name: str = "") -> Bookmark:
+        """Remember the view by a name, in place of another of that name; "" makes up a new one."""
+        taken = {bookmark.name for bookmark in self.bookmarks}
+        numbered = (f"View {number}" for number in range(1, len(taken) + 2))
+        bookmark = Bookmark(
+            name=name or next(each for each in numbered if each not in taken),
+            camera=self.state.camera or self.free_camera(),
+            time=self.state.time,
+        )
+        self.remove(bookmark.name)
+        self.bookmarks = (*self.bookmarks, bookmark)
+        self._changed()
+        return bookmark
+
+    def restore(self, name: str) -> None:
+        """Go back to a bookmark; nothing happens if there is none of that name."""
+        for bookmark in self.bookmarks:
+            if bookmark.name == name:
+                self.use_camera(bookmark.camera)
+                if bookmark.time is not None:
+                    self.set_time(bookmark.time)
+
+    def remove(self, name: str) -> None:
+        """Forget a bookmark."""
+        self.bookmarks = tuple(each for each in self.bookmarks if each.name != name)
+        self._changed()
+
+    # --- time ------------------------------------------------------------------------------
+
+    def set_time(self, time: float, *, is_scrubbing: bool = False) -> None:
+        """Show a time [time code], or the nearest one of the timeline.
+
+        Args:
+            is_scrubbing: Whether others follow soon, until `end_move`.
+        """
+        self._see(time=self.timeline.go(time), is_moving=is_scrubbing or self.timeline.is_playing)
+
+    def advance(self, frames: int) -> None:
+        """Stop, and show the frame that is so many later, or earlier."""
+        self._see(time=self.timeline.advance(frames), is_moving=False)
+
+    def play(self, is_playing: bool = True) -> None:
+        """Play, as long as somebody ticks; or stop."""
+        self.timeline.play(is_playing)
+        self._see(is_moving=is_playing)
+
+    @property
+    def is_ticking(self) -> bool:
+        """Whether something goes on by itself."""
+        return self.timeline.is_playing or any(self._flight) or self._glide is not None
+
+    def tick(self, now: float) -> None:
+        """Let go on what goes on by itself.
+
+        Args:
+            now: Of a clock that never runs backwards [s].
+        """
+        passed = 0.0 if self._ticked is None else min(now - self._ticked, LONGEST_TICK)
+        changes: dict[str, Any] = {}
+        time = self.timeline.tick(now)
+        if time is not None:
+            changes["time"] = time
+        if self._glide is not None:
+            changes["camera"], is_there = self._glide.at(now)
+            self._glide = None if is_there else self._glide
+        if changes:
+            self._see(**changes, is_moving=True)
+        if any(self._flight):
+            self.fly(*(passed * part for part in self._flight))
+        self._ticked = now if self.is_ticking else None
+        if not self.is_ticking and changes:
+            self.end_move()
+
+    # --- how it is shown -------------------------------------------------------------------
+
+    def set_look(self, **changes: Any) -> None:
+        """Change fields of `state.look`."""
+        self._see(look=replace(self.state.look, **changes))
+
+    def set_settings(self, **changes: Any) -> None:
+        """Change fields of the render settings of `state.look`.
+
+        Raises:
+            UsageError: If one cannot have that value.
+        """
+        self.set_look(settings=replace(self.state.look.settings, **changes))
+
+    def set_other(self, other: Look | None) -> None:
+        """Compare with another look, right of the wipe; None for no comparison."""
+        self._see(other=other)
+
+    def set_wipe(self, part: float) -> None:
+        """Cut the comparison at a part of the width."""
+        self._see(wipe=min(max(part, 0.0), 1.0))
+
+    def set_display(self, **changes: Any) -> None:
+        """Change fields of `state.display`."""
+        self._see(display=replace(self.state.display, **changes))
+
+    def set_purposes(self, purposes: tuple[str, ...]) -> None:
+        """Draw prims of these purposes."""
+        self._see(purposes=purposes)
+
+    def select(self, paths: tuple[str, ...]) -> None:
+        """Have these prims, and no others, selected."""
+        self._see(selected=paths)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _see(self, **changes: Any) -> None:
+        self.state = replace(self.state, **changes)
+        self._session.look(self.state)
+        self._changed()
+
+    def _move(self, moved: Callable[[FreeCamera], FreeCamera]) -> None:
+        camera = self.free_camera()
+        if camera is not None:
+            self._glide = None
+            self._see(camera=moved(camera), is_moving=True)
+
+    def _go(self, here: FreeCamera, there: FreeCamera) -> None:
+        if self._glide_time > 0.0:
+            self._glide = _Glide(here, there, self._glide_time)
+            self._changed()
+        else:
+            self._see(camera=there)
+
+    def _keep_box(self, box: Box | None) -> None:
+        self.box = box
+
+    def _middle(self) -> Vector:
+        if self.box is None:
+            return 0.0, 0.0, 0.0
+        x, y, z = (float(value) for value in 0.5 * (self.box[0] + self.box[1]))
+        return x, y, z
+
+
+class _Glide:
+    """The way of a camera, slow at both ends; its clock starts when it is first asked."""
+
+    def __init__(self, here: FreeCamera, there: FreeCamera, seconds: float) -> None:
+        self.here, self.there, self.seconds = here, there, seconds
+        self.began: float | None = None
+
+    def at(self, now: float) -> tuple[FreeCamera, bool]:
+        """Where it is, and whether that is the end."""
+        if self.began is None:
+            self.began = now
+        part = min((now - self.began) / self.seconds, 1.0)
+        eased = part * part * (3.0 - 2.0 * part)
+        return self.here.towards(self.there, eased), part >= 1.0
