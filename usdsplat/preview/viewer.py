@@ -15,15 +15,24 @@ one calls `tick` while `is_ticking`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from usdsplat.core.knobs import checked
 from usdsplat.delegate.default_camera import Box
+from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.camera import FreeCamera, UpAxis, Vector
 from usdsplat.preview.session import Session
 from usdsplat.preview.timeline import Timeline
-from usdsplat.preview.values import Look, Opened, Picture, SimulationStatus, ViewState
+from usdsplat.preview.values import (
+    DisplaySettings,
+    Look,
+    Opened,
+    Picture,
+    SimulationStatus,
+    ViewState,
+)
 
 FLIGHT = 0.5
 """How much of the way to the target a flight covers in a second, at speed 1."""
@@ -264,9 +273,10 @@ class Viewer:
         Args:
             now: Of a clock that never runs backwards [s].
         """
+        was_ticking = self.is_ticking
         passed = 0.0 if self._ticked is None else min(now - self._ticked, LONGEST_TICK)
         changes: dict[str, Any] = {}
-        time = self.timeline.tick(now)
+        time = self.timeline.tick(now) if self.timeline.is_playing else None
         if time is not None:
             changes["time"] = time
         if self._glide is not None:
@@ -277,7 +287,7 @@ class Viewer:
         if any(self._flight):
             self.fly(*(passed * part for part in self._flight))
         self._ticked = now if self.is_ticking else None
-        if not self.is_ticking and changes:
+        if was_ticking and not self.is_ticking:
             self.end_move()
 
     # --- how it is shown -------------------------------------------------------------------
@@ -292,7 +302,8 @@ class Viewer:
         Raises:
             UsageError: If one cannot have that value.
         """
-        self.set_look(settings=replace(self.state.look.settings, **changes))
+        values = {**asdict(self.state.look.settings), **changes}
+        self.set_look(settings=checked("render settings", RenderSettings, values))
 
     def set_other(self, other: Look | None) -> None:
         """Compare with another look, right of the wipe; None for no comparison."""
@@ -303,8 +314,13 @@ class Viewer:
         self._see(wipe=min(max(part, 0.0), 1.0))
 
     def set_display(self, **changes: Any) -> None:
-        """Change fields of `state.display`."""
-        self._see(display=replace(self.state.display, **changes))
+        """Change fields of `state.display`.
+
+        Raises:
+            UsageError: If one cannot have that value.
+        """
+        values = {**asdict(self.state.display), **changes}
+        self._see(display=checked("display", DisplaySettings, values))
 
     def set_purposes(self, purposes: tuple[str, ...]) -> None:
         """Draw prims of these purposes."""

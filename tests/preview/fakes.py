@@ -1,0 +1,101 @@
+"""A session that remembers what it was told, for tests of what talks to one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.delegate.default_camera import Box, frame_subject
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import Opened, Picture, ViewState
+from usdsplat.preview.viewer import Viewer
+
+BOX = (np.array((-1.0, -1.0, -1.0)), np.array((1.0, 2.0, 1.0)))
+OPENED = Opened(
+    name="tiny.usda",
+    start=1.0,
+    end=24.0,
+    rate=24.0,
+    up_axis="Y",
+    cameras=("/Camera",),
+    has_simulation=False,
+)
+
+
+class FakeDocument:
+    """Answers for boxes."""
+
+    def __init__(self) -> None:
+        self.box: Box | None = BOX
+        self.asked: list[tuple[str, ...]] = []
+
+    def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
+        """As `Document.bounds`."""
+        self.asked.append(paths)
+        return self.box
+
+
+class FakeSession(Session):
+    """Remembers states; does tasks at once, or, held back, when it is let."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda publish: None, own_thread=False)  # type: ignore[arg-type]
+        self.document = FakeDocument()
+        self.states: list[ViewState] = []
+        self.waiting: list[tuple[Callable[[Any], Any], Callable[[Any], None]]] = []
+        self.is_held_back = False
+
+    def look(self, state: ViewState) -> None:
+        """Remember what shall be seen."""
+        self.states.append(state)
+
+    def ask(
+        self,
+        task: Callable[[Any], Any],
+        done: Callable[[Any], None] = lambda result: None,
+        failed: Callable[[UsdSplatError], None] | None = None,
+    ) -> None:
+        """Do it, or keep it for `let`."""
+        assert failed is None
+        self.waiting.append((task, done))
+        if not self.is_held_back:
+            self.let()
+
+    def let(self) -> None:
+        """Do what waits."""
+        waiting, self.waiting = self.waiting, []
+        for task, done in waiting:
+            done(task(self.document))
+
+
+def picture_of(state: ViewState, **values: Any) -> Picture:
+    """What a session would show for a state, in plain grey."""
+    width, height = state.size
+    aspect = width / height
+    camera = (
+        state.camera.spec(aspect=aspect, bounds=BOX)
+        if isinstance(state.camera, FreeCamera)
+        else frame_subject(BOX, BOX, up_axis="Y", aspect=aspect)
+    )
+    image = np.full((height, width, 3), 90, np.uint8)
+    return Picture(**{"image": image, "state": state, "camera": camera, "number": 1, **values})
+
+
+def begun(**options: object) -> tuple[Viewer, FakeSession]:
+    """A viewer that has seen a first picture."""
+    session = FakeSession()
+    viewer = Viewer(session, **options)  # type: ignore[arg-type]
+    viewer.resize(800, 400)
+    viewer.opened(OPENED)
+    viewer.shown(picture_of(viewer.state))
+    return viewer, session
+
+
+def camera_of(viewer: Viewer) -> FreeCamera:
+    """The free camera that is looked through."""
+    assert isinstance(viewer.state.camera, FreeCamera)
+    return viewer.state.camera
