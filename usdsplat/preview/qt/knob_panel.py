@@ -1,0 +1,255 @@
+"""A form built from `Editor`s alone: a heading for each group, a row for each value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QHBoxLayout,
+    QLabel,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from usdsplat.preview.knob_model import Editor
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.glyphs import glyph
+from usdsplat.preview.qt.knob_widgets import make_widget
+from usdsplat.preview.qt.number_field import number_text
+
+
+class KnobPanel(QWidget):
+    """Shows editors; says what somebody changes, and changes nothing itself.
+
+    Rows of a group are made when the group is first open, so that hundreds of parameters cost
+    nothing until somebody looks at them.
+
+    Args:
+        open_groups: How many groups are open at first; None for all.
+    """
+
+    changed = Signal(str, object, str)
+    """Name, new value, and a key that all changes of one drag share ("" for a change alone)."""
+    refused = Signal(str)
+    """A sentence."""
+
+    def __init__(self, *, open_groups: int | None = None, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._open_groups = open_groups
+        self._shape: tuple[object, ...] = ()
+        self._groups: dict[str, _Group] = {}
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(0, 0, 0, 0)
+        self._column.setSpacing(0)
+
+    def show_editors(self, editors: Sequence[Editor]) -> None:
+        """Show these; rows that stay are kept, with what is being typed into them."""
+        groups: dict[str, list[Editor]] = {}
+        for editor in editors:
+            groups.setdefault(editor.group, []).append(editor)
+        shape = tuple(_shape(editor) for editor in editors)
+        if shape != self._shape:
+            self._shape = shape
+            self._rebuild(groups)
+        for name, group in self._groups.items():
+            group.show_editors(groups[name])
+
+    def search(self, text: str) -> int:
+        """Show only what has a text in its label, name or help; returns how many there are."""
+        return sum(group.search(text.strip().lower()) for group in self._groups.values())
+
+    def row(self, name: str) -> KnobRow:
+        """The row of an editor, its group opened.
+
+        Raises:
+            KeyError: If there is none of that name.
+        """
+        for group in self._groups.values():
+            if group.has(name):
+                group.open(True)
+                return group.rows[name]
+        raise KeyError(name)
+
+    def _rebuild(self, groups: dict[str, list[Editor]]) -> None:
+        was_open = {name: group.is_open for name, group in self._groups.items()}
+        for group in self._groups.values():
+            self._column.removeWidget(group)
+            group.hide()
+            group.deleteLater()
+        self._groups = {}
+        for number, (name, editors) in enumerate(groups.items()):
+            is_first = self._open_groups is None or number < self._open_groups
+            group = _Group(name, editors, panel=self)
+            group.open(was_open.get(name, is_first))
+            self._groups[name] = group
+            self._column.addWidget(group)
+
+
+class _Group(QWidget):
+    """A heading, and the rows under it when it is open."""
+
+    def __init__(self, name: str, editors: list[Editor], *, panel: KnobPanel) -> None:
+        super().__init__(panel)
+        self._panel = panel
+        self._editors = editors
+        self._text = ""
+        self.is_open = False
+        self.rows: dict[str, KnobRow] = {}
+        self._heading = QToolButton()
+        self._heading.setText(name)
+        self._heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self._heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self._heading.setProperty("role", "heading")
+        self._heading.setVisible(bool(name))
+        self._heading.clicked.connect(lambda: self.open(not self.is_open))
+        self._body = QWidget()
+        self._lines = QVBoxLayout(self._body)
+        self._lines.setContentsMargins(8, 2, 4, 6)
+        self._lines.setSpacing(3)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self._heading)
+        column.addWidget(self._body)
+        self.open(not name)
+
+    def has(self, name: str) -> bool:
+        return any(editor.name == name for editor in self._editors)
+
+    def open(self, is_open: bool) -> None:
+        """Show or hide the rows."""
+        self.is_open = is_open or not self._heading.text()
+        self._heading.setIcon(glyph("down" if self.is_open else "right"))
+        self._arrange()
+
+    def show_editors(self, editors: list[Editor]) -> None:
+        self._editors = editors
+        for editor in editors:
+            if editor.name in self.rows:
+                self.rows[editor.name].show_editor(editor)
+
+    def search(self, text: str) -> int:
+        """Show what matches, also while closed; returns how many do."""
+        self._text = text
+        found = sum(_matches(editor, text) for editor in self._editors)
+        self.setVisible(found > 0)
+        self._arrange()
+        return found
+
+    def _arrange(self) -> None:
+        is_shown = self.is_open or bool(self._text)
+        self._body.setVisible(is_shown)
+        if not is_shown:
+            return
+        for editor in self._editors:
+            if editor.name not in self.rows:
+                row = KnobRow(editor)
+                row.changed.connect(self._panel.changed)
+                row.refused.connect(self._panel.refused)
+                self.rows[editor.name] = row
+                self._lines.addWidget(row)
+            self.rows[editor.name].setVisible(_matches(editor, self._text))
+
+
+class KnobRow(QWidget):
+    """A label, the widget of the value, and a way back to the default."""
+
+    changed = Signal(str, object, str)
+    refused = Signal(str)
+
+    def __init__(self, editor: Editor) -> None:
+        super().__init__()
+        self._editor = editor
+        self._label = ElidedLabel()
+        self._label.setFixedWidth(style.LABELS)
+        self.widget = make_widget(editor)
+        self.widget.changed.connect(lambda value, key: self.changed.emit(editor.name, value, key))
+        self.widget.refused.connect(self.refused)
+        self.reset = QToolButton()
+        self.reset.setIcon(glyph("reset"))
+        self.reset.setFixedSize(18, 18)
+        self.reset.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.reset.clicked.connect(lambda: self.changed.emit(editor.name, self._editor.default, ""))
+        keeps_place = self.reset.sizePolicy()
+        keeps_place.setRetainSizeWhenHidden(True)
+        self.reset.setSizePolicy(keeps_place)
+        line = QHBoxLayout(self)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.setSpacing(6)
+        line.addWidget(self._label)
+        line.addWidget(self.widget, 1)
+        line.addWidget(self.reset)
+        self.setMinimumHeight(style.ROW)
+        self.show_editor(editor)
+
+    def show_editor(self, editor: Editor) -> None:
+        """Show what the value is now."""
+        self._editor = editor
+        self._label.show_text(editor.label, role="animated" if editor.is_animated else "quiet")
+        self.setToolTip(tool_tip(editor))
+        self.reset.setToolTip(f"Back to {value_text(editor, editor.default)}")
+        self.reset.setVisible(editor.value != editor.default and not editor.is_read_only)
+        self.widget.show_editor(editor)
+
+
+class ElidedLabel(QLabel):
+    """A label that ends in an ellipsis where it has no room."""
+
+    def show_text(self, text: str, *, role: str) -> None:
+        """Show a text in one of the style's roles."""
+        room = self.maximumWidth()
+        self.setText(self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, room))
+        if self.property("role") != role:
+            self.setProperty("role", role)
+            self.style().unpolish(self)
+            self.style().polish(self)
+
+
+def tool_tip(editor: Editor) -> str:
+    """Everything about a value: name, what it does, unit, range, default."""
+    facts = []
+    if editor.unit:
+        facts.append(f"[{editor.unit}]")
+    low, high = editor.minimum, editor.maximum
+    if low is not None and high is not None:
+        facts.append(f"{number_text(low)} to {number_text(high)}")
+    elif low is not None:
+        facts.append(f"{number_text(low)} or more")
+    elif high is not None:
+        facts.append(f"{number_text(high)} or less")
+    facts.append(f"default {value_text(editor, editor.default)}")
+    if editor.is_animated:
+        facts.append("animated")
+    lines = (f"<b>{escape(editor.label)}</b>", escape(editor.help), escape(", ".join(facts)))
+    return "<p>" + "<br>".join(line for line in lines if line) + "</p>"
+
+
+def value_text(editor: Editor, value: object) -> str:
+    """A value of an editor in words."""
+    if value is None:
+        return editor.none_label or "nothing"
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, int | float):
+        return number_text(value)
+    if isinstance(value, tuple):
+        return ", ".join(value_text(editor, part) for part in value)
+    return str(value) or "nothing"
+
+
+def _shape(editor: Editor) -> tuple[object, ...]:
+    """All of an editor that its widget is built from, so that others can share a widget."""
+    size = len(editor.value or editor.default or ()) if editor.kind in ("vector", "color") else 0
+    return (
+        *(editor.name, editor.label, editor.kind, editor.group, editor.choices, size),
+        *(editor.unit, editor.none_label, editor.step, editor.is_read_only),
+    )
+
+
+def _matches(editor: Editor, text: str) -> bool:
+    words = f"{editor.label} {editor.name} {editor.help}".lower()
+    return all(part in words for part in text.split())

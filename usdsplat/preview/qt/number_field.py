@@ -1,0 +1,140 @@
+"""A number in a line: typed, or stepped by arrow keys and wheel; its unit beside it at rest."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from usdsplat.preview.qt import style
+
+
+class NumberField(QLineEdit):
+    """Shows a number, and says what somebody makes of it; limits are the receiver's business.
+
+    Args:
+        label: What a user calls it, for the sentence when no number is typed.
+        is_whole: Whether it has no fraction.
+        unit: Shown while nobody types.
+        step: Of an arrow key; with Shift ten times that, with Ctrl a tenth.
+        none_label: What no number means; "" if there must be one.
+    """
+
+    entered = Signal(object)
+    """int, float, or None for none."""
+    refused = Signal(str)
+    """A sentence: what was typed is no number."""
+
+    def __init__(
+        self,
+        label: str = "",
+        *,
+        is_whole: bool = False,
+        unit: str = "",
+        step: float = 1.0,
+        none_label: str = "",
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._label = label
+        self._is_whole = is_whole
+        self._unit = unit
+        self._step = step
+        self._none_label = none_label
+        self._value: float | None = None
+        self.setFont(style.digits())
+        self.setAlignment(Qt.AlignmentFlag.AlignRight)
+        self.setPlaceholderText(none_label)
+        self.editingFinished.connect(self._take)
+
+    @property
+    def value(self) -> float | None:
+        """What is shown."""
+        return self._value
+
+    def show_value(self, value: float | None) -> None:
+        """Show a number, unless somebody is typing another one."""
+        is_other = value != self._value
+        self._value = value
+        if not (self.hasFocus() and self.isModified()) and (is_other or not self.text()):
+            self._write()
+
+    # --- Qt's -------------------------------------------------------------------------------
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        super().focusInEvent(event)
+        self._write()
+        self.selectAll()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        super().focusOutEvent(event)
+        self._write()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Up, Qt.Key.Key_Down):
+            self._nudge(1 if event.key() == Qt.Key.Key_Up else -1, event.modifiers())
+        elif event.key() == Qt.Key.Key_Escape:
+            self._write()
+            self.clearFocus()
+        else:
+            super().keyPressEvent(event)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        if not self.hasFocus():
+            event.ignore()  # the panel scrolls
+        elif event.angleDelta().y():
+            self._nudge(1 if event.angleDelta().y() > 0 else -1, event.modifiers())
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _write(self) -> None:
+        text = "" if self._value is None else number_text(self._value)
+        if text and self._unit and not self.hasFocus():
+            longer = f"{text} {self._unit}"
+            if self.fontMetrics().horizontalAdvance(longer) < self.width() - 14:
+                text = longer
+        self.setText(text)
+        self.setCursorPosition(0)
+
+    def _take(self) -> None:
+        if not self.isModified():
+            return
+        self.setModified(False)
+        text = self.text().strip()
+        try:
+            value = None if not text and self._none_label else self._parsed(text)
+        except ValueError:
+            self._write()
+            expected = "a whole number" if self._is_whole else "a number"
+            self.refused.emit(f"{self._label}: found {text!r}, expected {expected}")
+            return
+        if value != self._value:
+            self.entered.emit(value)
+        self._write()
+
+    def _parsed(self, text: str) -> float:
+        if self._is_whole:
+            return int(text)
+        value = float(text)
+        if math.isnan(value):
+            raise ValueError
+        return value
+
+    def _nudge(self, sign: int, modifiers: Qt.KeyboardModifier) -> None:
+        if self._value is None or self.isReadOnly():
+            return
+        step = self._step
+        if modifiers & Qt.KeyboardModifier.ShiftModifier:
+            step *= 10
+        elif modifiers & Qt.KeyboardModifier.ControlModifier and not self._is_whole:
+            step /= 10
+        value = self._value + sign * step
+        self.entered.emit(round(value) if self._is_whole else float(f"{value:.9g}"))
+        self.selectAll()
+
+
+def number_text(value: float) -> str:
+    """A number in the fewest digits that a panel needs."""
+    return str(value) if isinstance(value, int) else f"{value:.6g}"
