@@ -1,0 +1,134 @@
+"""A session's news and answers, brought to the server's thread; what is asked of it, kept bounded.
+
+The latest picture wins. Of questions with one key the latest wins too: while one is being answered,
+only the last that came since is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.document import Document
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import Event, Picture, Problem, ViewState
+
+T = TypeVar("T")
+
+MOST = 64
+"""Questions that may wait for their answers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Question:
+    """What is asked of a document."""
+
+    task: Callable[[Document], Any]
+    done: Callable[[Any], None]
+    failed: Callable[[UsdSplatError], None] | None
+    key: str | None
+
+
+class Bridge:
+    """Between a session and a server; made and used in the server's thread.
+
+    Args:
+        session: Who is listened to and asked.
+        heard: Told each event, in the thread of the running loop.
+    """
+
+    def __init__(self, session: Session, *, heard: Callable[[Event], None]) -> None:
+        self._session = session
+        self._heard = heard
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._is_closed = False
+        self._latest: Picture | None = None
+        self._asked = 0
+        self._keys: dict[str, Question | None] = {}
+        self._stop_listening = session.listen(self._happened)
+
+    @property
+    def is_overrun(self) -> bool:
+        """Whether so much was asked that more had better not be."""
+        return self._asked >= MOST
+
+    def look(self, state: ViewState) -> None:
+        """Say what shall be seen."""
+        self._session.look(state)
+
+    def ask(
+        self,
+        task: Callable[[Document], T],
+        done: Callable[[T], None] = lambda result: None,
+        failed: Callable[[UsdSplatError], None] | None = None,
+        *,
+        key: str | None = None,
+    ) -> None:
+        """Have something done with the document; `done` or `failed` is called in this thread.
+
+        Args:
+            task: What is done, in the session's thread.
+            done: Given its result.
+            failed: Given its error; without it, the error is heard as a `Problem`.
+            key: Of questions where only the latest matters.
+        """
+        question = Question(task=task, done=done, failed=failed, key=key)
+        if key in self._keys:
+            self._keys[key] = question
+        else:
+            self._send(question)
+
+    def close(self) -> None:
+        """Let nothing arrive any more. The session itself goes on."""
+        with self._lock:
+            self._is_closed = True
+        self._stop_listening()
+
+    # --- in the server's thread ------------------------------------------------------------
+
+    def _send(self, question: Question) -> None:
+        self._asked += 1
+        if question.key is not None:
+            self._keys[question.key] = None
+        self._session.ask(
+            question.task,
+            lambda result: self._post(self._answered, question, question.done, result),
+            lambda error: self._post(self._answered, question, self._failed(question), error),
+        )
+
+    def _failed(self, question: Question) -> Callable[[UsdSplatError], None]:
+        return question.failed or (lambda error: self._heard(Problem(sentence=str(error))))
+
+    def _answered(self, question: Question, call: Callable[[Any], None], result: Any) -> None:
+        self._asked -= 1
+        following = None if question.key is None else self._keys.pop(question.key)
+        if following is not None:
+            self._send(following)
+        call(result)
+
+    def _deliver_picture(self) -> None:
+        with self._lock:
+            picture, self._latest = self._latest, None
+        if picture is not None:
+            self._heard(picture)
+
+    # --- in the session's thread -----------------------------------------------------------
+
+    def _happened(self, event: Event) -> None:
+        if not isinstance(event, Picture):
+            self._post(self._heard, event)
+            return
+        with self._lock:
+            is_first, self._latest = self._latest is None, event
+        if is_first:
+            self._post(self._deliver_picture)
+
+    def _post(self, call: Callable[..., None], *arguments: Any) -> None:
+        with self._lock:  # a loop that closes meanwhile would raise
+            if not self._is_closed:
+                self._loop.call_soon_threadsafe(call, *arguments)

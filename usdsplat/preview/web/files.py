@@ -1,0 +1,34 @@
+"""The files of the page: a fixed table, read once; no request's path ever reaches a file system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class File:
+    """What is answered with."""
+
+    content_type: str
+    body: bytes
+
+
+@cache
+def files() -> dict[str, File]:
+    """Each file by the name that it is asked for; "" is the page itself."""
+    folder = resources.files("usdsplat.preview.web") / "static"
+    found = {
+        each.name: File(content_type=_TYPES[each.name.rpartition(".")[2]], body=each.read_bytes())
+        for each in folder.iterdir()
+        if each.name.rpartition(".")[2] in _TYPES
+    }
+    return {"": found.pop("index.html"), **found}

@@ -1,0 +1,61 @@
+"""A picture on its way to a page: the length of its header, the header as JSON, the encoded image.
+
+    4 bytes   length of the header, unsigned, big end first
+    header    UTF-8 JSON: what `header` says
+    image     JPEG while something better follows, else PNG: what is final is exact
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from typing import Any
+
+from usdsplat.preview.values import Picture
+
+QUALITY = 85
+"""Of the JPEG, at 4:4:4: splats are made of small coloured things."""
+_PNG_LEVEL = 1  # loopback has room; the time it takes is what is felt
+
+
+def frame(picture: Picture) -> bytes:
+    """All of a picture, for a socket."""
+    image = encoded(picture)
+    head = json.dumps(header(picture), allow_nan=False, separators=(",", ":")).encode()
+    return struct.pack(">I", len(head)) + head + image
+
+
+def encoded(picture: Picture) -> bytes:
+    """The image: PNG if it is final, else JPEG."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    image = Image.fromarray(picture.image)
+    if picture.is_final:
+        image.save(buffer, "PNG", compress_level=_PNG_LEVEL)
+    else:
+        image.save(buffer, "JPEG", quality=QUALITY, subsampling=0)
+    return buffer.getvalue()
+
+
+def header(picture: Picture) -> dict[str, Any]:
+    """What a page has to know of a picture besides its pixels."""
+    height, width = picture.image.shape[:2]
+    return {
+        "number": picture.number,
+        "encoding": "image/png" if picture.is_final else "image/jpeg",
+        "width": width,
+        "height": height,
+        "viewport": list(picture.state.size),
+        "scale": picture.scale,
+        "is_final": picture.is_final,
+        "time": picture.state.time,
+        "aov": picture.state.look.aov,
+        "splats": picture.splats,
+        "total": picture.total,
+        "milliseconds": {name: round(ms, 2) for name, ms in picture.milliseconds.items()},
+        "megabytes": round(picture.megabytes, 1),
+        "device": picture.device,
+        "warnings": list(picture.warnings),
+    }

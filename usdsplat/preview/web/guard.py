@@ -1,0 +1,145 @@
+"""Who is let in: a request has to know the token, and to be meant for this server.
+
+The token is the first part of every path (`http://127.0.0.1:8000/TOKEN/`), so that a page's
+relative links carry it, no cookie lies about for the other servers of this machine to read, and
+nothing has to be parsed before it is compared.
+
+What is refused, in this order:
+
+- another Host than this machine's own: a name that somebody else's DNS points here (rebinding);
+- another method than GET;
+- a path without the token, compared in constant time;
+- an Origin other than the page's own, and for the socket also none at all;
+- a path that is not in the table of files. Paths are never looked up in a file system.
+
+The port in Host may be another one than ours: it is, when it comes through an SSH tunnel.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import re
+import socket
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Protocol
+
+SOCKET = "socket"
+"""What the page's socket is called among the files."""
+
+_HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[0-9a-z.-]+)(?P<port>:[0-9]{1,5})?", re.ASCII)
+_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
+_ANY = ("0.0.0.0", "::", "")
+
+HEADERS = (
+    (
+        "Content-Security-Policy",
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+    ("X-Content-Type-Options", "nosniff"),
+    ("X-Frame-Options", "DENY"),
+    ("Referrer-Policy", "no-referrer"),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
+    ("Cross-Origin-Opener-Policy", "same-origin"),
+    ("Cache-Control", "no-store"),
+)
+"""Of every answer: nothing from elsewhere, in no frame, kept nowhere, and no token in a Referer."""
+
+
+class Headers(Protocol):
+    """What is asked of a request's headers."""
+
+    def get_all(self, key: str, /) -> Iterable[str]:
+        """Each value that a name has."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Why somebody is not let in."""
+
+    status: HTTPStatus
+    sentence: str
+
+
+class Guard:
+    """Judges requests.
+
+    Args:
+        token: What the URL has to hold.
+        host: What the server listens on. Behind any but a loopback address, this machine's names
+            and every numeric address are its own as well: rebinding needs a name.
+        files: What may be asked for, besides the socket.
+    """
+
+    def __init__(self, *, token: str, host: str, files: Collection[str]) -> None:
+        self._token = token.encode()
+        self._files = frozenset(files) | {SOCKET}
+        names = {*_LOOPBACK, _bracketed(host)}
+        self._is_local = is_loopback(host)
+        if not self._is_local:
+            names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+        self._names = names
+
+    def judge(self, *, method: str, path: str, headers: Headers) -> str | Refusal:
+        """The file that is asked for, or `SOCKET`, or why there is no answer."""
+        hosts = list(headers.get_all("Host"))
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            return _refused("Host: found another machine's, expected this one's")
+        if method != "GET":
+            return Refusal(
+                status=HTTPStatus.METHOD_NOT_ALLOWED,
+                sentence=f"method: found {method}, expected GET",
+            )
+        token, _, name = path.partition("?")[0].removeprefix("/").partition("/")
+        if not hmac.compare_digest(token.encode(), self._token):
+            return _refused("URL: found none or another token, expected the terminal's URL")
+        origins = list(headers.get_all("Origin"))
+        if origins not in ([], [f"http://{hosts[0]}"]) or (name == SOCKET and not origins):
+            return _refused("Origin: found another one, expected this page's")
+        if name not in self._files:
+            return Refusal(
+                status=HTTPStatus.NOT_FOUND, sentence="path: found nothing, expected the page's"
+            )
+        return name
+
+    def _is_own(self, host: str) -> bool:
+        """Whether a Host header names this machine."""
+        found = _HOST.fullmatch(host.lower())
+        if found is None:
+            return False
+        name = found["name"]
+        return name in self._names or (not self._is_local and _is_address(name))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nothing outside this machine can reach what listens there."""
+    if host in _ANY:
+        return False
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def spoken(host: str) -> str:
+    """A host as a URL has it; one that stands for every address becomes this machine's name."""
+    return socket.gethostname() if host in _ANY else _bracketed(host)
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host.lower()}]" if ":" in host else host.lower()
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
+def _refused(sentence: str) -> Refusal:
+    return Refusal(status=HTTPStatus.FORBIDDEN, sentence=sentence)

@@ -1,0 +1,226 @@
+"""Serves a preview to a browser on this machine: the page, and the socket that it talks to.
+
+    server = serve(session, ready=print)     # prints the URL, once it can be opened
+    server.wait()
+    server.close()
+
+The server has a thread and an event loop of its own; the session and what draws never wait for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from email.utils import formatdate
+from http import HTTPStatus
+
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as listen
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from usdsplat.core.errors import UsageError
+from usdsplat.preview.session import Session
+from usdsplat.preview.web.desk import Desk
+from usdsplat.preview.web.files import File, files
+from usdsplat.preview.web.frames import frame
+from usdsplat.preview.web.guard import HEADERS, SOCKET, Guard, Refusal, is_loopback, spoken
+from usdsplat.preview.web.messages import MAX_BYTES, Acknowledge, Hello, TakeOver, read
+from usdsplat.preview.web.pages import Page, Pages
+
+MOST_PAGES = 8
+"""That may be connected at a time."""
+_HANDSHAKE = 5.0  # s; who takes longer to say what they want gets no answer
+_GOODBYE = 1.0  # s
+
+LOG = logging.getLogger("usdsplat")
+
+
+class Server:
+    """What listens; made by `serve`."""
+
+    def __init__(self, session: Session, *, host: str, port: int, token: str) -> None:
+        self.url = ""
+        """What to open in a browser; whoever knows it may do what the page can."""
+        self._session = session
+        self._host, self._port, self._token = host, port, token
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stop = asyncio.Event()
+        self._pages = Pages()
+        self._started: Future[None] = Future()
+        self._thread = threading.Thread(target=self._run, name="usdsplat web", daemon=True)
+        self._thread.start()
+        self._started.result()
+
+    def wait(self, timeout: float | None = None) -> None:
+        """Return when the server has been closed, or after `timeout` [s]."""
+        self._thread.join(timeout)
+
+    def close(self) -> None:
+        """Let go of every page and of the port. The session goes on."""
+        if self._loop is not None and self._thread.is_alive():
+            with contextlib.suppress(RuntimeError):  # it ended by itself meanwhile
+                self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join()
+
+    # --- in the server's thread ------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except OSError as error:
+            if self._started.done():
+                raise
+            self._started.set_exception(
+                UsageError(
+                    f"address {self._host} port {self._port}",
+                    error.strerror or str(error),
+                    "one that this machine has and nobody listens on",
+                )
+            )
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        guard = Guard(token=self._token, host=self._host, files=files())
+        desk = Desk(self._session, self._pages)
+        try:
+            async with listen(
+                lambda socket: self._talk(socket, desk),
+                # one name may be several addresses, and port 0 another one on each
+                "127.0.0.1" if self._host == "localhost" else self._host,
+                self._port,
+                process_request=lambda socket, request: _answer(guard, request),
+                compression=None,
+                max_size=MAX_BYTES,
+                open_timeout=_HANDSHAKE,
+                close_timeout=_GOODBYE,
+                server_header=None,
+                # it writes tracebacks about every port scan
+                logger=logging.Logger("usdsplat.web", logging.CRITICAL),
+            ) as server:
+                port = next(iter(server.sockets)).getsockname()[1]
+                self.url = f"http://{spoken(self._host)}:{port}/{self._token}/"
+                self._started.set_result(None)
+                await self._stop.wait()
+        finally:
+            desk.close()
+
+    async def _talk(self, socket: ServerConnection, desk: Desk) -> None:
+        """Everything with one page."""
+        if len(self._pages) >= MOST_PAGES:
+            await socket.close(1013, "too many pages")
+            return
+        page = Page()
+        self._pages.enter(page)
+        writing = asyncio.create_task(_write(socket, page))
+        try:
+            async for data in socket:
+                self._hear(page, data, desk)
+        except ConnectionClosed:
+            pass
+        finally:
+            writing.cancel()
+            if self._pages.leave(page):
+                desk.rest()
+
+    def _hear(self, page: Page, data: str | bytes, desk: Desk) -> None:
+        """One message; whatever it is, the page gets a sentence, and the terminal no traceback."""
+        try:
+            message = read(data)
+            if isinstance(message, Acknowledge):
+                page.outbox.acknowledged(message.number)
+            elif isinstance(message, Hello):
+                if self._pages.greet(page, message.page):
+                    desk.welcome(message.width, message.height)
+            elif page.name is None:
+                raise UsageError("message", "another one", "hello first")
+            elif isinstance(message, TakeOver):
+                self._pages.take_over(page)
+                desk.welcome(message.width, message.height)
+            elif page is not self._pages.holder:
+                page.outbox.tell("in_use", None)
+            else:
+                desk.do(message)
+        except UsageError as error:
+            page.outbox.tell("problem", str(error))
+        except Exception:
+            LOG.exception("a bug in the web view")
+            page.outbox.tell("problem", "found a bug, expected none; see the terminal")
+
+
+def serve(
+    session: Session,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    token: str | None = None,
+    allow_remote: bool = False,
+    ready: Callable[[str], None] = lambda url: None,
+) -> Server:
+    """Serve a session to browsers.
+
+    Args:
+        session: What is looked at; the caller closes it.
+        host: The address to listen on.
+        port: 0 for any that is free.
+        token: What has to be in the URL; made up if None.
+        allow_remote: Whether `host` may be one that other machines can reach. They talk to it
+            unencrypted: who can listen on the network can see the pictures and the token, and with
+            it do what the page can. An SSH tunnel to a loopback address is the better way.
+        ready: Told the URL, once it can be opened.
+
+    Raises:
+        UsageError: If the address cannot be listened on, or is not a loopback address and
+            `allow_remote` is false.
+    """
+    if not allow_remote and not is_loopback(host):
+        raise UsageError(
+            "host",
+            f"{host or 'every address'!s}, which other machines can reach without encryption",
+            "a loopback address and an SSH tunnel, or word that this is wanted",
+        )
+    server = Server(session, host=host, port=port, token=token or secrets.token_urlsafe(32))
+    ready(server.url)
+    return server
+
+
+def _answer(guard: Guard, request: Request) -> Response | None:
+    """A file or a refusal; None lets the socket open."""
+    name = guard.judge(method=request.method, path=request.path, headers=request.headers)
+    if isinstance(name, Refusal):
+        body = (name.sentence + "\n").encode()
+        return _response(name.status, File(content_type="text/plain; charset=utf-8", body=body))
+    return None if name == SOCKET else _response(HTTPStatus.OK, files()[name])
+
+
+def _response(status: HTTPStatus, file: File) -> Response:
+    headers = Headers(
+        [
+            ("Date", formatdate(usegmt=True)),
+            ("Connection", "close"),
+            ("Content-Length", str(len(file.body))),
+            ("Content-Type", file.content_type),
+            *HEADERS,
+        ]
+    )
+    if status is HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = "GET"
+    return Response(status.value, status.phrase, headers, file.body)
+
+
+async def _write(socket: ServerConnection, page: Page) -> None:
+    """Tell a page what waits for it, for as long as it is there."""
+    with contextlib.suppress(ConnectionClosed):
+        while True:
+            news, picture = await page.outbox.taken()
+            for text in news:
+                await socket.send(text)
+            if picture is not None:
+                # encoding takes as long as drawing a small picture, and releases the GIL
+                await socket.send(await asyncio.to_thread(frame, picture))

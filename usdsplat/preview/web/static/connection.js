@@ -1,0 +1,65 @@
+// The socket: JSON both ways, frames as binary, and a new try when it breaks.
+
+const PATIENCE = [250, 500, 1000, 2000, 4000]; // ms until the next try; the last one again and again
+
+/** A name by which the server knows this page again; lasts as long as its tab. */
+function pageName() {
+  const bytes = crypto.getRandomValues(new Uint8Array(12));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+export class Connection {
+  /**
+   * @param {{open: () => object, message: (type: string, content: any) => void,
+   *          frame: (header: object, image: Blob) => Promise<void>,
+   *          state: (isOpen: boolean) => void}} listener `open` gives the size to say hello with.
+   */
+  constructor(listener) {
+    this.listener = listener;
+    this.page = pageName();
+    this.tries = 0;
+    this.connect();
+  }
+
+  get isOpen() {
+    return this.socket.readyState === WebSocket.OPEN;
+  }
+
+  /** Say something; what is said while there is no connection is lost. */
+  send(type, members = {}) {
+    if (this.isOpen) this.socket.send(JSON.stringify({ type, ...members }));
+  }
+
+  connect() {
+    const url = new URL("socket", location.href);
+    url.protocol = "ws:";
+    this.socket = new WebSocket(url);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.tries = 0;
+      this.send("hello", { page: this.page, ...this.listener.open() });
+      this.listener.state(true);
+    };
+    this.socket.onmessage = (event) => this.receive(event.data);
+    this.socket.onclose = () => {
+      this.listener.state(false);
+      setTimeout(() => this.connect(), PATIENCE[Math.min(this.tries++, PATIENCE.length - 1)]);
+    };
+  }
+
+  async receive(data) {
+    if (typeof data === "string") {
+      const { type, content } = JSON.parse(data);
+      this.listener.message(type, content);
+      return;
+    }
+    const length = new DataView(data).getUint32(0);
+    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    const image = new Blob([new Uint8Array(data, 4 + length)], { type: header.encoding });
+    try {
+      await this.listener.frame(header, image);
+    } finally {
+      this.send("acknowledge", { number: header.number });
+    }
+  }
+}

@@ -1,0 +1,164 @@
+// Controls built from what the server says of each knob: kind, value, limits, words.
+
+const EMPTY = "—";
+
+/** A list of knobs under their headings, kept in step with the server. */
+export class Knobs {
+  /** @param {(name: string, value: any) => void} turn Called when a person turns one. */
+  constructor(element, turn) {
+    this.element = element;
+    this.turn = turn;
+    this.rows = new Map();
+    this.shape = "";
+  }
+
+  show(editors) {
+    const shape = JSON.stringify(editors.map((each) => [each.name, each.kind, each.choices, each.group]));
+    if (shape !== this.shape) this.build(editors);
+    this.shape = shape;
+    for (const editor of editors) this.rows.get(editor.name).show(editor);
+  }
+
+  build(editors) {
+    this.rows.clear();
+    const groups = new Map();
+    for (const editor of editors) {
+      if (!groups.has(editor.group)) groups.set(editor.group, grouped(editor.group));
+      const row = new Row(editor, `${this.element.id}-${editor.name}`, this.turn);
+      this.rows.set(editor.name, row);
+      groups.get(editor.group).append(row.element);
+    }
+    this.element.replaceChildren(...groups.values());
+  }
+}
+
+function grouped(title) {
+  const field = document.createElement("fieldset");
+  if (title) field.append(made("legend", { textContent: title }));
+  return field;
+}
+
+/** One knob: its label, its control and a way back to its default. */
+class Row {
+  constructor(editor, id, turn) {
+    this.turn = (value) => turn(editor.name, value);
+    this.control = controlOf(editor, id, this.turn);
+    const label = made("label", { htmlFor: id, textContent: editor.label, title: editor.help });
+    const value = made("span", { className: `value ${editor.kind}`, title: editor.help });
+    value.append(...this.control.parts);
+    if (editor.unit) value.append(made("span", { className: "unit", textContent: editor.unit }));
+    this.reset = made("button", {
+      type: "button", className: "reset", textContent: "↺",
+      title: "Back to the default", ariaLabel: `${editor.label}: back to the default`,
+    });
+    this.reset.addEventListener("click", () => this.turn(editor.default));
+    this.element = made("div", { className: "knob" });
+    this.element.dataset.name = editor.name;
+    this.element.append(label, value, this.reset);
+  }
+
+  show(editor) {
+    this.element.classList.toggle("animated", editor.is_animated);
+    const isDefault = JSON.stringify(editor.value) === JSON.stringify(editor.default);
+    this.reset.hidden = isDefault || editor.is_read_only;
+    for (const part of this.control.parts) part.disabled = editor.is_read_only;
+    // what a person is typing into is theirs
+    if (!this.control.parts.some((part) => part === document.activeElement && part.dataset.dirty)) {
+      this.control.show(editor.value);
+    }
+  }
+}
+
+function controlOf(editor, id, turn) {
+  const controls = { bool, int: number, float: number, choice, vector, color: vector };
+  return (controls[editor.kind] ?? text)(editor, id, turn);
+}
+
+function bool(editor, id, turn) {
+  const box = made("input", { type: "checkbox", id });
+  box.addEventListener("change", () => turn(box.checked));
+  return { parts: [box], show: (value) => { box.checked = value; } };
+}
+
+function choice(editor, id, turn) {
+  const list = made("select", { id });
+  list.append(...editor.choices.map((each) => new Option(each, each)));
+  list.addEventListener("change", () => turn(list.value));
+  return { parts: [list], show: (value) => { list.value = value; } };
+}
+
+function text(editor, id, turn) {
+  const line = typed(made("input", { type: "text", id, spellcheck: false }), () => turn(line.value));
+  return { parts: [line], show: (value) => { line.value = value ?? ""; } };
+}
+
+function number(editor, id, turn) {
+  const isWhole = editor.kind === "int";
+  const read = (input) => (input.value === "" && editor.none_label ? null : Number(input.value));
+  const field = typed(limited(made("input", { type: "number", id }), editor, isWhole), () => turn(read(field)));
+  if (editor.none_label) field.placeholder = editor.none_label;
+  const [low, high] = editor.soft_range;
+  const slider = made("input", {
+    type: "range", min: low, max: high, ariaLabel: editor.label,
+    step: isWhole ? Math.max(1, editor.step) : editor.step,
+  });
+  slider.addEventListener("input", () => {
+    field.value = slider.value;
+    turn(Number(slider.value));
+  });
+  const show = (value) => {
+    field.value = value === null ? "" : short(value);
+    if (document.activeElement !== slider || Number(slider.value) !== value) slider.value = value ?? low;
+  };
+  return { parts: [slider, field], show };
+}
+
+function vector(editor, id, turn) {
+  const count = (editor.value ?? editor.default ?? [0, 0, 0]).length;
+  const fields = Array.from({ length: count }, (_, index) => {
+    const field = made("input", { type: "number", id: index ? `${id}-${index}` : id });
+    field.ariaLabel = `${editor.label} ${index + 1}`;
+    return typed(limited(field, editor, editor.is_whole), () => turn(fields.map((each) => Number(each.value))));
+  });
+  const show = (value) => fields.forEach((field, index) => {
+    field.value = value === null ? "" : short(value[index]);
+  });
+  return { parts: fields, show };
+}
+
+/** A field whose value counts when it is left or Enter is pressed; Escape takes it back. */
+function typed(field, commit) {
+  let before = "";
+  field.addEventListener("focus", () => { before = field.value; });
+  field.addEventListener("input", () => { field.dataset.dirty = "1"; });
+  field.addEventListener("change", () => {
+    delete field.dataset.dirty;
+    if (field.checkValidity()) commit();
+    else field.reportValidity();
+  });
+  field.addEventListener("keydown", (event) => {
+    event.stopPropagation();
+    if (event.key !== "Escape") return;
+    field.value = before;
+    delete field.dataset.dirty;
+    field.blur();
+  });
+  return field;
+}
+
+function limited(field, editor, isWhole) {
+  field.step = isWhole ? 1 : "any";
+  if (editor.minimum !== null) field.min = editor.minimum;
+  if (editor.maximum !== null) field.max = editor.maximum;
+  return field;
+}
+
+/** A number as short as it can be without another one being meant on the screen. */
+export function short(value) {
+  if (typeof value !== "number") return value === null || value === undefined ? EMPTY : String(value);
+  return Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(6)));
+}
+
+export function made(tag, properties = {}) {
+  return Object.assign(document.createElement(tag), properties);
+}

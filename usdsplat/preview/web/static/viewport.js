@@ -1,0 +1,210 @@
+// The picture, and how one moves about in it by mouse, trackpad, touch and keys.
+
+const MOST_RATIO = 2; // pixels of the device to one of CSS that are worth their time
+const MOST_PIXELS = 2560 * 1600;
+const CLICK = 4; // CSS pixels that a click may move
+const REST = 180; // ms after the last turn of a wheel
+const FLIGHT = {
+  KeyW: ["forward", 1], KeyS: ["forward", -1], KeyD: ["right", 1], KeyA: ["right", -1],
+  KeyE: ["up", 1], KeyQ: ["up", -1],
+};
+
+export class Viewport {
+  /** @param {(type: string, members?: object) => void} send */
+  constructor(element, canvas, send) {
+    this.element = element;
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.send = send;
+    this.pointers = new Map();
+    this.held = new Set();
+    this.pending = new Map();
+    this.size = this.measured();
+    this.times = [];
+    new ResizeObserver(() => this.resized()).observe(element);
+    this.listen();
+  }
+
+  // --- pictures ---
+
+  async show(header, image) {
+    // as it is: its values are the display's already
+    const bitmap = await createImageBitmap(image, { colorSpaceConversion: "none" });
+    if (this.canvas.width !== header.width) this.canvas.width = header.width;
+    if (this.canvas.height !== header.height) this.canvas.height = header.height;
+    this.context.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    this.canvas.dataset.number = header.number;
+    this.canvas.dataset.final = header.is_final;
+    const now = performance.now();
+    this.times = [...this.times.filter((time) => now - time < 1000), now];
+  }
+
+  /** Pictures a second, while there are several; 0 at rest. */
+  get rate() {
+    const [first, last] = [this.times[0], this.times.at(-1)];
+    return this.times.length > 2 ? (1000 * (this.times.length - 1)) / (last - first) : 0;
+  }
+
+  measured() {
+    const { clientWidth, clientHeight } = this.element;
+    const wanted = Math.min(window.devicePixelRatio || 1, MOST_RATIO);
+    const most = Math.sqrt(MOST_PIXELS / Math.max(clientWidth * clientHeight, 1));
+    const ratio = Math.min(wanted, most);
+    return {
+      width: Math.min(Math.max(Math.round(clientWidth * ratio), 16), 4096),
+      height: Math.min(Math.max(Math.round(clientHeight * ratio), 16), 4096),
+    };
+  }
+
+  resized() {
+    const size = this.measured();
+    if (size.width === this.size.width && size.height === this.size.height) return;
+    this.size = size;
+    this.send("resize", size);
+  }
+
+  // --- moves, one message of a kind for each frame of the screen ---
+
+  move(type, members) {
+    if (this.pending.size === 0) requestAnimationFrame(() => this.flush());
+    const sum = this.pending.get(type) ?? {};
+    for (const [name, value] of Object.entries(members)) {
+      sum[name] = name === "factor" ? (sum[name] ?? 1) * value : (sum[name] ?? 0) + value;
+    }
+    this.pending.set(type, sum);
+  }
+
+  flush() {
+    for (const [type, members] of this.pending) this.send(type, members);
+    this.pending.clear();
+  }
+
+  rest() {
+    this.flush();
+    this.send("end_move");
+  }
+
+  drag(type, dx, dy) {
+    const height = this.element.clientHeight;
+    this.move(type, { right: dx / height, down: dy / height });
+  }
+
+  dolly(amount) {
+    this.move("dolly", { factor: Math.min(Math.max(Math.exp(amount), 0.05), 20) });
+  }
+
+  /** Where a pointer is, in pixels of the viewport from its upper left. */
+  place(event) {
+    const box = this.element.getBoundingClientRect();
+    const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
+    return {
+      x: clamp((event.clientX - box.left) / box.width, this.size.width),
+      y: clamp((event.clientY - box.top) / box.height, this.size.height),
+    };
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    canvas.addEventListener("pointerdown", (event) => this.pressed(event));
+    canvas.addEventListener("pointermove", (event) => this.moved(event));
+    canvas.addEventListener("pointerup", (event) => this.released(event));
+    canvas.addEventListener("pointercancel", (event) => this.released(event));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("dblclick", (event) => {
+      this.send("pick", { ...this.place(event), is_target: true });
+    });
+    canvas.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
+    canvas.addEventListener("keydown", (event) => this.keyed(event));
+    canvas.addEventListener("keyup", (event) => this.held.delete(event.code));
+    canvas.addEventListener("blur", () => this.held.clear());
+  }
+
+  pressed(event) {
+    event.preventDefault();
+    this.canvas.focus({ preventScroll: true });
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (this.pointers.size > 1) {
+      this.hasMoved = true; // two fingers never click
+      return;
+    }
+    this.start = { x: event.clientX, y: event.clientY };
+    this.hasMoved = false;
+    this.way = wayOf(event);
+  }
+
+  moved(event) {
+    const last = this.pointers.get(event.pointerId);
+    if (!last) return;
+    if (this.pointers.size === 2) {
+      this.pinched(event, last);
+    } else if (this.pointers.size === 1) {
+      const far = Math.hypot(event.clientX - this.start.x, event.clientY - this.start.y);
+      if (!this.hasMoved && far < CLICK) return;
+      this.hasMoved = true;
+      const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
+      if (this.way === "dolly") this.dolly((dx + dy) / -250);
+      else this.drag(this.way, dx, dy);
+    }
+    last.x = event.clientX;
+    last.y = event.clientY;
+  }
+
+  pinched(event, last) {
+    const other = [...this.pointers.values()].find((each) => each !== last);
+    const before = Math.hypot(last.x - other.x, last.y - other.y);
+    const after = Math.hypot(event.clientX - other.x, event.clientY - other.y);
+    if (before > 8 && after > 8) this.dolly(Math.log(before / after));
+    this.drag("pan", (event.clientX - last.x) / 2, (event.clientY - last.y) / 2);
+  }
+
+  released(event) {
+    if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
+    if (this.hasMoved) this.rest();
+    else if (event.type === "pointerup" && event.button === 0 && !event.altKey) {
+      this.send("pick", this.place(event));
+    }
+  }
+
+  wheeled(event) {
+    event.preventDefault();
+    const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 30 : 1;
+    const pinch = event.ctrlKey ? 8 : 1; // how a trackpad's pinch arrives
+    this.dolly(0.0012 * lines * pinch * event.deltaY);
+    clearTimeout(this.resting);
+    this.resting = setTimeout(() => this.rest(), REST);
+  }
+
+  keyed(event) {
+    if (!(event.code in FLIGHT) || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    if (this.held.size === 0) {
+      this.lastFlight = performance.now();
+      requestAnimationFrame(() => this.fly());
+    }
+    this.held.add(event.code);
+    this.isFast = event.shiftKey;
+  }
+
+  fly() {
+    if (this.held.size === 0) {
+      this.rest();
+      return;
+    }
+    const now = performance.now();
+    const seconds = (Math.min(now - this.lastFlight, 100) / 1000) * (this.isFast ? 4 : 1);
+    this.lastFlight = now;
+    const way = { right: 0, up: 0, forward: 0 };
+    for (const code of this.held) way[FLIGHT[code][0]] += FLIGHT[code][1] * seconds;
+    this.move("fly", way);
+    requestAnimationFrame(() => this.fly());
+  }
+}
+
+/** What a drag does: as usdview has it with Alt, and without it what laptops can do. */
+function wayOf(event) {
+  if (event.button === 1 || event.shiftKey) return "pan";
+  if (event.button === 2) return event.altKey ? "dolly" : "look_around";
+  return "orbit";
+}
