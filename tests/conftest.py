@@ -1,4 +1,4 @@
-"""Where tests find the real captures, and how they say that they do without."""
+"""Where tests find the real captures, and how they say that they do without; no window is shown."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # no test puts a window before anybody's eyes
 DATA = Path(
     os.environ.get("USDSPLAT_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data"
 )

@@ -17,7 +17,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import compressed_ply, ply, sog, spz
 from usdsplat.formats.capture import Capture
 
-__all__ = ["FORMATS", "Capture", "read", "suffixes_read", "suffixes_written", "write"]
+__all__ = ["FORMATS", "Capture", "find", "read", "suffixes_read", "suffixes_written", "write"]
 
 _HEAD = 1 << 16
 """Bytes of a file that formats may recognise it by."""
@@ -65,14 +65,24 @@ def read(path: str | Path, *, progress: Progress = silent) -> Capture:
         FormatError: If the file cannot be opened, or is not what it claims to be.
         UnknownFormatError: If neither content nor suffix is known.
     """
+    return find(path).read(Path(path), progress=progress)
+
+
+def find(path: str | Path) -> Format:
+    """Return what reads a capture, by its first bytes or its name.
+
+    Raises:
+        FormatError: If the file cannot be opened.
+        UnknownFormatError: If neither content nor suffix is known.
+    """
     path = Path(path)
     head = _head(path)
     for module in FORMATS:
         if module.recognises(path, head):
-            return module.read(path, progress=progress)
+            return module
     if path.is_dir():
         raise UnknownFormatError(str(path), "a directory without meta.json", "a capture")
-    return _by_suffix(path, suffixes_read()).read(path, progress=progress)
+    return _by_suffix(path, suffixes_read())
 
 
 def write(
