@@ -7,13 +7,25 @@ simulation, which takes `lock` for as long as it reads or writes it.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
+from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
-from usdsplat.preview.values import Event, Opened, ViewState
+from usdsplat.kernels.compiling import on_compile
+from usdsplat.kernels.device import open_device
+from usdsplat.preview import boxes
+from usdsplat.preview.display import Display
+from usdsplat.preview.drawing import Drawing, Shown
+from usdsplat.preview.scenes import Scenes
+from usdsplat.preview.values import Busy, Event, Opened, ViewState
+
+SIMULATION = "SplatSim"
+"""Type of the prims that simulate."""
 
 
 class Document:
@@ -42,11 +54,38 @@ class Document:
         self.publish = publish
         self.wake: Callable[[], None] = lambda: None
         """Tells the session that the stage may have changed; callable from any thread."""
+        self.edits: Any = None
+        """What edits the session layer and takes that back; None where nothing does."""
+        self.simulation: Any = None
+        """What runs the stage's simulation; None without one."""
         self.engine = Engine(stage, device=device, threads=threads)
+        self._scenes = Scenes(
+            self.engine,
+            lambda time: Engine(stage, device=device, threads=threads, time=time),
+            up_axis=_up_axis(stage),
+        )
+        display = Display(open_device(device, threads=threads))
+        self._drawing = Drawing(self._scenes, display)
+
+    @property
+    def shown(self) -> Shown | None:
+        """What the last picture was made of; None before the first."""
+        return self._drawing.shown
 
     def opened(self) -> Opened:
         """What a window should know first."""
-        raise NotImplementedError
+        stage = self.stage
+        has_range = stage.HasAuthoredTimeCodeRange()
+        with self.lock, self._telling():
+            return Opened(
+                name=self.path.name if self.path else stage.GetRootLayer().GetDisplayName(),
+                start=stage.GetStartTimeCode() if has_range else 0.0,
+                end=stage.GetEndTimeCode() if has_range else 0.0,
+                rate=stage.GetTimeCodesPerSecond(),
+                up_axis=_up_axis(stage),
+                cameras=tuple(self.engine.cameras()),
+                has_simulation=any(prim.GetTypeName() == SIMULATION for prim in stage.Traverse()),
+            )
 
     def draw(self, state: ViewState) -> bool:
         """Draw and publish a picture, unless the last one was this; whether a better one follows.
@@ -54,8 +93,78 @@ class Document:
         Raises:
             UsdSplatError: If the state asks for what cannot be drawn.
         """
-        raise NotImplementedError
+        with self._telling():
+            picture = self._drawing.draw(state, self.lock, self._outlines)
+        if picture is None:
+            return False
+        self.publish(picture)
+        return not (picture.is_final or state.is_moving)
+
+    def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
+        """Where to look, in the world at the time that is shown; None if nothing is there.
+
+        Args:
+            paths: Of prims, which count with all that is beneath them; none for all that is seen.
+        """
+        with self.lock:
+            if not paths:
+                return self.engine.render_scene.subject()
+            corners = [corner for path in paths for corner in self._outline(self.engine, path)]
+        return boxes.around(corners)
 
     def close(self) -> None:
         """Let go of everything."""
-        self.engine.close()
+        for each in (self.simulation, self.edits):
+            if each is not None:
+                each.close()
+        self.simulation = self.edits = None
+        with self.lock:
+            self._drawing.close()
+            self._scenes.close()
+            self.engine.close()
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
+        found = (self._outline(engine, path) for path in paths)
+        return tuple(corners for corners in found if corners)
+
+    def _outline(self, engine: Engine, path: str) -> boxes.Corners:
+        """The box of a prim: of what is drawn of it, or else what USD says; () if there is none."""
+        drawn = boxes.drawn(engine.render_scene, path)
+        if drawn:
+            return drawn
+        prim = self.stage.GetPrimAtPath(path)
+        if not prim or not prim.IsA(UsdGeom.Imageable):
+            return ()
+        code = Usd.TimeCode.Default() if engine.time is None else Usd.TimeCode(engine.time)
+        tokens = UsdGeom.Imageable.GetOrderedPurposeTokens()
+        cache = UsdGeom.BBoxCache(code, tokens, useExtentsHint=True, ignoreVisibility=True)
+        bound = cache.ComputeWorldBound(prim)
+        span = bound.GetRange()
+        if span.IsEmpty():
+            return ()
+        points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
+        return tuple((point[0], point[1], point[2]) for point in points)
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Say so while kernels are being compiled."""
+        names: list[str] = []
+
+        def compiling(name: str) -> None:
+            if not names:
+                self.publish(Busy(what="compiling kernels, once for this machine"))
+            names.append(name)
+
+        try:
+            with on_compile(compiling):
+                yield
+        finally:
+            if names:
+                self.publish(Busy(what=""))
+
+
+def _up_axis(stage: Usd.Stage) -> Any:
+    """ "Y" or "Z"."""
+    return str(UsdGeom.GetStageUpAxis(stage))

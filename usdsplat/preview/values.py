@@ -6,7 +6,9 @@ what happened by the other values here. They may cross threads and, as JSON, soc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +17,7 @@ import numpy.typing as npt
 from usdsplat.core.knobs import knob
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import CameraSpec
+from usdsplat.preview.boxes import Corners
 from usdsplat.preview.camera import FreeCamera
 
 Image = npt.NDArray[np.uint8]
@@ -101,6 +104,8 @@ class Picture:
     megabytes: float = 0.0
     """What the process holds."""
     device: str = "cpu"
+    boxes: tuple[Corners, ...] = ()
+    """Of the selected prims that are somewhere, in the order of `state.selected`."""
     warnings: tuple[str, ...] = ()
     """A sentence for each prim that cannot be drawn as it is."""
 
@@ -165,5 +170,27 @@ Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy
 
 
 def as_json(value: Any) -> Any:
-    """A value of this module as JSON has it, pictures without their image."""
-    raise NotImplementedError
+    """Return a value of the preview as JSON has it, pictures without their image.
+
+    A value of a class becomes an object whose "type" names the class; tuples and arrays become
+    lists, and numbers that JSON has no word for null. What has no form in JSON raises TypeError.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        left_out = {"image"} if isinstance(value, Picture) else set()
+        items = {
+            item.name: as_json(getattr(value, item.name))
+            for item in fields(value)
+            if item.name not in left_out
+        }
+        return {"type": type(value).__name__, **items}
+    if isinstance(value, Mapping):
+        return {str(key): as_json(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return as_json(value.tolist())
+    if isinstance(value, tuple | list):
+        return [as_json(each) for each in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
+        return value
+    raise TypeError(f"{type(value).__name__}: found no form in JSON")

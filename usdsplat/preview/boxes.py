@@ -1,0 +1,102 @@
+"""Boxes of prims in the world, by their corners, for outlines and for framing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.delegate.default_camera import Box
+from usdsplat.delegate.render_scene import Drawn, DrawnMesh, RenderScene, matrix
+from usdsplat.delegate.specs import FieldSpec, MeshSpec
+
+Point = tuple[float, float, float]
+Corners = tuple[Point, ...]
+"""Eight corners [scene unit], or none. Corner i is at the high end of x, y and z where bits 0, 1
+and 2 of i are set, so an edge joins two whose numbers differ in one bit."""
+
+SIGMAS = 4.0
+"""Standard deviations from a centre beyond which nothing of a splat is seen."""
+HIGH = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], np.float64)
+
+
+def corners(box: Box, to_world: F64 | None = None) -> Corners:
+    """Return the corners of a box of a space that a 4x4 takes to the world."""
+    points = box[0] + HIGH * (box[1] - box[0])
+    if to_world is not None:
+        points = points @ to_world[:3, :3].T + to_world[:3, 3]
+    return tuple((x, y, z) for x, y, z in points.tolist())
+
+
+def around(points: Iterable[Point]) -> Box | None:
+    """The box along the world's axes around points; None of none."""
+    array = np.array(list(points), np.float64)
+    return (array.min(axis=0), array.max(axis=0)) if array.size else None
+
+
+def drawn(scene: RenderScene, path: str) -> Corners:
+    """Return the box of all that is drawn at or beneath a path; () if nothing is.
+
+    One thing has a box along its own axes, several one along the world's. Splats far from all
+    others do not count.
+    """
+    found: list[Corners] = []
+    for _, thing, instance in _things(scene):
+        if instance.path == path or instance.path.startswith(path.rstrip("/") + "/"):
+            box = scene.subject_of(thing)
+            if box is not None:
+                found.append(corners(box, matrix(instance.transform)))
+    if len(found) == 1:
+        return found[0]
+    box = around(point for each in found for point in each)
+    return corners(box) if box is not None else ()
+
+
+class Reach:
+    """Boxes around all that may be seen, for clipping: conservative, and quick for splats that are
+    others in each frame."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[FieldSpec | MeshSpec, Box | None]] = {}
+
+    def of(self, scene: RenderScene) -> Box | None:
+        """Return the box of a scene; None if there is nothing in it."""
+        points: list[Point] = []
+        known: dict[str, tuple[FieldSpec | MeshSpec, Box | None]] = {}
+        for path, thing, instance in _things(scene):
+            if path not in known:
+                was = self._known.get(path)
+                same = was is not None and was[0] is thing.spec
+                known[path] = was if same and was else (thing.spec, _reached(thing.spec))
+            box = known[path][1]
+            if box is not None:
+                points += corners(box, matrix(instance.transform))
+        self._known = known
+        return around(points)
+
+
+def _things(scene: RenderScene) -> list[Drawn | DrawnMesh]:
+    """Each appearance of anything."""
+    return [*scene.drawn(), *scene.drawn_meshes()]
+
+
+def _reached(spec: FieldSpec | MeshSpec) -> Box | None:
+    """The box of one thing in its own space."""
+    if isinstance(spec, MeshSpec):
+        return _span(spec.points, 0.0)
+    largest = spec.cloud.scales[np.isfinite(spec.cloud.scales)].max(initial=0.0)
+    return _span(spec.cloud.positions, SIGMAS * float(largest))
+
+
+def _span(points: F32, margin: float) -> Box | None:
+    """The box around finite points, wider by a margin."""
+    if not len(points):
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        points = points[np.isfinite(points).all(axis=1)]
+        if not len(points):
+            return None
+        low, high = points.min(axis=0), points.max(axis=0)
+    return low.astype(np.float64) - margin, high.astype(np.float64) + margin

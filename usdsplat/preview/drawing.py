@@ -1,0 +1,283 @@
+"""From what a viewport shall show to its next picture.
+
+under the lock    time, purposes, sync; cameras, boxes and what else is read from scene or stage
+without           the engine draws, unless a picture shows other times than its own
+then              both sides of a comparison are made visible and put beside each other
+
+What was drawn is kept, so that exposure, a wipe or another channel cost no new drawing.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.frame_stats import FrameStats
+from usdsplat.delegate.framing import conform
+from usdsplat.delegate.render_buffer import Pixels
+from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.delegate.renderer import depends_on_time
+from usdsplat.delegate.specs import Framing, View
+from usdsplat.preview.boxes import Corners
+from usdsplat.preview.display import Display, needed
+from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
+from usdsplat.preview.process import resident_megabytes
+from usdsplat.preview.scenes import Scene, Scenes
+from usdsplat.preview.values import Image, Look, Picture, ViewState
+
+FIXED = ("project", "radiance", "peaks", "features", "sort")
+"""Stages of a picture that are done once for each splat, whatever the resolution."""
+
+Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Side:
+    """What one side of a picture was made of."""
+
+    scene: Scene
+    view: View
+    """What the engine drew."""
+    arrays: Mapping[str, Pixels]
+    """Hydra's name of an AOV -> its pixels, read-only."""
+
+    @property
+    def look(self) -> Look:
+        """What is seen."""
+        return self.scene.look
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Shown:
+    """What the last picture was made of."""
+
+    picture: Picture
+    quality: Quality
+    sides: tuple[Side, ...]
+    """One, or the left and the right one of a comparison."""
+
+    def side_at(self, x: float) -> Side:
+        """The side that is seen at a column of the viewport [pixel]."""
+        state = self.picture.state
+        return self.sides[-1 if x >= cut_of(state) else 0]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Job:
+    """One side that is to be drawn."""
+
+    scene: Scene
+    view: View
+    settings: RenderSettings
+    aovs: tuple[str, ...]
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Equal for sides that are drawn alike, but for what is asked of them."""
+        return self.scene.place, self.view, self.settings
+
+    @property
+    def reads_stage(self) -> bool:
+        """Whether it shows other times than its own."""
+        return depends_on_time(self.settings, self.view.camera, self.aovs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    arrays: Mapping[str, Pixels]
+    stats: FrameStats
+
+
+class Drawing:
+    """All pictures of one viewport of one stage."""
+
+    def __init__(self, scenes: Scenes, display: Display) -> None:
+        self._scenes = scenes
+        self._pacer = Pacer()
+        self._display = display
+        self._drawn: dict[tuple[Any, ...], _Drawn] = {}
+        self._number = 0
+        self._wanted: tuple[Any, ...] | None = None
+        self._is_warm = False
+        self.shown: Shown | None = None
+        """What the last picture was made of."""
+
+    def close(self) -> None:
+        """Let go of pictures."""
+        self._drawn.clear()
+        self.shown = self._wanted = None
+
+    def draw(self, state: ViewState, lock: threading.RLock, outlines: Outlines) -> Picture | None:
+        """Return the next picture; None if the last one is as good.
+
+        Args:
+            state: What shall be seen.
+            lock: Held while the stage is read.
+            outlines: Where the prims of some paths are.
+
+        Raises:
+            UsdSplatError: If the state asks for what cannot be drawn.
+        """
+        began = time.perf_counter()
+        with ExitStack() as holding:
+            holding.enter_context(lock)
+            scenes = self._scenes.synced(state)
+            found = outlines(scenes[0].engine, state.selected)
+            warnings = scenes[0].engine.warnings
+            wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
+            quality = self._quality(state, wanted, scenes)
+            jobs = [_job(state, scene, quality) for scene in scenes]
+            reads_stage = any(job.reads_stage for job in jobs)
+            if wanted == self._wanted and not reads_stage and self._is_shown(quality):
+                return None
+            synced = time.perf_counter()
+            if not reads_stage:
+                holding.close()
+            self._wanted = None
+            is_new = self._render(jobs)
+        sides = [
+            Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
+        ]
+        drawn = time.perf_counter()
+        image = self._composed(state, sides, quality)
+        ended = time.perf_counter()
+        stats = [each.stats for each in self._drawn.values()]
+        milliseconds = _added(each.wall_ms for each in stats)
+        if is_new:
+            self._learn(quality, milliseconds, 1e3 * (ended - drawn), _load(state, scenes))
+        milliseconds |= {
+            "sync": 1e3 * (synced - began),
+            "display": 1e3 * (ended - drawn),
+            "total": 1e3 * (ended - began),
+        }
+        self._number += 1
+        picture = Picture(
+            image=image,
+            state=state,
+            camera=scenes[0].camera,
+            number=self._number,
+            scale=quality.scale,
+            is_final=quality == FULL,
+            splats=stats[0].visible,
+            total=stats[0].splats,
+            milliseconds=milliseconds,
+            megabytes=resident_megabytes(),
+            device=scenes[0].engine.device,
+            boxes=found,
+            warnings=warnings,
+        )
+        self._wanted = wanted
+        self.shown = Shown(picture=picture, quality=quality, sides=tuple(sides))
+        return picture
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _quality(
+        self, state: ViewState, wanted: tuple[Any, ...], scenes: tuple[Scene, ...]
+    ) -> Quality:
+        """How to draw the next picture."""
+        load = _load(state, scenes)
+        if state.is_moving:
+            return self._pacer.moving(time.perf_counter(), load)
+        is_same = self.shown is not None and wanted == self._wanted
+        return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
+
+    def _is_shown(self, quality: Quality) -> bool:
+        return self.shown is not None and self.shown.quality.is_at_least(quality)
+
+    def _render(self, jobs: list[_Job]) -> bool:
+        """Draw what is not drawn yet; whether all of it had to be."""
+        asked: dict[tuple[Any, ...], tuple[_Job, tuple[str, ...]]] = {}
+        for job in jobs:
+            before = asked[job.key][1] if job.key in asked else ()
+            asked[job.key] = job, tuple(dict.fromkeys((*before, *job.aovs)))
+        known, self._drawn = self._drawn, {}
+        count = 0
+        for key, (job, aovs) in asked.items():
+            have = known.get(key)
+            if have is None or not set(aovs) <= have.arrays.keys() or job.reads_stage:
+                engine = job.scene.engine
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False)
+                have = _Drawn(arrays, engine.stats)
+                count += 1
+            self._drawn[key] = have
+        return count == len(asked)
+
+    def _composed(self, state: ViewState, sides: list[Side], quality: Quality) -> Image:
+        """Both sides of a comparison beside each other, or the only one."""
+        images = [
+            self._display.image(
+                side.look,
+                side.arrays,
+                state.display,
+                scale=quality.scale,
+                is_moving=state.is_moving,
+                prims=side.scene.prims,
+                subject=side.scene.subject if side.look.aov == "P" else None,
+            )
+            for side in sides
+        ]
+        if len(images) == 1:
+            return images[0]
+        cut = round(cut_of(state) / quality.scale)
+        return np.concatenate([images[0][:, :cut], images[1][:, cut:]], axis=1)
+
+    def _learn(
+        self, quality: Quality, milliseconds: Mapping[str, float], display: float, load: Load
+    ) -> None:
+        """Tell the pacer; not of the first picture, which loads the kernels."""
+        if self._is_warm:
+            fixed = sum(milliseconds.get(name, 0.0) for name in FIXED)
+            rest = sum(milliseconds.values()) - fixed + display
+            self._pacer.drew(quality, load, fixed=fixed, rest=rest)
+        self._is_warm = True
+
+
+def cut_of(state: ViewState) -> int:
+    """First column of the viewport that shows the right side of a comparison [pixel]."""
+    width = state.size[0]
+    return width if state.other is None else round(min(max(state.wipe, 0.0), 1.0) * width)
+
+
+def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
+    """Return what is drawn for a viewport: exactly the same part of the aperture at each scale."""
+    full = Framing(resolution=size)
+    if scale == 1.0:
+        return View(camera=scene.camera, framing=full)
+    window, _ = conform(scene.camera.window, full)
+    width, height = (max(1, math.ceil(length / scale)) for length in size)
+    framing = Framing(resolution=(width, height), conform="adjustPixelAspectRatio")
+    return View(camera=replace(scene.camera, window=window), framing=framing)
+
+
+def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
+    settings = scene.look.settings
+    if not quality.averages:
+        settings = replace(settings, samples=1)
+    view = view_of(scene, state.size, quality.scale)
+    return _Job(scene=scene, view=view, settings=settings, aovs=needed(scene.look))
+
+
+def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:
+    return Load(
+        pixels=state.size[0] * state.size[1],
+        splats=max(scene.splats for scene in scenes),
+        samples=max(scene.look.settings.samples for scene in scenes),
+    )
+
+
+def _added(books: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Times of several pictures, by stage."""
+    total: dict[str, float] = {}
+    for book in books:
+        for stage, spent in book.items():
+            total[stage] = total.get(stage, 0.0) + spent
+    return total
