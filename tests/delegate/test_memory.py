@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,12 +29,15 @@ def needed(scene, *aovs, settings=SETTINGS, size=(256, 256), rows=64, **options)
     return memory.estimate(scene, view, settings, aovs or ("color",), band_pixels=band, **options)
 
 
-def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene):
+@pytest.mark.parametrize("budget", [0, 100])
+def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene, budget):
     """Oracle: the renderer's own counts, from all splats, within a third."""
     renderer = Renderer(open_device())
-    for _ in renderer.render(scene, view_of(lens()), SETTINGS, ("color",)):
+    settings = replace(SETTINGS, splat_budget=budget)
+    for _ in renderer.render(scene, view_of(lens()), settings, ("color",)):
         pass
-    seen, pairs = memory._seen(scene, memory.Screen.of(view_of(lens())))
+    screen = memory.Screen.of(view_of(lens()))
+    seen, pairs = memory._seen(scene.draw_list(budget), screen)
     assert renderer.stats.visible > 0
     assert seen == pytest.approx(renderer.stats.visible, rel=0.33)
     assert pairs == pytest.approx(renderer.stats.pairs, rel=0.33)

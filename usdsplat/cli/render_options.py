@@ -16,7 +16,7 @@ FILE_KNOBS = ("multipart", "deep_error")
 
 DrawingFlags: Any = flags_of(
     RenderSettings,
-    ("sorting", "rasterize_mode", "sh_degree", "blend_space", "refinement"),
+    ("sorting", "rasterize_mode", "sh_degree", "splat_budget", "blend_space", "refinement"),
     about="How splats and surfaces are drawn.",
 )
 SamplingFlags: Any = flags_of(

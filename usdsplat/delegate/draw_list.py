@@ -5,6 +5,7 @@ Neighbours in the drawing order that share one field are one group: one launch d
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F64, I64
+from usdsplat.core.cloud import F64, I32, I64, SplatCloud
+from usdsplat.delegate.thinning import Part, shares
 from usdsplat.kernels import project
 
 if TYPE_CHECKING:
@@ -24,6 +26,10 @@ class Group:
     """Instances of one field, next to each other in the drawing order."""
 
     field: Field
+    cloud: SplatCloud
+    """The field's splats, or those that a budget lets it keep."""
+    rows: I32 | None
+    """Where they are in the field's arrays; None where they are those."""
     transforms: F64
     """Local to world, shape (m, 4, 4)."""
     turns: F64
@@ -63,6 +69,8 @@ class DrawList:
     """Paths of all prims that are drawn, surfaces too, sorted; a prim's number is its place."""
     splats: int
     """Splats that are drawn, instances counted each."""
+    total: int
+    """Splats that would be drawn without a budget."""
 
     @property
     def slots(self) -> int:
@@ -70,8 +78,14 @@ class DrawList:
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
 
 
-def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = ()) -> DrawList:
-    """Lay out `drawn`, which is in drawing order; `others` are the prims that are not splats."""
+def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:
+    """Lay out `drawn`, which is in drawing order.
+
+    Args:
+        others: The prims that are not splats.
+        budget: Most splats, instances counted each; 0 for all.
+    """
+    parts = _parts(drawn, budget)
     groups: list[Group] = []
     labels: list[tuple[int, int]] = []
     first_slots: list[I64] = []
@@ -82,7 +96,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = ()) -> DrawList:
         labels.append((prims[instance.path], instance.index))
         if i + 1 == len(drawn) or drawn[i + 1][1] is not field:
             transforms = np.array([each[2].transform for each in drawn[begin : i + 1]])
-            groups.append(_group(field, transforms.reshape(-1, 4, 4), slot))
+            groups.append(_group(field, parts.get(id(field)), transforms.reshape(-1, 4, 4), slot))
             span = groups[-1].blocks * groups[-1].block
             first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
             slot += groups[-1].slots
@@ -95,16 +109,33 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = ()) -> DrawList:
         labels=np.array(labels, np.int32).reshape(-1, 2),
         block_starts=np.concatenate([*starts, nothing]),
         prims=tuple(prims),
-        splats=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
+        splats=sum(len(g.transforms) * len(g.cloud) for g in groups),
+        total=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
     )
 
 
-def _group(field: Field, transforms: F64, slot: int) -> Group:
-    n = len(field.spec.cloud)
-    block = min(n, project.BLOCK)
+def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, Part]:
+    """What each field keeps, by its id; nothing where all is drawn."""
+    fields = {id(field): field for _, field, _ in drawn}
+    instances = Counter(id(field) for _, field, _ in drawn)
+    sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]
+    if budget == 0 or sum(count * times for count, times in sizes) <= budget:
+        return {}
+    kept = shares(sizes, budget)
+    return {
+        key: field.thinned(count) for (key, field), count in zip(fields.items(), kept, strict=True)
+    }
+
+
+def _group(field: Field, part: Part | None, transforms: F64, slot: int) -> Group:
+    cloud = field.spec.cloud if part is None else part.cloud
+    n = len(cloud)
+    block = max(1, min(n, project.BLOCK))
     u, s, vt = np.linalg.svd(transforms[:, :3, :3])
     return Group(
         field=field,
+        cloud=cloud,
+        rows=None if part is None else part.rows,
         transforms=transforms,
         turns=u @ vt,
         stretches=vt.transpose(0, 2, 1) @ (s[:, :, None] * vt),

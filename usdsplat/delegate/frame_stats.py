@@ -12,6 +12,8 @@ class FrameStats:
 
     splats: int = 0
     """Splats that were drawn, instances counted each."""
+    total: int = 0
+    """Splats that would be drawn without a budget."""
     visible: int = 0
     """Splats that may touch the data window."""
     pairs: int = 0

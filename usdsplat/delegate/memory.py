@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate.draw_list import Group
+from usdsplat.delegate.draw_list import DrawList, Group
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.screen import Screen
@@ -119,8 +119,8 @@ def estimate(
     x0, y0, x1, y1 = screen.window
     begin, end = next(screen.bands(band_pixels))
     wanted, meshes = set(aovs), bool(scene.drawn_meshes())
-    seen, pairs = _seen(scene, screen)
-    slots = scene.draw_list().slots
+    layout = scene.draw_list(settings.splat_budget)
+    seen, pairs = _seen(layout, screen)
     peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
     per_splat = _per_splat(wanted, peaks=peaks, labels=bool(view.matte))
     per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
@@ -129,7 +129,7 @@ def estimate(
     writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
     return Estimate(
         held=_held(scene),
-        splats=pictures * (PER_SLOT * slots + seen * per_splat + _of_meshes(scene)),
+        splats=pictures * (PER_SLOT * layout.slots + seen * per_splat + _of_meshes(scene)),
         band=int(pictures * (pixels * per_pixel + 4 * share * pairs)) + pixels * kept + writing,
         rows=end - begin,
     )
@@ -223,9 +223,8 @@ def _per_pixel(
     return size + (OCIO_VIEW if any(names) else PLAIN_VIEW)
 
 
-def _seen(scene: RenderScene, screen: Screen) -> tuple[int, int]:
+def _seen(layout: DrawList, screen: Screen) -> tuple[int, int]:
     """About how many splats are seen, and how many pairs of splat and tile they make."""
-    layout = scene.draw_list()
     step = max(1, layout.splats // PROBES)
     found = [_probed(group, screen, step) for group in layout.groups]
     return sum(each[0] for each in found), sum(each[1] for each in found)
@@ -233,7 +232,7 @@ def _seen(scene: RenderScene, screen: Screen) -> tuple[int, int]:
 
 def _probed(group: Group, screen: Screen, step: int) -> tuple[int, int]:
     """`_seen` of one group, from every so many of its splats."""
-    cloud = group.field.spec.cloud
+    cloud = group.cloud
     part = slice(None, None, step)
     matrices = screen.world_to_camera[:3] @ group.transforms
     points = cloud.positions[part].astype(np.float64)

@@ -12,6 +12,7 @@ from usdsplat.core.extent import extent
 from usdsplat.delegate.cropping import inside
 from usdsplat.delegate.draw_list import DrawList, draw_list
 from usdsplat.delegate.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
+from usdsplat.delegate.thinning import Part, Thinning
 
 SUBJECT = 0.004
 """Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
@@ -39,6 +40,14 @@ class Field:
     """Bounds in its own space, conservative; computed when first asked for."""
     subject: Box | None = None
     """Bounds of the centres without strays; computed when first asked for."""
+    thinning: Thinning | None = None
+    """What a budget leaves of it; made when first asked for."""
+
+    def thinned(self, count: int) -> Part:
+        """Return its `count` most conspicuous splats."""
+        if self.thinning is None:
+            self.thinning = Thinning(self.spec.cloud)
+        return self.thinning.part(count)
 
     @property
     def is_drawn(self) -> bool:
@@ -142,7 +151,7 @@ class RenderScene:
         self._meshes: dict[str, Mesh] = {}
         self._lights: dict[str, LightSpec] = {}
         self._drawn: list[Drawn] | None = None
-        self._draw_list: DrawList | None = None
+        self._draw_lists: dict[int, DrawList] = {}
 
     # --- editing ---------------------------------------------------------------------------
 
@@ -153,7 +162,7 @@ class RenderScene:
         if field is None:
             self._fields[path] = Field(spec)
         else:
-            field.spec, field.local, field.subject = spec, None, None
+            field.spec, field.local, field.subject, field.thinning = spec, None, None, None
 
     def set_mesh(self, path: str, spec: MeshSpec) -> None:
         """Add the mesh at `path`, or replace its triangles."""
@@ -245,12 +254,18 @@ class RenderScene:
         """Paths of all that is drawn, sorted; a prim's number is its place here."""
         return self.draw_list().prims
 
-    def draw_list(self) -> DrawList:
-        """What is drawn, laid out for the kernels; it stays as it is until the next edit."""
-        if self._draw_list is None:
+    def draw_list(self, budget: int = 0) -> DrawList:
+        """What is drawn, laid out for the kernels; it stays as it is until the next edit.
+
+        Args:
+            budget: Most splats, instances counted each; 0 for all.
+        """
+        if budget not in self._draw_lists:
+            for other in self._draw_lists.keys() - {0}:
+                del self._draw_lists[other]  # which holds splats
             surfaces = {instance.path for _, _, instance in self.drawn_meshes()}
-            self._draw_list = draw_list(self.drawn(), surfaces)
-        return self._draw_list
+            self._draw_lists[budget] = draw_list(self.drawn(), surfaces, budget=budget)
+        return self._draw_lists[budget]
 
     def bounds(self) -> Box | None:
         """Lowest and highest corner in the world of all that may be seen, or None if nothing is."""
@@ -286,4 +301,5 @@ class RenderScene:
         return np.min(lows, axis=0), np.max(highs, axis=0)
 
     def _forget_order(self) -> None:
-        self._drawn = self._draw_list = None
+        self._drawn = None
+        self._draw_lists.clear()

@@ -21,6 +21,11 @@ class RenderSettings:
         "auto", "whether the low-pass filter lowers opacity as it widens; auto follows each prim"
     )
     sh_degree: int = knob(4, "highest harmonic degree evaluated", range=(0, 4))
+    splat_budget: int = knob(
+        0,
+        "most splats of a view, the least conspicuous are left out; 0 draws all",
+        range=(0, 2**31 - 1),
+    )
     blend_space: Literal["auto", "linear"] = knob(
         "auto",
         "where splats are blended: auto is the space the captures were trained in, linear the "

@@ -71,7 +71,7 @@ class Look:
     ) -> None:
         self._device = device
         self._scratch = scratch
-        self._layout = scene.draw_list()
+        self._layout = scene.draw_list(settings.splat_budget)
         self._screen = screen
         self._settings = settings
         self._blend_space = blend_space
@@ -98,7 +98,7 @@ class Look:
         ends = np.cumsum([group.all_blocks for group in layout.groups])
         parts = np.split(found, ends[:-1])
         pairs = list(zip(layout.groups, parts, strict=bool(layout.groups)))
-        stats.splats = layout.splats
+        stats.splats, stats.total = layout.splats, layout.total
         for group, part in pairs:
             self._project(group, out, part)
         clock.lap("project")
@@ -116,6 +116,8 @@ class Look:
                 self._features(group, records, sources, part, features)
                 self._radiance(group, sources, part, features, feature.ALBEDO, 0)
             clock.lap("features")
+        for group in layout.groups:
+            _name_rows(group, sources)
         order = self._sort(found, out[1])
         gathered = (
             self._gather("ordered", order, records),
@@ -154,7 +156,7 @@ class Look:
         )
 
     def _project(self, group: Group, out: Any, found: I32) -> None:
-        cloud, upload = group.field.spec.cloud, self._device.upload
+        cloud, upload = group.cloud, self._device.upload
         shapes, crops = volumes(group.field.crops, group.transforms)
         self._device.run(
             project.project, self._record(group), self._matrices(group), shapes, crops,
@@ -168,13 +170,13 @@ class Look:
         spec, upload = group.field.spec, self._device.upload
         numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
         self._device.run(
-            radiance.radiance, self._sights(group), upload(spec.cloud.positions),
-            upload(spec.cloud.sh), min(degree, spec.cloud.sh_degree), numbers,
+            radiance.radiance, self._sights(group), upload(group.cloud.positions),
+            upload(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
             not is_identity(numbers), group.block, group.slot, sources, found, paints, column,
         )  # fmt: skip
 
     def _peaks(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
-        cloud, upload = group.field.spec.cloud, self._device.upload
+        cloud, upload = group.cloud, self._device.upload
         matrices = self._matrices(group)
         self._device.run(
             peak.peaks, self._record(group), matrices, _inverses(matrices),
@@ -183,7 +185,7 @@ class Look:
         )  # fmt: skip
 
     def _features(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
-        cloud, upload = group.field.spec.cloud, self._device.upload
+        cloud, upload = group.cloud, self._device.upload
         matrices = self._matrices(group)
         self._device.run(
             feature.features, matrices, _inverses(matrices), self._screen.orthographic,
@@ -237,6 +239,13 @@ class Look:
         out = self._scratch.get(name, (len(order),), numbers.dtype)
         self._device.run(feature.labels, order, self._layout.first_slots, numbers, out)
         return out
+
+
+def _name_rows(group: Group, sources: I32) -> None:
+    """Where a budget leaves a part of a field, go from rows of the part to rows of the field."""
+    if group.rows is not None and group.slots > 0:
+        used = slice(group.slot, group.slot + group.slots)
+        sources[used] = group.rows.take(sources[used], mode="clip")  # unused slots hold anything
 
 
 def _inverses(matrices: F64) -> F64:
