@@ -60,11 +60,11 @@ _NAMES = tuple(Uses.__dataclass_fields__)
 def uses_over(recipe: Recipe, times: Iterable[float]) -> Uses:
     """What a field's simulation needs at these times [time code]."""
     has_skin = recipe.binding is not None
-    return reduce(Uses.joined, (_uses(recipe.at(time), has_skin) for time in times), Uses())
+    return reduce(Uses.joined, (uses_at(recipe.at(time), has_skin) for time in times), Uses())
 
 
-def _uses(moment: Moment, has_skin: bool) -> Uses:
-    """What is needed at one time."""
+def uses_at(moment: Moment, has_skin: bool) -> Uses:
+    """What is needed at one time, by a field that is bound to a skeleton or not."""
     p = moment.parameters
     if not p.sim.enabled:
         return Uses()

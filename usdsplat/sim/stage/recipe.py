@@ -7,6 +7,9 @@ schemas. The stage must not change while its recipes are in use.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import numpy as np
 from pxr import Usd
@@ -32,14 +35,22 @@ from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
 from usdsplat.sim.stage.targets import SurfaceReader, related
 
-__all__ = ["StageRecipe", "find_simulations", "recipes"]
+__all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
+
+UNGUARDED: AbstractContextManager[Any] = nullcontext()
+"""Held while a stage is read that nobody else has."""
 
 TARGET = f"{NAMESPACE}:conform:target"
 RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
 
 
 def recipes(
-    stage: Usd.Stage, simulation: Usd.Prim, *, start: float | None = None
+    stage: Usd.Stage,
+    simulation: Usd.Prim,
+    *,
+    start: float | None = None,
+    reading: AbstractContextManager[Any] = UNGUARDED,
+    kind: Callable[..., StageRecipe] | None = None,
 ) -> tuple[StageRecipe, ...]:
     """One recipe for each field of a simulation, ordered by path.
 
@@ -48,18 +59,25 @@ def recipes(
         simulation: A SplatSim prim.
         start: First frame that is simulated [time code]; None is the stage's first. The
             simulation's own start time comes before both.
+        reading: Entered for as long as the stage is read, again and again; see `StageRecipe`.
+        kind: Makes them; None is `StageRecipe`.
 
     Raises:
         UsdSplatError: If something that the simulation needs is not there or cannot be used.
     """
+    make = kind or StageRecipe
     rigs = Rigs()
-    found, left_out = collections.splats(stage, simulation)
-    first = stage.GetStartTimeCode() if start is None else start
-    return tuple(StageRecipe(simulation, prim, rigs, first, left_out) for prim in found)
+    with reading:
+        found, left_out = collections.splats(stage, simulation)
+        first = stage.GetStartTimeCode() if start is None else start
+        return tuple(make(simulation, prim, rigs, first, left_out, reading) for prim in found)
 
 
 class StageRecipe:
     """One field and all that acts on it; see `sim.specs.Recipe`.
+
+    It is made while `reading` is entered, and enters it whenever it reads the stage: a lock, where
+    others read and write the stage in threads of their own.
 
     Args:
         simulation: The SplatSim prim.
@@ -67,6 +85,7 @@ class StageRecipe:
         rigs: What UsdSkel knows of the stage.
         first: First frame that is simulated [time code].
         said: Remarks about the simulation that were made before.
+        reading: Entered while the stage is read; it must be reentrant.
     """
 
     def __init__(
@@ -76,8 +95,14 @@ class StageRecipe:
         rigs: Rigs,
         first: float,
         said: list[str] | None = None,
+        reading: AbstractContextManager[Any] = UNGUARDED,
     ) -> None:
         self._simulation, self._field, self._rigs = simulation, field, rigs
+        self._reading = reading
+        self.path = str(field.GetPath())
+        """Of the field."""
+        self.simulation = str(simulation.GetPath())
+        """Path of the SplatSim prim."""
         stage = simulation.GetStage()
         asked = read(simulation, SimParameters, f"{NAMESPACE}:sim", Usd.TimeCode.Default())
         self.start = asked.start_time if math.isfinite(asked.start_time) else first
@@ -95,22 +120,14 @@ class StageRecipe:
         }
         self._drivers = instances(simulation, "driver")
         self._skin = self._bind()
+        self.codes_per_second = float(stage.GetTimeCodesPerSecond())
+        """Time codes in a second."""
         self.remarks: tuple[str, ...] = (
             *(said or ()),
             *of_field,
             *map(str, doubts(simulation, members)),
         )
         """What the stage says and nobody reads, a sentence each."""
-
-    @property
-    def path(self) -> str:
-        """Of the field."""
-        return str(self._field.GetPath())
-
-    @property
-    def simulation(self) -> str:
-        """Path of the SplatSim prim."""
-        return str(self._simulation.GetPath())
 
     @property
     def rest(self) -> SplatCloud:
@@ -127,37 +144,35 @@ class StageRecipe:
         """What binds the field to a skeleton."""
         return self._skin.binding if self._skin else None
 
-    @property
-    def codes_per_second(self) -> float:
-        """Time codes in a second."""
-        return float(self._simulation.GetStage().GetTimeCodesPerSecond())
-
     def at(self, time: float) -> Moment:
         """What is so at a time code, whole or not.
 
         Raises:
             StageError: If a value is none that it can be.
         """
-        code = Usd.TimeCode(time)
-        return Moment(
-            time=time,
-            parameters=self.parameters(time),
-            to_world=self._space.to_world(code),
-            affectors=tuple(each.at(code) for each in self._affectors),
-            target=self._target.at(code) if self._target else None,
-            relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
-            deformers=self._deformers(code),
-            drivers=tuple(self._driver(name, code) for name in self._drivers),
-            skin=self._skin.at(code) if self._skin else None,
-        )
+        with self._reading:
+            code = Usd.TimeCode(time)
+            return Moment(
+                time=time,
+                parameters=self.parameters(time),
+                to_world=self._space.to_world(code),
+                affectors=tuple(each.at(code) for each in self._affectors),
+                target=self._target.at(code) if self._target else None,
+                relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
+                deformers=self._deformers(code),
+                drivers=tuple(self._driver(name, code) for name in self._drivers),
+                skin=self._skin.at(code) if self._skin else None,
+            )
 
     def parameters(self, time: float) -> Parameters:
         """All parameters of the simulation at a time code."""
-        return read_all(self._simulation, Usd.TimeCode(time))
+        with self._reading:
+            return read_all(self._simulation, Usd.TimeCode(time))
 
     def field_to_simulation(self, time: float) -> F64:
         """From the field's space at a time code to the simulation's, shape (4, 4)."""
-        return self._space.from_prim(self._field, Usd.TimeCode(time))
+        with self._reading:
+            return self._space.from_prim(self._field, Usd.TimeCode(time))
 
     # --- private ---------------------------------------------------------------------------
 

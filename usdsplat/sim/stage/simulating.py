@@ -6,6 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.carrying import carried, carried_arrays
 from usdsplat.sim.stage.plan import BakedField
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
-from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
+from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
 
@@ -96,10 +97,14 @@ class Simulation:
     """All fields of a stage's simulations, in step. A preview runs it as a bake does.
 
     Args:
-        stage: With at least one SplatSim prim; must not change meanwhile, except between frames.
-        frames: Every frame, ascending, one apart [time code].
+        stage: With at least one SplatSim prim; must not change meanwhile, except between frames or
+            by those who keep out of `reading`.
+        frames: Every frame, ascending, one apart [time code]. What happens at none of them is not
+            prepared for, so a run without an end says as many as it may need.
         device: Computes.
         lap: Told what was done.
+        reading: Entered for as long as the stage is read, again and again.
+        kind: Makes the recipes; None is `StageRecipe`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated.
@@ -112,26 +117,17 @@ class Simulation:
         *,
         device: CpuDevice,
         lap: Callable[[str], None] = lambda name: None,
+        reading: AbstractContextManager[Any] = UNGUARDED,
+        kind: Callable[..., StageRecipe] | None = None,
     ) -> None:
-        prims = find_simulations(stage)
-        where = stage.GetRootLayer().GetDisplayName()
-        if not stage.GetTimeCodesPerSecond() > 0:
-            found = f"timeCodesPerSecond of {stage.GetTimeCodesPerSecond():g}"
-            raise StageError(where, found, "more than 0")
-        if not prims:
-            raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
         self._stage = stage  # prims live no longer than it
         self._device, self._lap = device, lap
         self._start = frames[0]
-        self.recipes: dict[str, StageRecipe] = {}
-        for prim in prims:
-            for recipe in recipes(stage, prim, start=frames[0]):
-                if recipe.path in self.recipes:
-                    found = f"the simulations {self.recipes[recipe.path].simulation} and "
-                    raise StageError(recipe.path, found + recipe.simulation, "one of them")
-                self.recipes[recipe.path] = recipe
+        with reading:
+            self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
-        self._carried: dict[str, frozenset[str]] = {}
+        self.carried: dict[str, frozenset[str]] = {}
+        """Arrays that change because a field moves in the simulation's space, by its path."""
         for path, recipe in self.recipes.items():
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
             if lead > LEAD:
@@ -140,7 +136,7 @@ class Simulation:
                 raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
             self.uses[path] = uses_over(recipe, times)
-            self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
+            self.carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
 
@@ -164,7 +160,7 @@ class Simulation:
 
     def frame(self, path: str) -> Frame:
         """A field as it is now, in its own space."""
-        solver, arrays = self.solvers[path], self._carried[path]
+        solver, arrays = self.solvers[path], self.carried[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
             return frame
@@ -173,7 +169,7 @@ class Simulation:
 
     def writes(self, path: str) -> frozenset[str]:
         """The arrays of a field's cloud that may change."""
-        return self.uses[path].writes | self._carried[path]
+        return self.uses[path].writes | self.carried[path]
 
     def checkpoint(self) -> dict[str, State]:
         """What `begin` takes."""
@@ -190,17 +186,42 @@ class Simulation:
         return tuple(found)
 
 
+def _recipes(
+    stage: Usd.Stage,
+    start: float,
+    reading: AbstractContextManager[Any],
+    kind: Callable[..., StageRecipe] | None,
+) -> dict[str, StageRecipe]:
+    """Of each field, by its path."""
+    prims = find_simulations(stage)
+    where = stage.GetRootLayer().GetDisplayName()
+    if not stage.GetTimeCodesPerSecond() > 0:
+        found = f"timeCodesPerSecond of {stage.GetTimeCodesPerSecond():g}"
+        raise StageError(where, found, "more than 0")
+    if not prims:
+        raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
+    made: dict[str, StageRecipe] = {}
+    for prim in prims:
+        for recipe in recipes(stage, prim, start=start, reading=reading, kind=kind):
+            if recipe.path in made:
+                found = f"the simulations {made[recipe.path].simulation} and {recipe.simulation}"
+                raise StageError(recipe.path, found, "one of them")
+            made[recipe.path] = recipe
+    return made
+
+
 def simulate(
     stage: Usd.Stage,
     target: Path,
     frames: Sequence[float],
     *,
-    device: str = "auto",
+    device: str | CpuDevice = "auto",
     threads: int | None = None,
     resume: bool = False,
     force: bool = False,
     progress: Progress = silent,
     remark: Remark = lambda text: None,
+    reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> Report:
     """Simulate a stage and bake the result.
 
@@ -208,11 +229,12 @@ def simulate(
         stage: From a file; opinions on its session layer count.
         target: The layer of results, a .usda; its samples go to a folder beside it.
         frames: Every frame, ascending, one apart [time code].
-        device, threads: As `open_device` takes them.
+        device, threads: As `open_device` takes them, or one that is open.
         resume: Go on with the bake at `target` from its last checkpoint.
         force: Replace a bake that is there.
         progress: Told about each frame.
         remark: Told a sentence about what is left out.
+        reading: Entered while the solver reads the stage, as in `Simulation`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated, written or resumed.
@@ -221,7 +243,8 @@ def simulate(
         raise OutputError(str(target), "a file", "a new name, or --resume or --force")
     with compile_time() as compiled:
         clock = Clock(compiled)
-        report = _simulate(stage, target, frames, device, threads, resume, progress, remark, clock)
+        machine = open_device(device, threads=threads) if isinstance(device, str) else device
+        report = _simulate(stage, target, frames, machine, resume, progress, remark, clock, reading)
         report.stages["compiling"] = round(compiled(), 3)
     return report
 
@@ -230,23 +253,22 @@ def _simulate(
     stage: Usd.Stage,
     target: Path,
     frames: Sequence[float],
-    device: str,
-    threads: int | None,
+    machine: CpuDevice,
     resume: bool,
     progress: Progress,
     remark: Remark,
     clock: Clock,
+    reading: AbstractContextManager[Any],
 ) -> Report:
     """`simulate` after its first check, with a clock."""
     began = time.perf_counter()
-    machine = open_device(device, threads=threads)
-    simulation = Simulation(stage, frames, device=machine, lap=clock.lap)
+    simulation = Simulation(stage, frames, device=machine, lap=clock.lap, reading=reading)
     parameters = _common(simulation, frames[0])
     made_of = _provenance(stage, simulation, frames, parameters, machine)
     bake = Bake.open(
         stage,
         target,
-        _fields(simulation),
+        baked_fields(simulation),
         frames,
         parameters.bake,
         made_of,
@@ -304,7 +326,7 @@ def _common(simulation: Simulation, start: float) -> Parameters:
     return first
 
 
-def _fields(simulation: Simulation) -> list[BakedField]:
+def baked_fields(simulation: Simulation) -> list[BakedField]:
     """What is written about each field."""
     return [
         BakedField(
