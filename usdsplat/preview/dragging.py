@@ -1,0 +1,271 @@
+"""What the drag of a manipulator's handle does to a prim, by rays through the pointer.
+
+    drag = begin_drag(manipulator, "x", (310.0, 200.0), projection)
+    matrix = drag((330.0, 205.0))                      # as often as the pointer moves
+
+The matrix follows from where the drag began and where the pointer is, not from the way there; only
+a turn remembers how often it went round. A pointer that says nothing, such as one beyond the
+horizon of a plane, leaves the matrix as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.delegate.specs import Matrix
+from usdsplat.preview.manipulator import (
+    AXES,
+    EDGE_ON,
+    LENGTH,
+    PLANES,
+    RING,
+    Handle,
+    Manipulator,
+    across,
+)
+from usdsplat.preview.projection import Pixel, Projection
+
+TURN = 15.0
+"""What a snapping turn goes in [degree]."""
+SCALE = 0.1
+"""What a snapping scale goes in."""
+SMALLEST = 1e-3
+"""Factor below which nothing is scaled, so that it can be made large again."""
+FARTHEST = 1e3
+"""How far a drag goes, in lengths of a handle: near a horizon a pixel is worth a mile."""
+STEPS = 10.0
+"""About how many snapping steps a handle is long."""
+
+Value = F64 | float
+
+
+class Drag:
+    """A drag that goes on.
+
+    Args:
+        measure: What a pointer says; None if nothing.
+        place: What that makes of the matrix: at the start, now, and whether it snaps.
+        begun: Where the pointer is at first.
+        matrix: Of the prim, at first.
+    """
+
+    def __init__(
+        self,
+        measure: Callable[[Pixel], Value | None],
+        place: Callable[[Any, Any, bool], F64],
+        *,
+        begun: Pixel,
+        matrix: F64,
+    ) -> None:
+        self._measure, self._place = measure, place
+        self._start = measure(begun)
+        self._matrix = matrix
+
+    def __call__(self, pixel: Pixel, *, snaps: bool = False) -> F64:
+        """The prim's matrix with the pointer there, local to world, shape (4, 4)."""
+        now = self._measure(pixel)
+        if self._start is None:
+            self._start = now
+        elif now is not None:
+            self._matrix = self._place(self._start, now, snaps)
+        return self._matrix
+
+
+def begin_drag(
+    manipulator: Manipulator, handle: Handle, pixel: Pixel, projection: Projection
+) -> Drag:
+    """Take hold of a handle."""
+    kinds = {"translate": _translating, "rotate": _rotating, "scale": _scaling}
+    measure, place = kinds[manipulator.mode](manipulator, handle, projection)
+    return Drag(measure, place, begun=pixel, matrix=manipulator.matrix)
+
+
+def snapping_step(length: float) -> float:
+    """What a move snaps to: 1, 2 or 5 times a power of ten, of which a handle has about ten."""
+    wanted = length / STEPS
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / wanted)))
+
+
+def as_matrix(array: F64) -> Matrix:
+    """An array as it crosses to a stage."""
+    return tuple(float(value) for value in array.ravel())
+
+
+_Measure = Callable[[Pixel], Value | None]
+_Place = Callable[[Any, Any, bool], F64]
+
+
+def _translating(
+    manipulator: Manipulator, handle: Handle, projection: Projection
+) -> tuple[_Measure, _Place]:
+    axes, step = manipulator.axes, snapping_step(manipulator.length(projection))
+    measure: _Measure
+    if handle in AXES:
+        axis = axes[AXES.index(handle)]
+        kept, measure = axis[None], _along(axis, manipulator, projection)
+    elif handle == "view":
+        kept = projection.axes[:2]
+        measure = _on_plane(projection.axes[2], manipulator, projection)
+    else:
+        across_it = PLANES.index(handle)
+        kept = np.delete(axes, across_it, axis=0)
+        normal = np.cross(kept[0], kept[1])
+        measure = _on_plane(normal / np.linalg.norm(normal), manipulator, projection)
+
+    def place(start: F64, now: F64, snaps: bool) -> F64:
+        parts = (now - start) @ np.linalg.pinv(kept)
+        if snaps:
+            parts = step * np.round(parts / step)
+        moved = manipulator.matrix.copy()
+        moved[:3, 3] += parts @ kept
+        return moved
+
+    return measure, place
+
+
+def _rotating(
+    manipulator: Manipulator, handle: Handle, projection: Projection
+) -> tuple[_Measure, _Place]:
+    sight = projection.towards(manipulator.origin)
+    axis = sight if handle == "view" else manipulator.axes[AXES.index(handle)]
+    is_edge_on = abs(float(axis @ sight)) < EDGE_ON
+    measure = (_along_rim if is_edge_on else _around)(axis, manipulator, projection)
+    turned, before = 0.0, None
+
+    def place(start: float, now: float, snaps: bool) -> F64:
+        nonlocal turned, before
+        step = now - (start if before is None else before)
+        turned += step if is_edge_on else math.remainder(step, 2.0 * math.pi)
+        before = now
+        angle = math.degrees(turned)
+        angle = math.radians(TURN * round(angle / TURN) if snaps else angle)
+        placed = manipulator.matrix.copy()
+        placed[:3, :3] = _turn(axis, angle) @ placed[:3, :3]
+        return placed
+
+    return measure, place
+
+
+def _scaling(
+    manipulator: Manipulator, handle: Handle, projection: Projection
+) -> tuple[_Measure, _Place]:
+    measure: _Measure
+    if handle in AXES:
+        kept = np.arange(3) == AXES.index(handle)
+        axis = manipulator.axes[AXES.index(handle)]
+        point = _along(axis, manipulator, projection)
+
+        def measure(pixel: Pixel) -> float | None:
+            found = point(pixel)
+            return None if found is None else float((found - manipulator.origin) @ axis)
+
+        def factor(start: float, now: float) -> float:
+            return now / start if start else 1.0
+    else:
+        kept = np.ones(3, bool)
+
+        def measure(pixel: Pixel) -> float:
+            return (pixel[0] - pixel[1]) / (LENGTH * manipulator.ratio)
+
+        def factor(start: float, now: float) -> float:
+            return 2.0 ** (now - start)
+
+    def place(start: float, now: float, snaps: bool) -> F64:
+        scale = factor(start, now)
+        if snaps:
+            scale = max(SCALE * round(scale / SCALE), SCALE)
+        scaled = manipulator.matrix.copy()
+        scaled[:3, :3] *= np.where(kept, max(scale, SMALLEST), 1.0)
+        return scaled
+
+    return measure, place
+
+
+# --- what a pointer says -------------------------------------------------------------------
+
+
+def _along(
+    axis: F64, manipulator: Manipulator, projection: Projection
+) -> Callable[[Pixel], F64 | None]:
+    """The point of an axis through the origin that is seen nearest to the pointer."""
+    origin, length = manipulator.origin, manipulator.length(projection)
+    first, second = projection.pixels([origin, origin + 0.5 * length * axis])
+    way = (second - first) / max(float(np.linalg.norm(second - first)), 1e-12)
+
+    def point(pixel: Pixel) -> F64 | None:
+        x, y = first + ((np.asarray(pixel) - first) @ way) * way
+        start, ray = projection.ray((float(x), float(y)))
+        gap, cosine = origin - start, float(axis @ ray)
+        share = 1.0 - cosine * cosine
+        if share < 1e-12:
+            return None
+        along_axis, along_ray = float(axis @ gap), float(ray @ gap)
+        distance = (cosine * along_ray - along_axis) / share
+        is_behind = (along_ray - cosine * along_axis) / share <= 0.0
+        if is_behind or abs(distance) > FARTHEST * length:
+            return None
+        return np.asarray(origin + distance * axis)
+
+    return point
+
+
+def _on_plane(
+    normal: F64, manipulator: Manipulator, projection: Projection
+) -> Callable[[Pixel], F64 | None]:
+    """The point of a plane through the origin that is under the pointer."""
+    origin, length = manipulator.origin, manipulator.length(projection)
+
+    def point(pixel: Pixel) -> F64 | None:
+        start, ray = projection.ray(pixel)
+        slope = float(ray @ normal)
+        distance = float((origin - start) @ normal) / slope if abs(slope) > 1e-9 else -1.0
+        found = start + distance * ray
+        is_far = float(np.linalg.norm(found - origin)) > FARTHEST * length
+        return None if distance <= 0.0 or is_far else np.asarray(found)
+
+    return point
+
+
+def _around(
+    axis: F64, manipulator: Manipulator, projection: Projection
+) -> Callable[[Pixel], float | None]:
+    """The angle about an axis at which the pointer is [radian]."""
+    first, second = across(axis)
+    point = _on_plane(axis, manipulator, projection)
+
+    def angle(pixel: Pixel) -> float | None:
+        found = point(pixel)
+        if found is None:
+            return None
+        way = found - manipulator.origin
+        return math.atan2(float(way @ second), float(way @ first))
+
+    return angle
+
+
+def _along_rim(
+    axis: F64, manipulator: Manipulator, projection: Projection
+) -> Callable[[Pixel], float | None]:
+    """As `_around`, for a ring that is seen from its edge: its near side goes with the pointer."""
+    origin, length = manipulator.origin, manipulator.length(projection)
+    rim = np.cross(axis, -projection.towards(origin))
+    start, end = projection.pixels([origin, origin + 0.5 * length * rim])
+    way = (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
+
+    def angle(pixel: Pixel) -> float:
+        return float((np.asarray(pixel) - start) @ way) / (RING * LENGTH * manipulator.ratio)
+
+    return angle
+
+
+def _turn(axis: F64, angle: float) -> F64:
+    """Rotation about a unit vector, counter-clockwise seen from its tip, shape (3, 3)."""
+    x, y, z = axis
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)
