@@ -1,8 +1,8 @@
 """A picture on its way to a page: the length of its header, the header as JSON, the encoded image.
 
-    4 bytes   length of the header, unsigned, big end first
-    header    UTF-8 JSON: what `header` says
-    image     JPEG while something better follows, else PNG: what is final is exact
+4 bytes   length of the header, unsigned, big end first
+header    UTF-8 JSON: what `header` says
+image     JPEG while something better follows, else PNG: what is final is exact
 """
 
 from __future__ import annotations

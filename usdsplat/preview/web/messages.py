@@ -1,4 +1,4 @@
-"""What a page may ask for: one frozen value each, read from JSON and checked before anybody sees it.
+"""What a page may ask for: one frozen value each, read from JSON and checked.
 
     {"type": "orbit", "right": 0.1, "down": 0.0}  ->  Orbit(right=0.1, down=0.0)
 
@@ -21,6 +21,7 @@ MAX_SIDE = 4096
 """Of a viewport [pixel]."""
 _LONG = 1024  # characters of a name, path or text; a path this long is nobody's
 _DRAG = (-100.0, 100.0)
+_SPEED = (-8.0, 8.0)
 _PLACE = (0.0, float(MAX_SIDE))
 
 
@@ -36,6 +37,9 @@ class Hello:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TakeOver:
     """Have the view that another page has."""
+
+    width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
+    height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,11 +90,11 @@ class LookAround:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fly:
-    """Move eye and target alike."""
+    """Fly from now on, until another one says otherwise or the move ends."""
 
-    right: float = knob(0.0, "in parts of the distance from the target", range=_DRAG)
-    up: float = knob(0.0, "in parts of the distance from the target", range=_DRAG)
-    forward: float = knob(0.0, "in parts of the distance from the target", range=_DRAG)
+    right: float = knob(0.0, "of the speed", range=_SPEED)
+    up: float = knob(0.0, "of the speed", range=_SPEED)
+    forward: float = knob(0.0, "of the speed", range=_SPEED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,10 +124,18 @@ class Play:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Advance:
+    """Go on by frames, or back, and stop."""
+
+    frames: int = knob(MISSING, "that are gone", range=(-1000, 1000))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SetTime:
     """Go to a time."""
 
     time: float = knob(MISSING, "time code", range=(-1e9, 1e9))
+    is_scrubbing: bool = knob(False, "whether others follow soon, until the move ends")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,6 +144,13 @@ class SetRange:
 
     start: float = knob(MISSING, "first time code", range=(-1e9, 1e9))
     end: float = knob(MISSING, "last time code", range=(-1e9, 1e9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetLoops:
+    """Begin again at the end, or stop there."""
+
+    loops: bool = knob(MISSING, "whether it begins again")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,6 +183,7 @@ class SetParameter:
     path: str = knob(MISSING, "of the prim")
     name: str = knob(MISSING, "of the knob")
     value: object = knob(MISSING, "of the knob's own type")
+    drag: int = knob(0, "which all changes of one drag share; 0 for a change alone")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,8 +219,8 @@ class Reload:
 
 Message = (
     Hello | TakeOver | Acknowledge | Resize | Orbit | Pan | Dolly | LookAround | Fly | EndMove
-    | Frame | UseCamera | Play | SetTime | SetRange | SetAov | SetSetting | SetDisplay
-    | SetParameter | Simulate | Pick | Undo | Redo | Reload
+    | Frame | UseCamera | Play | Advance | SetTime | SetRange | SetLoops | SetAov | SetSetting
+    | SetDisplay | SetParameter | Simulate | Pick | Undo | Redo | Reload
 )  # fmt: skip
 
 
