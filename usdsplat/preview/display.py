@@ -7,23 +7,21 @@ ids have steady colours. The background is seen wherever nothing is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
+from usdsplat.core.cloud import F32, F64
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.color import REC709, convert, luminance
-from usdsplat.kernels import show
+from usdsplat.kernels import false_color, show
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import palette
 from usdsplat.preview.values import DisplaySettings, Image, Look
 from usdsplat.preview.viewing import Ways
-
-Mask = npt.NDArray[np.bool_]
 
 CHANNELS = {
     "rgb": show.ALL, "luminance": show.ALL, "red": show.RED, "green": show.GREEN,
@@ -96,36 +94,38 @@ class Display:
         name = needed(look)[0]
         if name in ("color", "albedo"):
             return self._color(look, _with_alpha(name, arrays), display, scale)
-        pixels = arrays[name]
+        pixels, out = arrays[name], np.empty((*arrays[name].shape[:2], 3), np.uint8)
+        end = (*self._background(out, display, scale), out)
+        run = self._device.run
         if name.startswith("depth"):
-            shown, there = self._depth(name, pixels, display, is_moving)
+            white, black = self._depth_range(name, pixels, display, is_moving)
+            per_unit = np.float32(1.0 / ((black - white) or 1.0))
+            ramp = palette.RAMPS[display.colormap]
+            run(false_color.depths, pixels, np.float32(white), per_unit, ramp, *end)
         elif name == "Neye":
-            shown, there = _half(pixels), _is_any(pixels)
+            run(false_color.vectors, pixels, *_per_axis(np.full(3, -1.0), np.full(3, 1.0)), *end)
         elif name == "P":
-            shown, there = _placed(pixels, subject), _is_any(pixels)
+            low, high = subject if subject is not None else (np.zeros(3), np.ones(3))
+            run(false_color.vectors, pixels, *_per_axis(low, high), *end)
         elif name in ("motionForward", "motionBackward"):
-            shown = self._motion(pixels, is_moving)
-            there = np.isfinite(arrays[BESIDE[name]])
+            most = self._longest(pixels, is_moving)
+            hues, depth = palette.HUES, arrays[BESIDE[name]]
+            run(false_color.motions, pixels, depth, np.float32(1.0 / most), hues, *end)
         elif name == "cryptoObject":
-            return self._matte(pixels, display, scale)
+            pairs = np.ascontiguousarray(pixels).reshape(*pixels.shape[:2], -1, 2)
+            run(false_color.mattes, pairs, palette.SHIFT, palette.COLORS, *end)
+        elif name == "primId":
+            run(false_color.counted, pixels, palette.of_names(prims), *end)
         else:
-            there = pixels >= 0
-            if name == "primId":
-                shown = np.take(palette.of_names((*prims, "")), pixels, axis=0)
-            else:
-                shown = palette.of_ids(pixels)
-        return _over(shown, there, background(pixels.shape[:2], display, scale))
+            run(false_color.hashed, pixels, palette.SHIFT, palette.COLORS, *end)
+        return out
 
     # --- private ---------------------------------------------------------------------------
 
     def _color(self, look: Look, image: F32, display: DisplaySettings, scale: float) -> Image:
         way = self._ways.of(look.settings, exposure=display.exposure, gamma=display.gamma)
-        height, width = image.shape[:2]
-        one, two = (np.float32(code) for code in BACKGROUNDS[display.background])
-        square = max(1, round(SQUARE / scale))
-        is_second = np.arange(width) // square % 2 == 1
-        rows = np.where(np.stack([is_second, ~is_second]), two, one)
-        out = np.empty((height, width, 3), np.uint8)
+        out = np.empty((*image.shape[:2], 3), np.uint8)
+        rows, square = _rows(image.shape[1], display, scale)
         self._device.run(
             show.show, np.ascontiguousarray(image), way.matrix, way.shaper,
             np.float32(1.0 / way.shaper_top), way.cube, way.table, np.float32(1.0 / way.top),
@@ -133,22 +133,23 @@ class Display:
         )  # fmt: skip
         return _grey_of(out) if display.channel == "luminance" else out
 
-    def _depth(
-        self, name: str, depths: F32, display: DisplaySettings, is_moving: bool
-    ) -> tuple[Image, Mask]:
-        there = np.isfinite(depths)
-        white, black = display.depth_range
-        if white == black:
-            white, black = self._range(name, depths, is_moving)
-        span = (black - white) or 1.0
-        parts = np.where(there, (np.float32(black) - depths) / np.float32(span), np.float32(0))
-        return palette.ramp(display.colormap, parts), there
+    def _background(self, out: Image, display: DisplaySettings, scale: float) -> tuple[Image, int]:
+        """Two kinds of rows, and how many are of a kind."""
+        rows, square = _rows(out.shape[1], display, scale)
+        codes = np.floor(255 * rows + 0.5).astype(np.uint8)
+        return np.repeat(codes[..., None], 3, axis=-1), square
 
-    def _motion(self, motion: F32, is_moving: bool) -> Image:
-        x, y = motion[..., 0], motion[..., 1]
-        lengths: F32 = np.hypot(x, y)
-        most = self._range("motion", lengths[lengths > 0], is_moving)[1]
-        return palette.of_directions(x, y, (lengths / np.float32(most or 1.0)).astype(np.float32))
+    def _depth_range(
+        self, name: str, depths: F32, display: DisplaySettings, is_moving: bool
+    ) -> tuple[float, float]:
+        """Depths that are shown white and black."""
+        white, black = display.depth_range
+        return (white, black) if white != black else self._range(name, depths, is_moving)
+
+    def _longest(self, motion: F32, is_moving: bool) -> float:
+        """Length of motion that is shown brightest [pixel of the picture]."""
+        few = motion[:: max(1, math.isqrt(motion[..., 0].size // FEW))]
+        return max(self._range("motion", np.hypot(few[..., 0], few[..., 1]), is_moving)[1], 1.0)
 
     def _range(self, name: str, values: F32, is_moving: bool) -> tuple[float, float]:
         """Where nearly all values lie; while a view moves it follows slowly."""
@@ -165,27 +166,19 @@ class Display:
         self._ranges[name] = low, high
         return low, high
 
-    def _matte(self, pixels: F32, display: DisplaySettings, scale: float) -> Image:
-        ranks = pixels.reshape(*pixels.shape[:2], -1, 2)
-        back = background(pixels.shape[:2], display, scale)
-        seen = ranks[..., 1].sum(axis=-1)
-        total = np.maximum(np.float32(0), np.float32(1) - seen)[..., None] * back
-        for rank in range(ranks.shape[2]):
-            weight = ranks[..., rank, 1]
-            if not weight.any():
-                break
-            names = np.ascontiguousarray(ranks[..., rank, 0]).view(np.uint32)
-            total = total + palette.of_ids(names) * weight[..., None]
-        return np.asarray(np.clip(total + np.float32(0.5), 0, 255).astype(np.uint8))
 
-
-def background(shape: tuple[int, int], display: DisplaySettings, scale: float) -> Image:
-    """What is seen where nothing is, shape (h, w, 3)."""
+def _rows(width: int, display: DisplaySettings, scale: float) -> tuple[F32, int]:
+    """Code values of the background in two kinds of rows, and how many are of a kind."""
     one, two = BACKGROUNDS[display.background]
     square = max(1, round(SQUARE / scale))
-    rows, columns = (np.arange(length) // square for length in shape)
-    codes = np.where((rows[:, None] + columns) & 1, two, one)
-    return np.repeat(np.floor(255 * codes + 0.5).astype(np.uint8)[..., None], 3, axis=-1)
+    is_second = np.arange(width) // square % 2 == 1
+    return np.where(np.stack([is_second, ~is_second]), two, one).astype(np.float32), square
+
+
+def _per_axis(low: F64, high: F64) -> tuple[F32, F32]:
+    """What is black on each axis, and how much a unit adds."""
+    span = np.where(high > low, high - low, 1.0)
+    return low.astype(np.float32), (1.0 / span).astype(np.float32)
 
 
 def _with_alpha(name: str, arrays: Mapping[str, Pixels]) -> F32:
@@ -201,25 +194,3 @@ def _grey_of(image: Image) -> Image:
     middles = 0.5 * (_LINEAR[1:] + _LINEAR[:-1])
     levels = np.searchsorted(middles, light).astype(np.uint8)
     return np.repeat(levels[..., None], 3, axis=-1)
-
-
-def _half(normals: F32) -> Image:
-    """-1 to 1 as 0 to 255."""
-    return np.clip(normals * np.float32(127.5) + np.float32(128), 0, 255).astype(np.uint8)
-
-
-def _placed(positions: F32, subject: Box | None) -> Image:
-    """The subject's low corner black, its high corner white."""
-    low, high = subject if subject is not None else (np.zeros(3), np.ones(3))
-    span = np.where(high > low, high - low, 1.0)
-    levels = (positions - low.astype(np.float32)) * (255 / span).astype(np.float32)
-    return np.asarray(np.clip(levels + np.float32(0.5), 0, 255).astype(np.uint8))
-
-
-def _is_any(vectors: F32) -> Mask:
-    """Where a vector is not zero."""
-    return (vectors[..., 0] != 0) | (vectors[..., 1] != 0) | (vectors[..., 2] != 0)
-
-
-def _over(shown: Image, there: Mask, back: Image) -> Image:
-    return np.where(there[..., None], shown, back)

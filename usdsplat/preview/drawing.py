@@ -26,6 +26,7 @@ from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import depends_on_time
 from usdsplat.delegate.specs import Framing, View
+from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
@@ -142,7 +143,8 @@ class Drawing:
             if not reads_stage:
                 holding.close()
             self._wanted = None
-            is_new = self._render(jobs)
+            with compile_time() as compiled:
+                is_new = self._render(jobs)
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
         ]
@@ -151,7 +153,7 @@ class Drawing:
         ended = time.perf_counter()
         stats = [each.stats for each in self._drawn.values()]
         milliseconds = _added(each.wall_ms for each in stats)
-        if is_new:
+        if is_new and not compiled():
             self._learn(quality, milliseconds, 1e3 * (ended - drawn), _load(state, scenes))
         milliseconds |= {
             "sync": 1e3 * (synced - began),

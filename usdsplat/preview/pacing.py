@@ -36,6 +36,8 @@ REMEMBERED = 5
 """Pictures that times are taken from."""
 SPLAT_NS, PIXEL_NS = 60.0, 100.0
 """What is expected before anything was drawn."""
+DOUBTED = 2
+"""Pictures that it takes to give that up."""
 SHARE = 0.6
 """Part of the time that splats may take before some of them are left out."""
 LEAST_SPLATS = 50_000
@@ -87,8 +89,8 @@ class Pacer:
     """
 
     def __init__(self) -> None:
-        self._splat_ns: deque[float] = deque([SPLAT_NS], REMEMBERED)
-        self._pixel_ns: deque[float] = deque([PIXEL_NS], REMEMBERED)
+        self._splat_ns: deque[float] = deque([SPLAT_NS] * DOUBTED, REMEMBERED)
+        self._pixel_ns: deque[float] = deque([PIXEL_NS] * DOUBTED, REMEMBERED)
         self._scale: float | None = None
         """Of the movement that goes on; None at rest."""
         self._easy_since: float | None = None

@@ -1,4 +1,4 @@
-"""Colours for numbers: steady ones for names and ids, and ramps for depths."""
+"""Colours for numbers: steady ones for names and ids, a wheel for directions, ramps for depths."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.images.cryptomatte import hash_bits
+from usdsplat.kernels.false_color import mixed
 
-U32 = npt.NDArray[np.uint32]
 Bytes = npt.NDArray[np.uint8]
 
 BITS = 12
+SHIFT = np.uint32(32 - BITS)
+"""Bits of a hash that its colour does not depend on."""
 GOLDEN = 0.6180339887498949
 """Steps of hue by this part of a turn never come close to each other soon."""
 TURBO = (
@@ -28,52 +30,25 @@ def _colors() -> Bytes:
     """As many clear colours as `BITS` can count."""
     rows = []
     for i in range(1 << BITS):
-        hue, saturation = i * GOLDEN % 1.0, 0.45 + 0.4 * ((i * 7) % 16) / 15
-        value = 0.7 + 0.3 * ((i * 5) % 8) / 7
-        rows.append(colorsys.hsv_to_rgb(hue, saturation, value))
+        hue, saturation = i * GOLDEN % 1.0, 0.45 + 0.4 * (i * 7 % 16) / 15
+        rows.append(colorsys.hsv_to_rgb(hue, saturation, 0.7 + 0.3 * (i * 5 % 8) / 7))
     return np.rint(255 * np.array(rows)).astype(np.uint8)
 
 
-COLORS = _colors()
-
-
-def of_ids(ids: npt.NDArray[np.integer]) -> Bytes:
-    """Return the colours of whole numbers, shape (..., 3): like ones for like, for ever."""
-    return np.take(COLORS, _mixed(ids.astype(np.uint32)) >> np.uint32(32 - BITS), axis=0)
-
-
-def of_names(names: tuple[str, ...]) -> Bytes:
-    """Return the colours of names, shape (n, 3): those that Cryptomatte's hashes have."""
-    return of_ids(np.array([hash_bits(name) for name in names], np.uint32))
-
-
-def ramp(name: str, parts: F32) -> Bytes:
-    """Return the colours of numbers in 0..1 of a ramp, "grey" or "turbo", shape (..., 3)."""
-    levels = np.rint(255 * np.clip(parts, 0, 1)).astype(np.uint8)
-    return np.take(RAMPS[name], levels, axis=0)
-
-
-def of_directions(x: F32, y: F32, lengths: F32) -> Bytes:
-    """Return the colours of directions, shape (..., 3): hue by angle, red to the right, green-
-    yellow up; value by length in 0..1."""
-    turn = np.arctan2(y, x) * np.float32(0.5 / np.pi) % np.float32(1)
-    hues = np.take(HUES, np.minimum((1024 * turn).astype(np.int32), 1023), axis=0)
-    value = np.clip(lengths, 0, 1)[..., None]
-    return (hues * value + np.float32(0.5)).astype(np.uint8)
-
-
-def _mixed(bits: U32) -> U32:
-    """A hash of 32 bits whose high bits are even for neighbours."""
-    bits = (bits ^ bits >> np.uint32(16)) * np.uint32(0x7FEB352D)
-    bits = (bits ^ bits >> np.uint32(15)) * np.uint32(0x846CA68B)
-    return bits ^ bits >> np.uint32(16)
-
-
-def _ramp(stops: tuple[tuple[int, int, int], ...]) -> Bytes:
+def _ramp(*stops: tuple[int, int, int]) -> Bytes:
     at, where = np.linspace(0, len(stops) - 1, 256), np.arange(len(stops))
     channels = [np.interp(at, where, channel) for channel in zip(*stops, strict=True)]
     return np.rint(np.stack(channels, axis=1)).astype(np.uint8)
 
 
-RAMPS = {"grey": _ramp(((0, 0, 0), (255, 255, 255))), "turbo": _ramp(TURBO)}
-HUES = np.array([colorsys.hsv_to_rgb(i / 1024, 1.0, 255.0) for i in range(1024)], np.float32)
+COLORS = _colors()
+"""For hashes, by their high bits."""
+HUES: F32 = np.array([colorsys.hsv_to_rgb(i / 1024, 1.0, 1.0) for i in range(1024)], np.float32)
+"""A wheel: red to the right, yellow-green up."""
+RAMPS = {"grey": _ramp((0, 0, 0), (255, 255, 255)), "turbo": _ramp(*TURBO)}
+
+
+def of_names(names: tuple[str, ...]) -> Bytes:
+    """Return the colours of names, shape (n, 3): those of their hashes in a Cryptomatte."""
+    rows = [COLORS[int(mixed(np.uint32(hash_bits(name)))) >> int(SHIFT)] for name in names]
+    return np.array(rows, np.uint8).reshape(-1, 3)

@@ -1,0 +1,113 @@
+"""What is under the pointer: the prim, and a splat's numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from usdsplat.core.sh import dc_to_rgb
+from usdsplat.delegate.render_scene import RenderScene, matrix
+from usdsplat.preview.document import Document
+from usdsplat.preview.reading import Reading, Vector, read, vector
+
+REACH = 3
+"""How far from the pointer something may be [pixel]."""
+AOVS = ("primId", "instanceId", "elementId", "P")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Splat:
+    """One splat, as its prim has it."""
+
+    center: Vector
+    """In the prim's own space [scene unit]."""
+    world_center: Vector
+    scales: Vector
+    """Standard deviations along its own axes [scene unit]."""
+    rotation: tuple[float, float, float, float]
+    """Unit quaternion (w, x, y, z), from its axes to the prim."""
+    opacity: float
+    """[0..1]"""
+    color: Vector
+    """Without view dependence, in the space that it was trained in; may leave 0..1."""
+    sh_degree: int
+    id: int
+    """That survives reordering; its row where it has none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picked:
+    """What was under the pointer."""
+
+    path: str
+    """Of the prim."""
+    instance: int
+    """Number in its point instancer, or 0."""
+    kind: Literal["splats", "mesh"]
+    element: int
+    """Row of the splat in its prim's arrays, or face of the mesh."""
+    position: Vector
+    """Of what was seen, in the world [scene unit]."""
+    splat: Splat | None = None
+    """None for a mesh."""
+
+
+def pick(document: Document, x: float, y: float) -> Picked | None:
+    """Return what is seen at a pixel of the viewport, or within `REACH` of it; None if nothing is.
+
+    It is what holds half of the pixel's coverage in full quality, coarse as the picture may be.
+
+    Args:
+        document: Whose last picture is pointed at.
+        x, y: From the viewport's top left [pixel].
+    """
+    reading = read(document, x, y, AOVS, reach=REACH)
+    if reading is None:
+        return None
+    at = _nearest(reading)
+    if at is None:
+        return None
+    number, index, element = (int(reading.arrays[name][at]) for name in AOVS[:3])
+    path = reading.side.scene.prims[number]
+    splat = _splat(reading.side.scene.engine.render_scene, path, index, element)
+    return Picked(
+        path=path,
+        instance=index,
+        kind="mesh" if splat is None else "splats",
+        element=element,
+        position=vector(reading.arrays["P"][at]),
+        splat=splat,
+    )
+
+
+def _nearest(reading: Reading) -> tuple[int, int] | None:
+    """Row and column of what is nearest to the pointer."""
+    rows, columns = np.nonzero(reading.arrays["primId"] >= 0)
+    if rows.size == 0:
+        return None
+    apart = (rows - reading.row) ** 2 + (columns - reading.column) ** 2
+    nearest = int(np.argmin(apart))
+    return (int(rows[nearest]), int(columns[nearest])) if apart[nearest] <= REACH**2 else None
+
+
+def _splat(scene: RenderScene, path: str, index: int, row: int) -> Splat | None:
+    """The numbers of a splat; None if none of a field's is meant."""
+    for _, field, instance in scene.drawn():
+        if (instance.path, instance.index) != (path, index):
+            continue
+        cloud, to_world = field.spec.cloud, matrix(instance.transform)
+        center = cloud.positions[row]
+        w, i, j, k = cloud.rotations[row].tolist()
+        return Splat(
+            center=vector(center),
+            world_center=vector(to_world[:3, :3] @ center + to_world[:3, 3]),
+            scales=vector(cloud.scales[row]),
+            rotation=(w, i, j, k),
+            opacity=float(cloud.opacities[row]),
+            color=vector(dc_to_rgb(cloud.sh[row, 0])),
+            sh_degree=cloud.sh_degree,
+            id=int(row if cloud.ids is None else cloud.ids[row]),
+        )
+    return None

@@ -1,0 +1,77 @@
+"""The numbers behind one pixel: as it is shown, as it was rendered, and where that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.images.aovs import find_aovs
+from usdsplat.preview.document import Document
+from usdsplat.preview.reading import Vector, read, vector
+from usdsplat.preview.values import Picture
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probed:
+    """One pixel of the viewport."""
+
+    x: int
+    y: int
+    """From the viewport's top left [pixel]."""
+    aov: str
+    """What is shown there, by the name that files use."""
+    shown: Vector
+    """RGB of the screen [0..1], of the last picture."""
+    values: tuple[float, ...]
+    """Of the AOV in full quality; ids are whole numbers, depths may be infinite."""
+    channels: tuple[str, ...]
+    """What files call each of `values`."""
+    rendered: tuple[float, float, float, float]
+    """Premultiplied colour before view, exposure and gamma, in the picture's own space."""
+    position: Vector | None
+    """In the world [scene unit]; None where nothing is."""
+    path: str
+    """Of the prim that is seen; "" where nothing is."""
+    element: int
+    """Row of the splat, or face of the mesh; -1 where nothing is."""
+
+
+def probe(document: Document, x: float, y: float) -> Probed | None:
+    """Return what a pixel of the viewport holds; None where there is no picture.
+
+    Args:
+        document: Whose last picture is probed.
+        x, y: From the viewport's top left [pixel].
+    """
+    shown = document.shown
+    if shown is None:
+        return None
+    (aov,) = find_aovs((shown.side_at(x).look.aov,))
+    wanted = tuple(dict.fromkeys((aov.hydra, "color", "P", "primId", "elementId")))
+    reading = read(document, x, y, wanted)
+    if reading is None:
+        return None
+    at = {name: pixels[reading.row, reading.column] for name, pixels in reading.arrays.items()}
+    number = int(at["primId"])
+    red, green, blue, alpha = at["color"].tolist()
+    return Probed(
+        x=reading.x,
+        y=reading.y,
+        aov=aov.name,
+        shown=_seen(shown.picture, reading.x, reading.y),
+        values=tuple(np.atleast_1d(at[aov.hydra]).tolist()),
+        channels=aov.channels,
+        rendered=(red, green, blue, alpha),
+        position=vector(at["P"]) if number >= 0 else None,
+        path=reading.side.scene.prims[number] if number >= 0 else "",
+        element=int(at["elementId"]),
+    )
+
+
+def _seen(picture: Picture, x: int, y: int) -> Vector:
+    """What the screen has at a pixel of the viewport."""
+    rows, columns = picture.image.shape[:2]
+    row, column = int(y / picture.scale), int(x / picture.scale)
+    red, green, blue = picture.image[min(row, rows - 1), min(column, columns - 1)].tolist()
+    return red / 255, green / 255, blue / 255
