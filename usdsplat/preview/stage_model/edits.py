@@ -14,9 +14,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pxr import Usd
+from pxr import Sdf, Tf, Usd, UsdGeom
 
+from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.specs import Matrix
+from usdsplat.preview.knob_model import typed
+from usdsplat.preview.stage_model.attribute_values import parameter_of, taken
+from usdsplat.preview.stage_model.history import History, Snapshot, Step
+from usdsplat.preview.stage_model.placing import EDIT, author_edit, code_of, edit_of
+from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage.authoring import declare, usd_value
+
+_MOST_SAMPLES = 10_000
+"""Samples of weaker layers that are taken over when one is set beside them."""
 
 
 class Edits:
@@ -24,24 +34,30 @@ class Edits:
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.stage = stage
+        self.layer = stage.GetSessionLayer()
+        self._history = History(self.layer)
 
     @property
     def undoable(self) -> str | None:
         """What `undo` would take back; None for nothing."""
-        raise NotImplementedError
+        return self._history.undoable
 
     @property
     def redoable(self) -> str | None:
         """What `redo` would do again; None for nothing."""
-        raise NotImplementedError
+        return self._history.redoable
 
     def undo(self) -> str | None:
         """Take the last step back; returns its name, None if there is none."""
-        raise NotImplementedError
+        return self._history.undo()
 
     def redo(self) -> str | None:
         """Do what was taken back last again; returns its name, None if there is none."""
-        raise NotImplementedError
+        return self._history.redo()
+
+    def close(self) -> None:
+        """Forget how to take things back; what was edited stays."""
+        self._history.clear()
 
     @contextmanager
     def step(self, name: str, *paths: str, merge: str | None = None) -> Iterator[None]:
@@ -53,9 +69,21 @@ class Edits:
             merge: Steps in a row with the same one are one.
 
         Raises:
-            StageError: If one of them cannot be edited: it is in an instance, or no path.
+            StageError: If one of them cannot be edited: it is in an instance, or no path; or USD
+                refuses what is authored.
         """
-        raise NotImplementedError
+        before = Snapshot(self.layer, [self._editable(path) for path in paths])
+        try:
+            with Usd.EditContext(self.stage, self.layer):
+                yield
+        except Tf.ErrorException as error:
+            before.restore(self.layer)
+            said = " ".join(error.args[0].commentary.split()) if error.args else "an error"
+            raise StageError(name, said, "what USD can author") from None
+        except BaseException:
+            before.restore(self.layer)
+            raise
+        self._history.add(Step(name=name, merge=merge, before=before))
 
     def set_value(
         self, path: str, value: Any, *, time: float | None = None, merge: str | None = None
@@ -65,14 +93,50 @@ class Edits:
         Args:
             path: Of the attribute, such as "/World/Ball.radius".
             value: As the attribute's editor has it: bool, number, str, or a sequence of numbers.
-            time: Time code of a sample; None is the value where there are no samples.
+            time: Time code of a sample, which joins the samples that there are; None is one value
+                for all times, whatever samples there are.
             merge: As for `step`.
 
         Raises:
             StageError: If there is no such attribute, or it cannot be edited.
             UsageError: If it cannot have that value.
         """
-        raise NotImplementedError
+        attribute = self._attribute(path)
+        item = parameter_of(attribute)
+        if item is None:
+            checked = taken(path, attribute, value)
+        else:
+            checked = usd_value(attribute.GetName().partition(":")[2], typed(item, value))
+        if time is not None and attribute.GetVariability() == Sdf.VariabilityUniform:
+            raise UsageError(path, f"a value at {time:g}", "one value for all times")
+        with self.step(f"Set {attribute.GetName()}", path, merge=merge):
+            self._author(attribute, checked, time)
+
+    def set_parameter(
+        self,
+        prim: Usd.Prim,
+        name: str,
+        value: Any,
+        *,
+        time: float | None = None,
+        merge: str | None = None,
+    ) -> None:
+        """Give a simulation's parameter a value, and apply the schema that it belongs to.
+
+        Args:
+            prim: A SplatSim prim or an affector of the stage.
+            name: Such as "rd:patternScale".
+            value: As its knob has it.
+            time, merge: As for `set_value`.
+
+        Raises:
+            StageError: If it cannot be edited.
+            UsageError: If it cannot have that value.
+        """
+        checked = usd_value(name, value)
+        path = f"{prim.GetPath()}.{NAMESPACE}:{name}"
+        with self.step(f"Set {name}", str(prim.GetPath()), path, merge=merge):
+            self._author(declare(prim, name), checked, time)
 
     def clear(self, path: str) -> None:
         """Take back whatever the session layer says of a property; other layers stay.
@@ -80,15 +144,41 @@ class Edits:
         Raises:
             StageError: If it says nothing of it.
         """
-        raise NotImplementedError
+        spec = self.layer.GetPropertyAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+        if spec is None:
+            raise StageError(
+                path, "no edit", "a property of which the session layer says something"
+            )
+        with self.step(f"Clear {spec.name}", path):
+            self.layer.GetPrimAtPath(spec.path.GetPrimPath()).RemoveProperty(spec)
 
-    def set_visible(self, path: str, is_visible: bool) -> None:
-        """Show or hide a prim at all times; what is shown is shown whatever hid it above.
+    def set_visible(self, path: str, is_visible: bool, *, time: float | None = None) -> None:
+        """Show or hide a prim at all times.
+
+        What is shown is shown whatever hid it above, where only what lies on the way is shown too,
+        as in usdview.
+
+        Args:
+            path: Of the prim.
+            is_visible: Whether it is to be seen.
+            time: When what hides it is looked for.
 
         Raises:
             StageError: If there is no such prim, or it cannot be hidden.
         """
-        raise NotImplementedError
+        prim = self._prim(path)
+        if not prim.IsA(UsdGeom.Imageable):
+            raise StageError(
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+            )
+        tokens = {path: UsdGeom.Tokens.inherited if is_visible else UsdGeom.Tokens.invisible}
+        if is_visible:
+            tokens = _way_out(prim, code_of(time))
+        paths = [f"{each}.visibility" for each in tokens]
+        with self.step(f"{'Show' if is_visible else 'Hide'} {prim.GetName()}", *paths):
+            for each, token in tokens.items():
+                shown = UsdGeom.Imageable(self.stage.GetPrimAtPath(each))
+                self._author(shown.CreateVisibilityAttr(), token, None)
 
     def set_active(self, path: str, is_active: bool) -> None:
         """Take a prim, and all below it, off the stage, or bring it back.
@@ -96,7 +186,10 @@ class Edits:
         Raises:
             StageError: If there is no such prim.
         """
-        raise NotImplementedError
+        prim = self._prim(path)
+        verb = "Activate" if is_active else "Deactivate"
+        with self.step(f"{verb} {prim.GetName()}", path):
+            prim.SetActive(is_active)
 
     def set_purpose(self, path: str, purpose: str) -> None:
         """Give a prim a purpose: default, render, proxy or guide.
@@ -105,7 +198,16 @@ class Edits:
             StageError: If there is no such prim, or it cannot have one.
             UsageError: If it is no purpose.
         """
-        raise NotImplementedError
+        prim = self._prim(path)
+        if not prim.IsA(UsdGeom.Imageable):
+            raise StageError(
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+            )
+        known = UsdGeom.Imageable.GetOrderedPurposeTokens()
+        if purpose not in known:
+            raise UsageError(f"{path}.purpose", repr(purpose), f"one of {', '.join(known)}")
+        with self.step(f"Make {prim.GetName()} {purpose}", f"{path}.purpose"):
+            UsdGeom.Imageable(prim).CreatePurposeAttr().Set(purpose)
 
     def set_variant(self, path: str, variant_set: str, variant: str) -> None:
         """Select a variant; "" takes a selection of the session layer back.
@@ -114,7 +216,19 @@ class Edits:
             StageError: If there is no such prim or set.
             UsageError: If the set has no such variant.
         """
-        raise NotImplementedError
+        sets = self._prim(path).GetVariantSets()
+        if variant_set not in sets.GetNames():
+            known = ", ".join(sets.GetNames()) or "none"
+            raise StageError(path, f"no variant set {variant_set!r}", f"one of its sets: {known}")
+        chosen = sets.GetVariantSet(variant_set)
+        if variant and variant not in chosen.GetVariantNames():
+            known = ", ".join(chosen.GetVariantNames())
+            raise UsageError(f"{path}:{variant_set}", repr(variant), f"one of {known}")
+        with self.step(f"Select {variant_set} {variant or 'as before'}", path):
+            if variant:
+                chosen.SetVariantSelection(variant)
+            else:
+                chosen.ClearVariantSelection()
 
     def set_transform(
         self,
@@ -125,12 +239,12 @@ class Edits:
         is_keyed: bool = False,
         merge: str | None = None,
     ) -> None:
-        """Put a prim somewhere.
+        """Put a prim somewhere, by an op on top of its own: see `placing`.
 
         Args:
             path: Of the prim.
-            matrix: Local to world, 16 numbers, row-major, for column vectors: `transform` and a
-                drag on top.
+            matrix: Local to world, 16 numbers, row-major, for column vectors: `placing.transform`
+                and a drag on top.
             time: When the prim is to be there; what is animated goes on moving, from there.
             is_keyed: Whether that holds at this time alone, as a time sample, rather than always.
             merge: As for `step`.
@@ -139,13 +253,78 @@ class Edits:
             StageError: If there is no such prim, or it cannot be moved.
             UsageError: If the matrix is none that can be undone.
         """
-        raise NotImplementedError
+        prim = self._prim(path)
+        if not prim.IsA(UsdGeom.Xformable):
+            raise StageError(
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is somewhere"
+            )
+        value = edit_of(prim, matrix, code_of(time))
+        paths = (f"{path}.{EDIT}", f"{path}.xformOpOrder")
+        with self.step(f"Move {prim.GetName()}", *paths, merge=merge):
+            attribute = author_edit(prim)
+            self._author(attribute, value, time if is_keyed else None)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _author(self, attribute: Usd.Attribute, value: Any, time: float | None) -> None:
+        """Author a value on the edit target; see `set_value` for what the time does."""
+        spec = self.layer.GetAttributeAtPath(attribute.GetPath())
+        if time is None:
+            if spec is not None:
+                spec.ClearInfo("timeSamples")
+            attribute.Set(value)
+            return
+        if spec is None or not self.layer.GetNumTimeSamplesForPath(attribute.GetPath()):
+            times = attribute.GetTimeSamples()[:_MOST_SAMPLES]
+            for each, held in [(each, attribute.Get(each)) for each in times]:
+                attribute.Set(held, each)
+        attribute.Set(value, time)
+
+    def _prim(self, path: str) -> Usd.Prim:
+        is_path = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
+        prim = self.stage.GetPrimAtPath(path) if is_path else None
+        if not prim or prim.IsPseudoRoot():
+            raise StageError(path, "no prim", "a prim of the stage")
+        return prim
+
+    def _attribute(self, path: str) -> Usd.Attribute:
+        is_path = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsPrimPropertyPath()
+        attribute = self.stage.GetAttributeAtPath(path) if is_path else None
+        if not attribute:
+            raise StageError(path, "no attribute", "an attribute of a prim of the stage")
+        return attribute
+
+    def _editable(self, text: str) -> Sdf.Path:
+        """A path at which the session layer may say something."""
+        path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
+        if not path.IsAbsolutePath() or not (path.IsPrimPath() or path.IsPrimPropertyPath()):
+            raise StageError(text, "no path of a prim or a property", "one")
+        above = path.GetPrimPath()
+        while above != Sdf.Path.absoluteRootPath:
+            prim = self.stage.GetPrimAtPath(above)
+            if prim and (prim.IsInstanceProxy() or prim.IsInPrototype()):
+                raise StageError(text, "a prim in an instance", "one that can be edited")
+            above = above.GetParentPath()
+        return path
 
 
-def transform(stage: Usd.Stage, path: str, *, time: float | None = None) -> Matrix:
-    """Where a prim is: local to world, 16 numbers, row-major, for column vectors.
-
-    Raises:
-        StageError: If there is no such prim.
-    """
-    raise NotImplementedError
+def _way_out(prim: Usd.Prim, code: Usd.TimeCode) -> dict[str, str]:
+    """What makes a prim visible: path -> visibility, of all that has to change."""
+    inherited, invisible = UsdGeom.Tokens.inherited, UsdGeom.Tokens.invisible
+    tokens = {str(prim.GetPath()): inherited}
+    child, parent = prim, prim.GetParent()
+    was_hidden: list[tuple[Usd.Prim, Usd.Prim]] = []
+    while parent and not parent.IsPseudoRoot():
+        was_hidden.append((parent, child))
+        child, parent = parent, parent.GetParent()
+    hides = False
+    for parent, child in reversed(was_hidden):
+        imageable = UsdGeom.Imageable(parent)
+        if imageable and imageable.GetVisibilityAttr().Get(code) == invisible:
+            tokens[str(parent.GetPath())] = inherited
+            hides = True
+        if hides:
+            for sibling in parent.GetChildren():
+                if sibling != child and sibling.IsA(UsdGeom.Imageable):
+                    tokens[str(sibling.GetPath())] = invisible
+    return tokens

@@ -2,13 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pxr import Usd
 
-from usdsplat.preview.knob_model import Editor
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
+from usdsplat.core.knobs import Knob, knobs
+from usdsplat.preview.knob_model import Editor, editor_of, kind_of, typed
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.placing import code_of
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
+from usdsplat.sim.stage.authoring import SINGLE_APIS, find
+from usdsplat.sim.stage.collections import SIMULATION_TYPE, is_affector
+from usdsplat.sim.stage.parameters import instances, read_one
+
+_HEADINGS = {
+    "sim": "Simulation",
+    "neighbors": "Neighbours",
+    "rd": "Reaction",
+    "relax": "Even spacing",
+    "growth": "Growth",
+    "settle": "Settling",
+    "conform": "Conforming",
+    "skin": "Skinning",
+    "particles": "Flight",
+    "dissolve": "Dissolving",
+    "appearance": "Appearance",
+    "bake": "Bake",
+    "affector": "Affector",
+    "deform": "Deformer",
+    "driver": "Driver",
+}
+_ALWAYS = ("sim", "neighbors")
+"""Groups that a simulation has without a schema applied."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,15 +45,36 @@ class ParameterPrim:
 
     path: str
     type_name: str
-    """"SplatSim", or the shape of an affector."""
+    """ "SplatSim", or the shape of an affector."""
     is_simulation: bool
     editors: tuple[Editor, ...]
     """Named as on command lines, such as "rd:patternScale"; of applied groups only."""
 
 
 def editors(stage: Usd.Stage, *, time: float | None = None) -> tuple[ParameterPrim, ...]:
-    """Every simulation and every affector of a stage, in its order."""
-    raise NotImplementedError
+    """Every simulation and every affector of a stage, in its order.
+
+    A value that its parameter cannot have is shown as the default, with its `problem`. Those in
+    instances are read only.
+
+    Args:
+        stage: Whose.
+        time: Time code at which animated parameters are shown; None is USD's default time.
+    """
+    code = code_of(time)
+    found = []
+    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+        is_simulation = prim.GetTypeName() == SIMULATION_TYPE
+        if is_simulation or is_affector(prim):
+            found.append(
+                ParameterPrim(
+                    path=str(prim.GetPath()),
+                    type_name=str(prim.GetTypeName()),
+                    is_simulation=is_simulation,
+                    editors=tuple(_editors(prim, code)),
+                )
+            )
+    return tuple(found)
 
 
 def set_parameter(
@@ -44,11 +93,75 @@ def set_parameter(
         path: Of the SplatSim prim or the affector.
         name: Such as "rd:patternScale" or "deform:bend:angle".
         value: As its editor has it.
-        time: Time code of a sample; None sets it for all times, whatever samples there are.
+        time: Time code of a sample, which joins those that there are; None sets it for all times,
+            whatever samples there are.
         merge: As for `Edits.step`.
 
     Raises:
         StageError: If there is no such prim, or no such deformer or driver on it.
         UsageError: If there is no such parameter, or it cannot have that value.
     """
-    raise NotImplementedError
+    group, instance, item = find(name)
+    prim = edits.stage.GetPrimAtPath(path) if path.startswith("/") else None
+    kind = "an affector" if group == "affector" else "a SplatSim prim"
+    is_one = prim and (
+        is_affector(prim) if group == "affector" else prim.GetTypeName() == SIMULATION_TYPE
+    )
+    if not is_one:
+        raise StageError(path, "none" if not prim else "another prim", kind)
+    known = instances(prim, group) if instance else []
+    if instance and instance not in known:
+        raise StageError(path, f"no {group} {instance!r}", f"one of {', '.join(known) or 'none'}")
+    if time is not None and item.uniform:
+        raise UsageError(name, f"a value at {time:g}", "one value for all times")
+    edits.set_parameter(prim, name, typed(item, value), time=time, merge=merge)
+
+
+def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
+    """Of all groups that are applied to a prim, or that it says something of."""
+    if prim.GetTypeName() == SIMULATION_TYPE:
+        for group, cls in GROUPS.items():
+            if _has(prim, group):
+                yield from _group(prim, cls, group, _HEADINGS[group], code)
+        for group in ("deform", "driver"):
+            for name in instances(prim, group):
+                heading = f"{_HEADINGS[group]} {name}"
+                yield from _group(prim, INSTANCED[group], f"{group}:{name}", heading, code)
+    if is_affector(prim):
+        yield from _group(prim, INSTANCED["affector"], "affector", _HEADINGS["affector"], code)
+
+
+def _has(prim: Usd.Prim, group: str) -> bool:
+    """Whether a group is applied to a simulation, or one of its attributes is authored."""
+    applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    if group in _ALWAYS or SINGLE_APIS[group] in applied:
+        return True
+    lead = f"{NAMESPACE}:{group}:"
+    return any(name.startswith(lead) for name in prim.GetAuthoredPropertyNames())
+
+
+def _group(
+    prim: Usd.Prim, cls: type, lead: str, heading: str, code: Usd.TimeCode
+) -> Iterator[Editor]:
+    for item in knobs(cls):
+        if kind_of(item) is not None:
+            yield _editor(prim, cls, item, f"{lead}:{camel(item.name)}", heading, code)
+
+
+def _editor(
+    prim: Usd.Prim, cls: type, item: Knob, name: str, heading: str, code: Usd.TimeCode
+) -> Editor:
+    attribute = prim.GetAttribute(f"{NAMESPACE}:{name}")
+    held, problem = item.default, ""
+    try:
+        found = read_one(prim, cls, item, f"{NAMESPACE}:{name}", code)
+        held = item.default if found is None else found
+    except UsdSplatError as error:
+        problem = str(error)
+    return replace(
+        editor_of(item, held, name=name, group=heading),
+        is_animated=bool(attribute) and not item.uniform and attribute.GetNumTimeSamples() > 0,
+        is_authored=bool(attribute) and attribute.HasAuthoredValue(),
+        is_read_only=prim.IsInstanceProxy(),
+        problem=problem,
+    )

@@ -31,19 +31,30 @@ def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = No
             holds for all times is to be a sample.
     """
     for name, value in values.items():
-        group, instance, item = find(name)
+        group, _, item = find(name)
         taken = _legal(name, group, item, value)
         if time is not None and item.uniform:
             raise UsageError(name, f"a value at {time:g}", "one value for all times")
-        _apply(prim, group, instance)
-        attribute = prim.CreateAttribute(
-            f"{NAMESPACE}:{name}",
-            Sdf.ValueTypeNames.Find(usd_type(item)),
-            custom=False,
-            variability=Sdf.VariabilityUniform if item.uniform else Sdf.VariabilityVarying,
-        )
+        attribute = declare(prim, name)
         code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
         attribute.Set(_of_usd(item, taken), code)
+
+
+def declare(prim: Usd.Prim, name: str) -> Usd.Attribute:
+    """The attribute of a parameter, without a value, and the API schema that it belongs to, on the
+    edit target.
+
+    Raises:
+        UsageError: If there is none of that name.
+    """
+    group, instance, item = find(name)
+    _apply(prim, group, instance)
+    return prim.CreateAttribute(
+        f"{NAMESPACE}:{name}",
+        Sdf.ValueTypeNames.Find(usd_type(item)),
+        custom=False,
+        variability=Sdf.VariabilityUniform if item.uniform else Sdf.VariabilityVarying,
+    )
 
 
 def relate(prim: Usd.Prim, name: str, target: Usd.Prim) -> None:
@@ -68,6 +79,16 @@ def find(name: str) -> tuple[str, str, Knob]:
     near = difflib.get_close_matches(name, list(_names(instance or "NAME")), n=1, cutoff=0.5)
     expected = f"such as {near[0]}" if near else f"a name in {', '.join(GROUPS)}"
     raise UsageError("parameter", repr(name), expected)
+
+
+def usd_value(name: str, value: Any) -> Any:
+    """A value of a parameter as USD takes it.
+
+    Raises:
+        UsageError: If there is none of that name, or it cannot have that value.
+    """
+    group, _, item = find(name)
+    return _of_usd(item, _legal(name, group, item, value))
 
 
 def _names(instance: str) -> Iterator[str]:

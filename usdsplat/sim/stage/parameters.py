@@ -52,12 +52,30 @@ def read(prim: Usd.Prim, cls: type[T], lead: str, time: Usd.TimeCode) -> T:
     """
     taken = {}
     for item in knobs(cls):
-        attribute = prim.GetAttribute(f"{lead}:{camel(item.name)}")
-        if attribute and attribute.HasAuthoredValue():
-            found = value(attribute, Usd.TimeCode.Default() if item.uniform else time)
-            if found is not None:
-                taken[item.name] = _taken(attribute, cls, item, found)
+        found = read_one(prim, cls, item, f"{lead}:{camel(item.name)}", time)
+        if found is not None:
+            taken[item.name] = found
     return cls(**taken)
+
+
+def read_one(prim: Usd.Prim, cls: type, item: Knob, name: str, time: Usd.TimeCode) -> Any:
+    """What a prim says of one parameter at one time; None where it says nothing.
+
+    Args:
+        prim: Where it is.
+        cls: The dataclass of its group.
+        item: Its knob.
+        name: Of the attribute.
+        time: When; a uniform one has one value for all times.
+
+    Raises:
+        StageError: If it is no value that the parameter can have.
+    """
+    attribute = prim.GetAttribute(name)
+    if not attribute or not attribute.HasAuthoredValue():
+        return None
+    found = value(attribute, Usd.TimeCode.Default() if item.uniform else time)
+    return None if found is None else _taken(attribute, cls, item, found)
 
 
 def instances(prim: Usd.Prim, group: str) -> list[str]:

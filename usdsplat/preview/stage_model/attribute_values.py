@@ -1,0 +1,199 @@
+"""Values of attributes as editors hold them, and back: bool, numbers, texts, small vectors."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from usdsplat.core.errors import UsageError
+from usdsplat.core.knobs import Knob
+from usdsplat.preview.knob_model import Editor, Kind, label, soft_range, step
+from usdsplat.schema.values import value as value_at
+from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage.authoring import find
+
+_WHOLE = {
+    "uchar": (0, 2**8 - 1),
+    "int": (-(2**31), 2**31 - 1),
+    "uint": (0, 2**32 - 1),
+    "int64": (-(2**63), 2**63 - 1),
+    "uint64": (0, 2**64 - 1),
+}
+_REAL = {
+    "half": 65504.0,
+    "float": float(np.finfo(np.float32).max),
+    "double": float(np.finfo(np.float64).max),
+    "timecode": float(np.finfo(np.float64).max),
+}
+"""Largest number of each."""
+_TEXT = ("string", "token", "asset")
+_LETTERS = {"i": "int", "h": "half", "f": "float", "d": "double"}
+_NO_CHOICES: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """What a type of attribute holds."""
+
+    kind: Kind
+    scalar: str
+    """Of its parts, such as "float"."""
+    size: int = 1
+
+
+def form_of(attribute: Usd.Attribute) -> Form | None:
+    """What an attribute holds; None where no simple editor is for it, as for arrays."""
+    name = attribute.GetTypeName()
+    if name.isArray or not name:
+        return None
+    text = str(name)
+    if text == "bool":
+        return Form(kind="bool", scalar=text)
+    if text in _WHOLE:
+        return Form(kind="int", scalar=text)
+    if text in _REAL:
+        return Form(kind="float", scalar=text)
+    if text in _TEXT:
+        is_choice = text == "token" and bool(choices_of(attribute))
+        return Form(kind="choice" if is_choice else "text", scalar=text)
+    held = str(name.type.typeName)  # "GfVec3f" whatever the role
+    if held.startswith("GfVec") and held[-1] in _LETTERS:
+        kind: Kind = "color" if text.startswith("color3") else "vector"
+        return Form(kind=kind, scalar=_LETTERS[held[-1]], size=int(held[5]))
+    return None
+
+
+def choices_of(attribute: Usd.Attribute) -> tuple[str, ...]:
+    """The tokens that an attribute may have; none if it may have any."""
+    return tuple(map(str, attribute.GetMetadata("allowedTokens") or _NO_CHOICES))
+
+
+def editor_of(attribute: Usd.Attribute, time: Usd.TimeCode) -> Editor | None:
+    """How an attribute is edited; None where no simple editor is for it."""
+    form = form_of(attribute)
+    if form is None:
+        return None
+    held = plain(value_at(attribute, time))
+    definition = attribute.GetPrim().GetPrimDefinition()
+    fallback = plain(definition.GetAttributeFallbackValue(attribute.GetName()))
+    is_whole = form.scalar in _WHOLE or form.scalar == "int"
+    low, high = _WHOLE.get(form.scalar, (-math.inf, math.inf))
+    span = (0.0, 1.0)
+    if form.kind in ("int", "float", "vector"):
+        parts = held if isinstance(held, tuple) else (held,)
+        found = tuple(part for part in parts if isinstance(part, (int, float)))
+        span = soft_range(low, high, found or fallback, found, is_whole=is_whole)
+    return Editor(
+        name=attribute.GetName(),
+        label=label(attribute.GetBaseName()),
+        kind=form.kind,
+        value=_empty(form) if held is None else held,
+        default=fallback,
+        minimum=low if form.kind == "int" else None,
+        maximum=high if form.kind == "int" else None,
+        soft_range=span,
+        step=1.0 if is_whole else step(span),
+        is_whole=is_whole,
+        choices=choices_of(attribute),
+        help=attribute.GetDocumentation(),
+        is_animated=attribute.GetNumTimeSamples() > 0,
+        is_authored=attribute.HasAuthoredValue(),
+    )
+
+
+def parameter_of(attribute: Usd.Attribute) -> Knob | None:
+    """The knob of a simulation's parameter; None for any other attribute."""
+    lead, _, name = attribute.GetName().partition(":")
+    if lead != NAMESPACE:
+        return None
+    try:
+        return find(name)[2]
+    except UsageError:
+        return None
+
+
+def plain(found: Any) -> Any:
+    """A value of USD's in Python's own words; vectors are tuples; None for what is no number."""
+    if isinstance(found, Sdf.TimeCode):
+        found = found.GetValue()
+    if isinstance(found, Sdf.AssetPath):
+        return str(found.path)
+    if isinstance(found, bool) or found is None:
+        return found
+    if isinstance(found, str):
+        return str(found)
+    if isinstance(found, numbers.Real):
+        return found if isinstance(found, int) else _finite(float(found))
+    try:
+        return tuple(plain(part) for part in found)
+    except TypeError:
+        return str(found)
+
+
+def taken(where: str, attribute: Usd.Attribute, value: Any) -> Any:
+    """What an editor holds as the attribute takes it.
+
+    Args:
+        where: What the user would recognise.
+
+    Raises:
+        UsageError: If the attribute cannot have that value.
+    """
+    form = form_of(attribute)
+    if form is None:
+        raise UsageError(where, f"a {attribute.GetTypeName()}", "an attribute of a simple type")
+    if form.kind in ("vector", "color"):
+        return _vector(where, attribute, form, value)
+    choices = choices_of(attribute)
+    if choices and form.kind == "choice" and value not in choices:
+        raise UsageError(where, repr(value), f"one of {', '.join(choices)}")
+    return _scalar(where, form.scalar, value)
+
+
+def _vector(where: str, attribute: Usd.Attribute, form: Form, value: Any) -> Any:
+    is_sequence = isinstance(value, (tuple, list, np.ndarray))
+    if not is_sequence or len(value) != form.size:
+        raise UsageError(where, repr(value), f"{form.size} numbers")
+    return attribute.GetTypeName().type.pythonClass(
+        *(_scalar(where, form.scalar, part) for part in value)
+    )
+
+
+def _scalar(where: str, scalar: str, value: Any) -> Any:
+    """A checked value of a scalar type."""
+    if scalar == "bool":
+        if not isinstance(value, bool):
+            raise UsageError(where, repr(value), "true or false")
+        return value
+    if scalar in _TEXT:
+        if not isinstance(value, str) or "\0" in value:
+            raise UsageError(where, repr(value), "a text")
+        return Sdf.AssetPath(value) if scalar == "asset" else value
+    is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if scalar in _WHOLE:
+        low, high = _WHOLE[scalar]
+        if not is_number or not isinstance(value, numbers.Integral):
+            raise UsageError(where, repr(value), "a whole number")
+        if not low <= int(value) <= high:
+            raise UsageError(where, repr(value), f"{low} to {high}")
+        return int(value)
+    most = _REAL[scalar]
+    if not is_number or not -most <= value <= most:
+        raise UsageError(where, repr(value), "a finite number")
+    return Sdf.TimeCode(float(value)) if scalar == "timecode" else float(value)
+
+
+def _empty(form: Form) -> Any:
+    """What an editor begins with where nobody says anything."""
+    if form.kind in ("vector", "color"):
+        return (0,) * form.size
+    return {"bool": False, "int": 0, "float": 0.0}.get(form.kind, "")
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None

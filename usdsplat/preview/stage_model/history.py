@@ -1,0 +1,185 @@
+"""What a layer says at some paths, kept so that it can say it again: undo and redo.
+
+Only what a step touches is kept, as specs of Sdf: values of any type come back as they were, time
+samples and all. What came into being with a step, the prims above it among them, goes with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pxr import Sdf
+
+_MOST = 500
+"""Steps that can be taken back."""
+
+
+class Snapshot:
+    """What a layer says at some paths and, of prims, above them; children are not looked at.
+
+    Args:
+        layer: Is not changed.
+        paths: Of prims and properties that may be changed.
+        whole: Those of which everything beneath is kept as well.
+    """
+
+    def __init__(
+        self, layer: Sdf.Layer, paths: Iterable[Sdf.Path], *, whole: Iterable[Sdf.Path] = ()
+    ) -> None:
+        self.paths = frozenset(paths)
+        self.absent: list[Sdf.Path] = []
+        """The topmost ones that it does not say anything about."""
+        self._fields: dict[Sdf.Path, dict[str, Any]] = {}
+        self._copied: list[Sdf.Path] = []
+        self._stash = Sdf.Layer.CreateAnonymous("undo")
+        whole = frozenset(whole)
+        seen: set[Sdf.Path] = set()
+        for path in _with_ancestors(self.paths):
+            if not seen.isdisjoint(path.GetPrefixes()):
+                continue
+            spec = layer.GetObjectAtPath(path)
+            if spec is None:
+                self.absent.append(path)
+                seen.add(path)
+            elif path in whole or path.IsPropertyPath():
+                _copy(layer, self._stash, path)
+                self._copied.append(path)
+                seen.add(path)
+            else:
+                self._fields[path] = _fields(spec)
+        self._copied = _in_order(layer, self._copied)
+
+    def restore(self, layer: Sdf.Layer) -> None:
+        """Make the layer say at the paths what it said then, and nothing else."""
+        with Sdf.ChangeBlock():
+            for path in self.absent:
+                _remove(layer, path)
+            for path, fields in self._fields.items():
+                _set_fields(Sdf.CreatePrimInLayer(layer, path), fields)
+            for path in self._copied:
+                _copy(self._stash, layer, path)
+
+
+@dataclass(slots=True, kw_only=True)
+class Step:
+    """One thing that was done."""
+
+    name: str
+    merge: str | None
+    before: Snapshot
+    after: Snapshot | None = None
+    """Once it was taken back."""
+
+
+class History:
+    """The steps that were done on one layer, and those that were taken back."""
+
+    def __init__(self, layer: Sdf.Layer) -> None:
+        self._layer = layer
+        self._done: list[Step] = []
+        self._undone: list[Step] = []
+
+    @property
+    def undoable(self) -> str | None:
+        """Name of the step that `undo` takes back."""
+        return self._done[-1].name if self._done else None
+
+    @property
+    def redoable(self) -> str | None:
+        """Name of the step that `redo` does again."""
+        return self._undone[-1].name if self._undone else None
+
+    def add(self, step: Step) -> None:
+        """Remember a step that was done; what was taken back is forgotten."""
+        if self._done and not self._undone and _continues(step, self._done[-1]):
+            return
+        self._undone.clear()
+        self._done.append(step)
+        del self._done[:-_MOST]
+
+    def undo(self) -> str | None:
+        """Take the last step back."""
+        if not self._done:
+            return None
+        step = self._done.pop()
+        step.after = Snapshot(self._layer, step.before.paths, whole=step.before.absent)
+        step.before.restore(self._layer)
+        self._undone.append(step)
+        return step.name
+
+    def redo(self) -> str | None:
+        """Do the step again that was taken back last."""
+        if not self._undone:
+            return None
+        step = self._undone.pop()
+        if step.after is not None:
+            step.after.restore(self._layer)
+        step.merge = None  # what is done next is another thing
+        self._done.append(step)
+        return step.name
+
+    def clear(self) -> None:
+        """Forget all steps; what they did stays."""
+        self._done.clear()
+        self._undone.clear()
+
+
+def _continues(step: Step, last: Step) -> bool:
+    """Whether a step is one with the last: taking that back takes this back too."""
+    is_same = step.merge is not None and step.merge == last.merge
+    return is_same and step.before.paths <= last.before.paths
+
+
+def _with_ancestors(paths: Iterable[Sdf.Path]) -> list[Sdf.Path]:
+    """The paths and those of the prims above them, the higher ones first."""
+    found = {prefix for path in paths for prefix in path.GetPrefixes()}
+    return sorted(found, key=lambda path: (path.pathElementCount, path))
+
+
+def _in_order(layer: Sdf.Layer, paths: list[Sdf.Path]) -> list[Sdf.Path]:
+    """Paths of specs as the layer has them among their siblings, so that they come back so."""
+    places: dict[Sdf.Path, dict[str, int]] = {}
+
+    def place(path: Sdf.Path) -> int:
+        above = path.GetParentPath()
+        if above not in places:
+            names = layer.GetObjectAtPath(above).nameChildren.keys()
+            places[above] = {name: number for number, name in enumerate(names)}
+        return places[above].get(path.name, 0)
+
+    return sorted(paths, key=place)
+
+
+def _fields(spec: Sdf.PrimSpec) -> dict[str, Any]:
+    return {key: spec.GetInfo(key) for key in spec.ListInfoKeys()}
+
+
+def _set_fields(spec: Sdf.PrimSpec, fields: dict[str, Any]) -> None:
+    """Make a prim's own fields these."""
+    for key in spec.ListInfoKeys():
+        if key not in fields:
+            spec.ClearInfo(key)
+    for key, value in fields.items():
+        if not spec.HasInfo(key) or spec.GetInfo(key) != value:
+            spec.SetInfo(key, value)
+
+
+def _copy(source: Sdf.Layer, target: Sdf.Layer, path: Sdf.Path) -> None:
+    parent = path.GetParentPath()
+    if parent != Sdf.Path.absoluteRootPath:
+        Sdf.CreatePrimInLayer(target, parent)
+    Sdf.CopySpec(source, path, target, path)
+
+
+def _remove(layer: Sdf.Layer, path: Sdf.Path) -> None:
+    spec = layer.GetObjectAtPath(path)
+    if spec is None:
+        return
+    if path.IsPropertyPath():
+        layer.GetPrimAtPath(path.GetPrimPath()).RemoveProperty(spec)
+    else:
+        edit = Sdf.BatchNamespaceEdit()
+        edit.Add(path, Sdf.Path.emptyPath)
+        layer.Apply(edit)
