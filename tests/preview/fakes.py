@@ -6,9 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pxr import Usd, UsdGeom
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.default_camera import Box, frame_subject
+from usdsplat.delegate.specs import Matrix
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Opened, Picture, ViewState
@@ -26,12 +28,34 @@ OPENED = Opened(
 )
 
 
+class FakeEdits:
+    """Remembers what was moved where, under which key."""
+
+    def __init__(self) -> None:
+        self.moves: list[tuple[str, Matrix, float | None, str | None]] = []
+        self.error: UsdSplatError | None = None
+
+    def set_transform(
+        self, path: str, matrix: Matrix, *, time: float | None = None, merge: str | None = None
+    ) -> None:
+        """As `Edits.set_transform`."""
+        if self.error is not None:
+            raise self.error
+        self.moves.append((path, matrix, time, merge))
+
+
 class FakeDocument:
-    """Answers for boxes."""
+    """Answers for boxes, and has a stage with a ball at (0.5, 0, 0) and a material."""
 
     def __init__(self) -> None:
         self.box: Box | None = BOX
         self.asked: list[tuple[str, ...]] = []
+        self.edits = FakeEdits()
+        self.problems: list[Any] = []
+        self.publish = self.problems.append
+        self.stage = Usd.Stage.CreateInMemory()
+        UsdGeom.Sphere.Define(self.stage, "/Ball").AddTranslateOp().Set((0.5, 0.0, 0.0))
+        self.stage.DefinePrim("/Look", "Material")
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
         """As `Document.bounds`."""

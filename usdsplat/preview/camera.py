@@ -214,6 +214,22 @@ class FreeCamera:
         return nearest if nearest > 0 else min(NEAREST * distance, NEAREST_OF_FAR * far), far
 
 
+class Glide:
+    """The way of a camera, slow at both ends; its clock starts when it is first asked."""
+
+    def __init__(self, here: FreeCamera, there: FreeCamera, seconds: float) -> None:
+        self.here, self.there, self.seconds = here, there, seconds
+        self.began: float | None = None
+
+    def at(self, now: float) -> tuple[FreeCamera, bool]:
+        """Where it is, and whether that is the end."""
+        if self.began is None:
+            self.began = now
+        part = min((now - self.began) / self.seconds, 1.0)
+        eased = part * part * (3.0 - 2.0 * part)
+        return self.here.towards(self.there, eased), part >= 1.0
+
+
 def _up(up_axis: str) -> F64:
     return np.array((0.0, 1.0, 0.0) if up_axis == "Y" else (0.0, 0.0, 1.0))
 

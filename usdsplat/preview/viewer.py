@@ -3,7 +3,7 @@
 A window or a socket holds one, in its own thread, and tells it what happens; it tells the session
 what shall be seen:
 
-    viewer = Viewer(session, ask=bridge.ask, changed=update_the_panels)
+    viewer = Viewer(bridge, changed=update_the_panels)
     viewer.opened(event)
     viewer.orbit(0.1, 0.0)
     viewer.end_move()
@@ -21,9 +21,9 @@ from typing import Any
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec
-from usdsplat.preview.camera import FreeCamera, UpAxis, Vector
-from usdsplat.preview.session import Session
+from usdsplat.delegate.specs import CameraSpec, Matrix
+from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
+from usdsplat.preview.placement import Asks, Placement, Placing
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import (
     DisplaySettings,
@@ -41,8 +41,6 @@ SPEEDS = (1e-3, 1e3)
 LONGEST_TICK = 0.1
 """What a flight covers at most between two ticks [s], so that a hiccup is no leap."""
 
-Ask = Callable[[Callable[[Any], Any], Callable[[Any], None]], None]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bookmark:
@@ -57,24 +55,22 @@ class Viewer:
     """A user's view of a session.
 
     Args:
-        session: Whom to tell what shall be seen.
-        ask: As `Session.ask`, but `done` must be called in the thread that uses this viewer; None
-            for the session's own, where that is the thread.
+        session: Whom to tell what shall be seen. Its `ask` calls `done` in the thread that uses
+            this viewer: give a bridge to the session where that is not the session's own.
         changed: Called after each change of what is here.
         glide: How long the way to what was framed takes [s]; 0 for one without a clock.
     """
 
     def __init__(
         self,
-        session: Session,
+        session: Asks,
         *,
-        ask: Ask | None = None,
         changed: Callable[[], None] = lambda: None,
         glide: float = 0.0,
     ) -> None:
         self._session = session
-        self._ask: Ask = ask or session.ask
         self._changed = changed
+        self._placing = Placing(session, changed=changed)
         self._glide_time = glide
         self.state = ViewState()
         self.timeline = Timeline()
@@ -88,7 +84,7 @@ class Viewer:
         """Of flights."""
         self._seen: CameraSpec | None = None
         self._flight = (0.0, 0.0, 0.0)
-        self._glide: _Glide | None = None
+        self._glide: Glide | None = None
         self._ticked: float | None = None
 
     @property
@@ -107,7 +103,7 @@ class Viewer:
         self.cameras, self.up_axis = event.cameras, event.up_axis
         self.bookmarks, self.box, self._seen = (), None, None
         self._glide, self._flight = None, (0.0, 0.0, 0.0)
-        self._ask(lambda document: document.bounds(), self._keep_box)
+        self._session.ask(lambda document: document.bounds(), self._keep_box)
         self._see(
             camera=None,
             time=event.start if has_range else None,
@@ -116,11 +112,16 @@ class Viewer:
             selected=(),
             is_moving=False,
         )
+        self._follow()
 
     def shown(self, picture: Picture) -> None:
         """Remember by what camera a picture was seen: moves begin there."""
         if picture.state.camera == self.state.camera:
             self._seen = picture.camera
+
+    def stage_changed(self) -> None:
+        """Look again where the selected prim is."""
+        self._follow()
 
     def simulated(self, status: SimulationStatus) -> None:
         """Follow a simulation that runs, and have the frames that it made on the timeline."""
@@ -194,7 +195,7 @@ class Viewer:
 
     def frame(self, paths: tuple[str, ...] = ()) -> None:
         """Look at all of some prims, or of everything, from the same direction."""
-        self._ask(
+        self._session.ask(
             lambda document: document.bounds(paths),
             lambda box: None if box is None else self.frame_box(box),
         )
@@ -260,7 +261,8 @@ class Viewer:
     def play(self, is_playing: bool = True) -> None:
         """Play, as long as somebody ticks; or stop."""
         self.timeline.play(is_playing)
-        self._see(is_moving=is_playing)
+        time = None if self.state.time is None else self.timeline.current
+        self._see(time=time, is_moving=is_playing)
 
     @property
     def is_ticking(self) -> bool:
@@ -326,14 +328,37 @@ class Viewer:
         """Draw prims of these purposes."""
         self._see(purposes=purposes)
 
+    # --- what is selected ------------------------------------------------------------------
+
     def select(self, paths: tuple[str, ...]) -> None:
         """Have these prims, and no others, selected."""
         self._see(selected=paths)
+        self._follow()
+
+    @property
+    def placement(self) -> Placement | None:
+        """Where the prim is that was selected last; None until it is known, and for no place."""
+        return self._placing.placement
+
+    def begin_drag(self) -> None:
+        """What `place` does from now on is taken back in one step."""
+        self._placing.begin()
+
+    def place(self, matrix: Matrix) -> None:
+        """Put the prim that was selected last somewhere, local to world, on the session layer."""
+        self._placing.move(matrix, self.state.time)
 
     # --- private ---------------------------------------------------------------------------
 
+    def _follow(self) -> None:
+        path = self.state.selected[-1] if self.state.selected else ""
+        self._placing.follow(path, self.state.time)
+
     def _see(self, **changes: Any) -> None:
+        before = self.state
         self.state = replace(self.state, **changes)
+        if before.time != self.state.time:
+            self._follow()
         self._session.look(self.state)
         self._changed()
 
@@ -345,7 +370,7 @@ class Viewer:
 
     def _go(self, here: FreeCamera, there: FreeCamera) -> None:
         if self._glide_time > 0.0:
-            self._glide = _Glide(here, there, self._glide_time)
+            self._glide = Glide(here, there, self._glide_time)
             self._changed()
         else:
             self._see(camera=there)
@@ -358,19 +383,3 @@ class Viewer:
             return 0.0, 0.0, 0.0
         x, y, z = (float(value) for value in 0.5 * (self.box[0] + self.box[1]))
         return x, y, z
-
-
-class _Glide:
-    """The way of a camera, slow at both ends; its clock starts when it is first asked."""
-
-    def __init__(self, here: FreeCamera, there: FreeCamera, seconds: float) -> None:
-        self.here, self.there, self.seconds = here, there, seconds
-        self.began: float | None = None
-
-    def at(self, now: float) -> tuple[FreeCamera, bool]:
-        """Where it is, and whether that is the end."""
-        if self.began is None:
-            self.began = now
-        part = min((now - self.began) / self.seconds, 1.0)
-        eased = part * part * (3.0 - 2.0 * part)
-        return self.here.towards(self.there, eased), part >= 1.0
