@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.specs import Matrix
-from usdsplat.preview.stage_model.edits import transform
+from usdsplat.preview.stage_model.placing import transform
 from usdsplat.preview.values import Problem, ViewState
 
 
