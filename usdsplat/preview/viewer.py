@@ -212,10 +212,14 @@ class Viewer:
         if camera is not None:
             self._go(camera, camera.aimed(target))
 
-    def use_camera(self, camera: FreeCamera | str | None) -> None:
-        """Look through a stage's, by its path, or nobody's, or the one that frames everything."""
+    def use_camera(self, camera: FreeCamera | str | None, *, is_moving: bool = False) -> None:
+        """Look through a stage's, by its path, or nobody's, or the one that frames everything.
+
+        Args:
+            is_moving: Whether others follow soon, until `end_move`.
+        """
         self._glide = None
-        self._see(camera=camera)
+        self._see(camera=camera, is_moving=is_moving)
 
     def add_bookmark(self, name: str = "") -> Bookmark:
         """Remember the view by a name, in place of another of that name; "" makes up a new one."""
