@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from pxr import Sdf, Usd
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob
-from usdsplat.preview.knob_model import Editor, Kind, label, soft_range, step
+from usdsplat.preview.knob_model import Editor, Kind, kind_of, label, soft_range, step
+from usdsplat.preview.knob_model import editor_of as knob_editor
 from usdsplat.schema.values import value as value_at
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.authoring import find
@@ -33,6 +34,10 @@ _REAL = {
 """Largest number of each."""
 _TEXT = ("string", "token", "asset")
 _LETTERS = {"i": "int", "h": "half", "f": "float", "d": "double"}
+_FEW = 3
+"""Elements of an array that are shown."""
+_LONGEST = 200
+"""Letters of a text that are shown."""
 _NO_CHOICES: tuple[str, ...] = ()
 
 
@@ -74,23 +79,46 @@ def choices_of(attribute: Usd.Attribute) -> tuple[str, ...]:
 
 
 def editor_of(attribute: Usd.Attribute, time: Usd.TimeCode) -> Editor | None:
-    """How an attribute is edited; None where no simple editor is for it."""
-    form = form_of(attribute)
+    """How an attribute is edited; None where no simple editor is for it.
+
+    The parameters of simulations have the editors of their knobs.
+    """
+    form, item = form_of(attribute), parameter_of(attribute)
     if form is None:
         return None
-    held = plain(value_at(attribute, time))
-    definition = attribute.GetPrim().GetPrimDefinition()
-    fallback = plain(definition.GetAttributeFallbackValue(attribute.GetName()))
-    is_whole = form.scalar in _WHOLE or form.scalar == "int"
+    is_single = form.scalar in ("float", "half")
+    found = value_at(attribute, time)
+    held = plain(found, is_single=is_single)
+    if item is not None and kind_of(item) == form.kind:
+        known = item.default if found is None else _as_knob(item, found, held)
+        made = knob_editor(item, known, name=attribute.GetName())
+    else:
+        definition = attribute.GetPrim().GetPrimDefinition()
+        fallback = definition.GetAttributeFallbackValue(attribute.GetName())
+        made = _editor(attribute, form, held, plain(fallback, is_single=is_single))
+    return replace(
+        made,
+        label=label(attribute.GetBaseName()),
+        is_animated=attribute.GetNumTimeSamples() > 0,
+        is_authored=attribute.HasAuthoredValue(),
+    )
+
+
+def _editor(attribute: Usd.Attribute, form: Form, held: Any, fallback: Any) -> Editor:
+    """The editor of an attribute that is no parameter of ours."""
+    is_whole = form.scalar in _WHOLE
     low, high = _WHOLE.get(form.scalar, (-math.inf, math.inf))
     span = (0.0, 1.0)
     if form.kind in ("int", "float", "vector"):
         parts = held if isinstance(held, tuple) else (held,)
-        found = tuple(part for part in parts if isinstance(part, (int, float)))
-        span = soft_range(low, high, found or fallback, found, is_whole=is_whole)
+        numbers_held = tuple(part for part in parts if isinstance(part, (int, float)))
+        is_size = isinstance(fallback, (int, float)) and fallback > 0
+        least = max(low, 0.0) if is_size else low
+        scale = numbers_held or fallback
+        span = soft_range(least, high, scale, numbers_held, is_whole=is_whole)
     return Editor(
         name=attribute.GetName(),
-        label=label(attribute.GetBaseName()),
+        label="",
         kind=form.kind,
         value=_empty(form) if held is None else held,
         default=fallback,
@@ -101,9 +129,12 @@ def editor_of(attribute: Usd.Attribute, time: Usd.TimeCode) -> Editor | None:
         is_whole=is_whole,
         choices=choices_of(attribute),
         help=attribute.GetDocumentation(),
-        is_animated=attribute.GetNumTimeSamples() > 0,
-        is_authored=attribute.HasAuthoredValue(),
     )
+
+
+def _as_knob(item: Knob, found: Any, held: Any) -> Any:
+    """A value as a knob has it: infinite ones count, where `plain` has none for them."""
+    return found if isinstance(item.default, float) and held is None else held
 
 
 def parameter_of(attribute: Usd.Attribute) -> Knob | None:
@@ -117,8 +148,14 @@ def parameter_of(attribute: Usd.Attribute) -> Knob | None:
         return None
 
 
-def plain(found: Any) -> Any:
-    """A value of USD's in Python's own words; vectors are tuples; None for what is no number."""
+def plain(found: Any, *, is_single: bool = False) -> Any:
+    """A value of USD's in Python's own words; vectors are tuples; None for what is not finite.
+
+    Args:
+        found: A scalar or a vector.
+        is_single: Whether numbers are of single precision or less, and so the shortest decimal
+            that they can mean.
+    """
     if isinstance(found, Sdf.TimeCode):
         found = found.GetValue()
     if isinstance(found, Sdf.AssetPath):
@@ -128,11 +165,38 @@ def plain(found: Any) -> Any:
     if isinstance(found, str):
         return str(found)
     if isinstance(found, numbers.Real):
-        return found if isinstance(found, int) else _finite(float(found))
-    try:
-        return tuple(plain(part) for part in found)
-    except TypeError:
-        return str(found)
+        if isinstance(found, int) or not math.isfinite(found):
+            return found if isinstance(found, int) else None
+        return float(np.format_float_scientific(np.float32(found))) if is_single else float(found)
+    return tuple(plain(part, is_single=is_single) for part in found)
+
+
+def text_of(found: Any) -> str:
+    """A value in few words: of an array its count and its first elements, of a long text its
+    beginning; never all of a million numbers."""
+    if found is None:
+        return ""
+    if (
+        isinstance(found, (list, tuple))
+        or hasattr(found, "__array_interface__")
+        or _is_array(found)
+    ):
+        few = ", ".join(text_of(found[number]) for number in range(min(len(found), _FEW)))
+        dots = ", …" if len(found) > _FEW else ""
+        return f"[{few}{dots}]" if len(found) <= _FEW else f"{len(found):,} × [{few}{dots}]"
+    if hasattr(found, "GetAppliedItems"):  # an edit of a list
+        return ", ".join(map(str, found.GetAppliedItems()))
+    if isinstance(found, dict):
+        return _short("{" + ", ".join(f"{key}: {text_of(found[key])}" for key in found) + "}")
+    if isinstance(found, float):
+        return f"{found:.7g}"
+    if hasattr(found, "displayName"):  # of an enumeration
+        return str(found.displayName)
+    if isinstance(found, str):
+        return _short(found)
+    if isinstance(found, bool) or not hasattr(found, "__len__"):
+        return _short(str(getattr(found, "path", found)))
+    return "(" + ", ".join(text_of(part) for part in found) + ")"
 
 
 def taken(where: str, attribute: Usd.Attribute, value: Any) -> Any:
@@ -188,12 +252,18 @@ def _scalar(where: str, scalar: str, value: Any) -> Any:
     return Sdf.TimeCode(float(value)) if scalar == "timecode" else float(value)
 
 
+def _is_array(found: Any) -> bool:
+    return type(found).__module__ == "pxr.Vt" and hasattr(found, "__getitem__")
+
+
+def _short(text: str) -> str:
+    """The first line of a text, or as much of it as a row has place for."""
+    line = text[: _LONGEST + 1].partition("\n")[0]
+    return text if line == text and len(text) <= _LONGEST else f"{line[:_LONGEST]}…"
+
+
 def _empty(form: Form) -> Any:
     """What an editor begins with where nobody says anything."""
     if form.kind in ("vector", "color"):
         return (0,) * form.size
     return {"bool": False, "int": 0, "float": 0.0}.get(form.kind, "")
-
-
-def _finite(number: float) -> float | None:
-    return number if math.isfinite(number) else None
