@@ -126,8 +126,7 @@ class Simulation:
         with reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
-        self.carried: dict[str, frozenset[str]] = {}
-        """Arrays that change because a field moves in the simulation's space, by its path."""
+        self._carried: dict[str, frozenset[str]] = {}
         for path, recipe in self.recipes.items():
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
             if lead > LEAD:
@@ -136,7 +135,7 @@ class Simulation:
                 raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
             self.uses[path] = uses_over(recipe, times)
-            self.carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
+            self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
 
@@ -160,7 +159,7 @@ class Simulation:
 
     def frame(self, path: str) -> Frame:
         """A field as it is now, in its own space."""
-        solver, arrays = self.solvers[path], self.carried[path]
+        solver, arrays = self.solvers[path], self._carried[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
             return frame
@@ -169,7 +168,7 @@ class Simulation:
 
     def writes(self, path: str) -> frozenset[str]:
         """The arrays of a field's cloud that may change."""
-        return self.uses[path].writes | self.carried[path]
+        return self.uses[path].writes | self._carried[path]
 
     def checkpoint(self) -> dict[str, State]:
         """What `begin` takes."""

@@ -1,0 +1,137 @@
+"""What is recorded in a preview is what the command bakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd
+
+from tests.preview.simulating.hosts import running, shot
+from tests.sim.stage.scenes import LIVELY
+from tests.sim.stage.stages import simulation_of
+from usdsplat.sim.stage.authoring import author
+from usdsplat.sim.stage.overrides import override
+from usdsplat.sim.stage.provenance import read_record
+from usdsplat.sim.stage.simulating import simulate
+
+LAST = 8
+
+
+def files(target: Path) -> dict[str, bytes]:
+    """Everything that a bake wrote, byte by byte."""
+    return {
+        path.name: path.read_bytes() for path in (target, *target.with_name("b_data").iterdir())
+    }
+
+
+def baked(stage: Usd.Stage, folder: str, *overrides: str) -> Path:
+    """What the command writes."""
+    shot_path = Path(stage.GetRootLayer().realPath)
+    other = Usd.Stage.Open(str(shot_path))
+    for text in overrides:
+        override(other, text)
+    target = place(stage, folder)
+    simulate(other, target, [float(frame) for frame in range(1, LAST + 1)])
+    return target
+
+
+def place(stage: Usd.Stage, folder: str) -> Path:
+    target = Path(stage.GetRootLayer().realPath).with_name(folder) / "b.usda"
+    target.parent.mkdir()
+    return target
+
+
+def test_a_recording_is_the_commands_bake(tmp_path: Path) -> None:
+    """Oracle: all bytes of the command's files, its record among them; the run that was shown
+    meanwhile stays, and goes on."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        runner.run()
+        host.reached(2.0)
+        runner.record(target)
+        assert host.until("recording").message == "recording b.usda"
+        status = host.wait(lambda event: str(target) in event.message)
+        assert (status.state, status.frames is None) == ("paused", False)
+        assert f"{LAST} frames of" in status.message
+        assert files(target) == expected
+        runner.run()
+        assert host.ended().frame == LAST
+
+
+def test_edits_of_the_session_are_recorded_and_those_that_come_later_are_not(
+    tmp_path: Path,
+) -> None:
+    """Oracle: the command with the first edit as its override, to the byte."""
+    stage = shot(tmp_path, {"particles:enabled": True}, last=LAST)
+    expected = files(baked(stage, "command", "particles:gravity=0,-2,0"))
+    target = place(stage, "preview")
+    stage.SetEditTarget(stage.GetSessionLayer())
+    override(stage, "particles:gravity=0,-2,0")
+    with running(stage) as (host, runner):
+        with host.lock:
+            runner.record(target)
+            author(simulation_of(stage), {"particles:gravity": (0.0, 9.0, 0.0)})
+        host.wait(lambda event: str(target) in event.message)
+        assert files(target) == expected
+
+
+def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
+    """Oracle: all bytes of a bake that nobody disturbed."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        runner.record(target)
+        host.reached(5.0)
+        runner.pause()
+        assert runner.status.state == "paused"
+        runner.reset()
+        status = runner.status
+        assert status.state == "ready"
+        assert "it can be resumed" in status.message
+        runner.record(target, resume=True)
+        host.wait(lambda event: "frames of" in event.message)
+        assert files(target) == expected
+        record = read_record(Sdf.Layer.FindOrOpen(str(target)))
+        assert record is not None
+        assert record["completedFrames"] == LAST
+
+
+def test_a_held_recording_goes_on(tmp_path: Path) -> None:
+    """Oracle: all bytes of a bake that nobody disturbed."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        runner.record(target)
+        for frame in (2.0, 4.0):
+            host.reached(frame)
+            runner.pause()
+            runner.run()
+        host.wait(lambda event: str(target) in event.message)
+        assert files(target) == expected
+
+
+@pytest.mark.parametrize(
+    ("frames", "name", "sentence"),
+    [
+        ([1.0, 2.0], "missing/b.usda", "a place to make a folder"),
+        ([1.0, 2.0], "there.usda", "a new name, or --resume or --force"),
+        (None, "b.usda", "record: found a stage without a range, expected frames"),
+    ],
+)
+def test_what_cannot_be_recorded_is_a_sentence(tmp_path, frames, name, sentence) -> None:
+    """Oracle: the sentence; a run can be made afterwards."""
+    stage = shot(tmp_path, {"particles:enabled": True}, last=2)
+    if frames is None:
+        stage.GetRootLayer().ClearStartTimeCode()
+        stage.GetRootLayer().ClearEndTimeCode()
+    (tmp_path / "there.usda").touch()
+    with running(stage) as (host, runner):
+        runner.record(tmp_path / name, frames=frames)
+        assert sentence in host.until("failed").message
+        runner.step()
+        assert host.reached(1.0).message == ""

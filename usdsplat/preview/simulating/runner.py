@@ -1,0 +1,234 @@
+"""Run, pause, step, reset and record the simulations of a document.
+
+runner = Runner(document)
+runner.run()                    # frames come to the stage, and the document is woken
+runner.pause()
+runner.step()                   # one frame
+runner.record("bake.usda")      # what `usdsplat simulate` writes, to the bit
+runner.reset()                  # the stage is as it was
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from usdsplat.kernels.device import open_device
+from usdsplat.preview.simulating.job import Host, Job
+from usdsplat.preview.simulating.live import LiveRun
+from usdsplat.preview.simulating.live_layer import BUDGET
+from usdsplat.preview.simulating.recording import Recording
+from usdsplat.preview.values import SimulationStatus
+from usdsplat.sim.stage.recipe import find_simulations
+
+State = Literal["none", "ready", "beginning", "running", "paused", "recording", "failed"]
+
+
+class Runner:
+    """The simulations of one document, in threads of their own.
+
+    All methods return at once and are called by one thread at a time, with or without the
+    document's lock. Work is held and stopped between two kernels. `document.publish` is called with
+    a `SimulationStatus` whenever something happened, in any thread.
+
+    A run shows every frame of the stage's range and stops there; without a range it goes on from 1.
+    Parameters and places that are edited on the stage count from the next step of the solver. What
+    a solver cannot take while it runs waits for `reset`, and the status says so: values that hold
+    for all times, prims that come or go, and kinds of work that no frame of the range asked for.
+
+    Args:
+        document: Whose stage is simulated.
+        device, threads: As `open_device` takes them.
+        budget: Memory that frames on the stage may take [byte]; beyond it the oldest are forgotten.
+        is_paced: Whether a run goes no faster than the stage plays.
+
+    Raises:
+        BackendError: If the device is not usable here.
+        UsageError: If `threads` is out of range.
+    """
+
+    def __init__(
+        self,
+        document: Host,
+        *,
+        device: str = "auto",
+        threads: int | None = None,
+        budget: float = BUDGET,
+        is_paced: bool = True,
+    ) -> None:
+        self._document = document
+        self._device = open_device(device, threads=threads)
+        self._budget, self._is_paced = budget, is_paced
+        self._telling = threading.RLock()
+        self._live: LiveRun | None = None
+        self._recording: Recording | None = None
+        self._jobs: list[Job] = []
+        self._message = ""
+        self._exists = False
+        self._look()
+
+    @property
+    def status(self) -> SimulationStatus:
+        """Where it is."""
+        live, recording = self._live, self._recording
+        shown = live.frames if live else None
+        if recording is not None and not recording.is_over:
+            return SimulationStatus(
+                state="recording" if recording.gate.is_open else "paused",
+                frame=recording.frame,
+                frames=shown,
+                end=recording.end,
+                seconds=recording.seconds,
+                message=recording.message,
+            )
+        if live is None:
+            failed = recording.failure if recording else ""
+            told = recording.message if recording else self._message
+            rest: State = "ready" if self._exists else "none"
+            return SimulationStatus(state="failed" if failed else rest, message=failed or told)
+        failed = live.failure or (recording.failure if recording else "")
+        return SimulationStatus(
+            state="failed" if failed else _state_of(live),
+            frame=live.frame,
+            frames=shown,
+            end=live.end,
+            splats=live.splats,
+            seconds=live.seconds,
+            message=failed or (recording.message if recording else live.message),
+        )
+
+    def run(self) -> None:
+        """Begin, or go on; after the last frame or a failure begin anew."""
+        self._go_on(float("inf"))
+
+    def step(self) -> None:
+        """Make one frame, and pause; there is none after the last."""
+        job = self._current()
+        if job is None or job.failure or not job.is_over:
+            self._go_on(1)
+
+    def pause(self) -> None:
+        """Hold what goes on, a recording before a run."""
+        job = self._current()
+        if job is not None:
+            job.gate.hold()
+        self._tell()
+
+    def reset(self) -> None:
+        """End what goes on, and leave the stage as it was. What was recorded can be resumed."""
+        self._end_recording()
+        self._end_live()
+        self._look()
+        self._document.wake()
+        self._tell()
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        frames: Sequence[float] | None = None,
+        resume: bool = False,
+        force: bool = False,
+    ) -> None:
+        """Bake to a file, from the first frame on, as `usdsplat simulate` does.
+
+        A run is held meanwhile, and goes on with `run` afterwards. What the stage is now is
+        recorded, edits of the session with it; edits that are made meanwhile are not.
+
+        Args:
+            path: The layer of results, a .usda.
+            frames: Ascending, one apart [time code]; None is the stage's range.
+            resume: Go on with the bake that is there.
+            force: Replace the bake that is there.
+        """
+        self._end_recording()
+        if self._live is not None:
+            self._live.gate.hold()
+        with self._document.lock:
+            layer = self._live.layer if self._live else None
+            recording = Recording(
+                self._document,
+                self._device,
+                self._tell,
+                target=Path(path),
+                frames=frames,
+                resume=resume,
+                force=force,
+                without=[layer.identifier] if layer else [],
+            )
+        self._recording = recording
+        self._start(recording)
+
+    def close(self) -> None:
+        """End everything, and wait until it has ended; the stage is as it was."""
+        self._end_recording()
+        self._end_live()
+        for job in self._jobs:
+            job.join()
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _go_on(self, frames: float) -> None:
+        job = self._current()
+        if job is not self._recording:
+            self._recording = None
+        if job is None or job.is_over:
+            self._end_live()
+            job = self._live = LiveRun(
+                self._document,
+                self._device,
+                self._tell,
+                budget=self._budget,
+                is_paced=self._is_paced,
+            )
+            job.gate.open(frames)
+            self._start(job)
+        else:
+            job.gate.open(frames)
+            self._tell()
+
+    def _current(self) -> Job | None:
+        """What `run` and `pause` are about."""
+        if self._recording is not None and not self._recording.is_over:
+            return self._recording
+        return self._live
+
+    def _start(self, job: Job) -> None:
+        self._jobs = [each for each in self._jobs if not each.is_over]
+        self._jobs.append(job)
+        self._tell()
+        job.start()
+
+    def _end_recording(self) -> None:
+        recording, self._recording = self._recording, None
+        self._message = ""
+        if recording is not None and not recording.is_over:
+            recording.gate.stop()
+            self._message = recording.stopped
+
+    def _end_live(self) -> None:
+        """Stop a run and take its frames off the stage."""
+        live, self._live = self._live, None
+        if live is not None:
+            live.gate.stop()
+            with self._document.lock:
+                if live.layer is not None:
+                    live.layer.remove()
+
+    def _look(self) -> None:
+        with self._document.lock:
+            self._exists = bool(find_simulations(self._document.stage))
+
+    def _tell(self) -> None:
+        """Publish where it is, in the order in which things happened."""
+        with self._telling:
+            self._document.publish(self.status)
+
+
+def _state_of(live: LiveRun) -> State:
+    """What a run that has not failed does."""
+    if live.is_over or not live.gate.is_open:
+        return "paused"
+    return "beginning" if live.frame is None else "running"

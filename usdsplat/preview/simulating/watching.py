@@ -1,0 +1,167 @@
+"""A stage under a simulation that runs: what users change of it, and what that comes to.
+
+Parameters and places are read anew at every step. A value that cannot be is told, and waited for:
+nothing of the simulation is lost.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from pxr import Sdf, Tf, Usd
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError
+from usdsplat.preview.simulating.pinning import Pins
+from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.specs import Moment
+from usdsplat.sim.stage import collections
+from usdsplat.sim.stage.parameters import FRAME, RELATIONSHIPS, instances
+from usdsplat.sim.stage.recipe import StageRecipe, find_simulations
+from usdsplat.sim.stage.simulating import Simulation
+
+_NAMES = (f"{NAMESPACE}:", "collection:")
+
+
+def members(stage: Usd.Stage) -> dict[str, Usd.Prim]:
+    """Who takes part in a stage's simulations: names, as a user knows them, and prims.
+
+    A name that leads to a prim has the prim's path at its end.
+    """
+    found: dict[str, Usd.Prim] = {}
+    for simulation in find_simulations(stage):
+        path = simulation.GetPath()
+        found[str(path)] = simulation
+        fields, _ = collections.splats(stage, simulation)
+        for prim in (*fields, *collections.affectors(stage, simulation)):
+            found[f"{path}: {prim.GetPath()}"] = prim
+        links = list(RELATIONSHIPS)
+        for group in ("deform", "driver"):
+            for name in instances(simulation, group):
+                found[f"{path}.{NAMESPACE}:{group}:{name}"] = simulation
+                links += [f"{group}:{name}:{FRAME}"] if group == "deform" else []
+        for name in links:
+            relationship = simulation.GetRelationship(f"{NAMESPACE}:{name}")
+            for target in relationship.GetForwardedTargets() if relationship else ():
+                where = f"{path}.{NAMESPACE}:{name}: {target}"
+                found[where] = stage.GetPrimAtPath(target.GetPrimPath())
+    return found
+
+
+class Watch:
+    """Of one run.
+
+    Args:
+        stage: Listened to until `close`.
+        refused: Told of what cannot be read; returns when it is to be tried again.
+    """
+
+    def __init__(self, stage: Usd.Stage, refused: Callable[[StageError], None]) -> None:
+        self._stage, self._refused = stage, refused
+        self._pins: dict[str, Pins] = {}
+        self._members: dict[str, Usd.Prim] = {}
+        self._told: dict[str, tuple[str, ...]] = {}
+        self._thread = threading.get_ident()
+        self._is_stale = False
+        self._key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._notice, stage)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._key.Revoke()
+
+    def begin(self, simulation: Simulation) -> None:
+        """Remember how a simulation begins; to be called with the stage's lock.
+
+        Raises:
+            UsdSplatError: If something on the stage cannot be simulated.
+        """
+        self._members = members(self._stage)
+        for path, recipe in simulation.recipes.items():
+            self._pins[path] = Pins(
+                simulation=recipe.simulation,
+                first=recipe.at(recipe.start),
+                uses=simulation.uses[path],
+                has_skin=recipe.binding is not None,
+            )
+
+    @property
+    def message(self) -> str:
+        """What waits until the simulation begins anew, a sentence; "" where nothing does."""
+        names = list(dict.fromkeys(name for told in self._told.values() for name in told))
+        if not names:
+            return ""
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        return f"{names[0]}{more}: takes effect after Reset"
+
+    def look(self) -> None:
+        """See who takes part now, if that may be others; to be called with the stage's lock."""
+        if not self._is_stale:
+            return
+        self._is_stale = False
+        changed = members(self._stage).keys() ^ self._members.keys()
+        self._told["members"] = tuple(sorted(changed))
+
+    def check(self) -> None:
+        """To be called with the stage's lock, before anything is read.
+
+        Raises:
+            StageError: If a prim is not there any more.
+        """
+        for name, prim in self._members.items():
+            if not prim:
+                where = name.rpartition(": ")[2]
+                raise StageError(where, "a prim that is gone", "it, or a Reset")
+
+    def held(self, path: str, read: Callable[[], Moment]) -> Moment:
+        """What is so for a field now: read again and again until it can be."""
+        while True:
+            try:
+                moment = read()
+            except StageError as error:
+                if path not in self._pins or any(not prim for prim in self._members.values()):
+                    raise
+                self._refused(error)
+                continue
+            if path not in self._pins:
+                return moment
+            moment, told = self._pins[path].held(moment)
+            self._told[path] = tuple(told)
+            return moment
+
+    def _notice(self, notice: Usd.Notice.ObjectsChanged, sender: Any) -> None:
+        if threading.get_ident() == self._thread:
+            return  # our own frames
+        paths = [*notice.GetResyncedPaths(), *notice.GetChangedInfoOnlyPaths()]
+        self._is_stale |= any(map(_may_matter, paths))
+
+
+def _may_matter(path: Sdf.Path) -> bool:
+    """Whether a change there may be one of who takes part."""
+    return path.IsAbsoluteRootOrPrimPath() or path.name.startswith(_NAMES)
+
+
+class LiveRecipe(StageRecipe):
+    """A recipe whose stage is edited while it is used; arguments as of `StageRecipe`, and who
+    watches."""
+
+    def __init__(self, *arguments: Any, watch: Watch) -> None:
+        super().__init__(*arguments)
+        self._watch = watch
+
+    def at(self, time: float) -> Moment:
+        """As `StageRecipe.at`, of what may be."""
+
+        def read() -> Moment:
+            with self._reading:
+                self._watch.check()
+                return StageRecipe.at(self, time)
+
+        return self._watch.held(self.path, read)
+
+    def field_to_simulation(self, time: float) -> F64:
+        """As `StageRecipe.field_to_simulation`."""
+        with self._reading:
+            self._watch.check()
+            return super().field_to_simulation(time)
