@@ -69,8 +69,8 @@ class Viewer:
         glide: float = 0.0,
     ) -> None:
         self._session = session
-        self._changed = changed
-        self._placing = Placing(session, changed=changed)
+        self._listeners: tuple[Callable[[], None], ...] = (changed,)
+        self._placing = Placing(session, changed=self._changed)
         self._glide_time = glide
         self.state = ViewState()
         self.timeline = Timeline()
@@ -91,6 +91,15 @@ class Viewer:
     def aspect(self) -> float:
         """Width over height of the viewport."""
         return self.state.size[0] / self.state.size[1]
+
+    def listen(self, changed: Callable[[], None]) -> Callable[[], None]:
+        """Tell one more of changes; returns how to stop that."""
+        self._listeners = (*self._listeners, changed)
+
+        def stop() -> None:
+            self._listeners = tuple(each for each in self._listeners if each is not changed)
+
+        return stop
 
     # --- what happened ---------------------------------------------------------------------
 
@@ -353,6 +362,10 @@ class Viewer:
         self._placing.move(matrix, self.state.time)
 
     # --- private ---------------------------------------------------------------------------
+
+    def _changed(self) -> None:
+        for listener in self._listeners:
+            listener()
 
     def _follow(self) -> None:
         path = self.state.selected[-1] if self.state.selected else ""

@@ -1,0 +1,394 @@
+"""The widget that shows a session's pictures and takes the mouse and the keys.
+
+    viewport = Viewport(viewer)
+    bridge.picture.connect(viewport.show_picture)
+    viewport.pick_requested.connect(pick)
+
+It paints with QPainter alone, so it runs wherever Qt does. What is painted over a picture is where
+that picture has it, however far the view has gone on since.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import (
+    QFocusEvent,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QNativeGestureEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QWheelEvent,
+)
+from PySide6.QtWidgets import QWidget
+
+from usdsplat.preview.manipulator import Handle, Manipulator, Mode, Space
+from usdsplat.preview.projection import Pixel, Projection
+from usdsplat.preview.qt.viewport_holds import (
+    CLICK,
+    HandleHold,
+    Hold,
+    NavigatingHold,
+    WipeHold,
+)
+from usdsplat.preview.qt.viewport_navigation import (
+    MODE_KEYS,
+    NOTCH,
+    QUICKER,
+    Moves,
+    gesture_of,
+    notches,
+)
+from usdsplat.preview.qt.viewport_painting import Rate, Scene, paint, paint_nothing
+from usdsplat.preview.values import Picture
+from usdsplat.preview.viewer import Viewer
+
+REST = 80
+"""After the last input, the view rests [ms]."""
+TICK = 8
+"""Between ticks of what goes on by itself [ms]."""
+WIPE_REACH = 7.0
+"""How far from the wipe it is still hit [pixel of the window]."""
+
+
+class Viewport(QWidget):
+    """What a viewer sees.
+
+    Args:
+        viewer: Whose view it is; all that the user does goes to it.
+        parent: Who owns this, in Qt's sense.
+    """
+
+    pick_requested = Signal(float, float)
+    """A click, in pixels of the viewport."""
+    focus_requested = Signal(float, float)
+    """A double click."""
+    probe_moved = Signal(float, float)
+    """The pointer is over another pixel, and holds nothing."""
+    probe_left = Signal()
+    manipulator_changed = Signal()
+    """Its mode or space is another."""
+
+    def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.viewer = viewer
+        self.picture: Picture | None = None
+        """The last one that was shown."""
+        self.mode: Mode | None = "translate"
+        """What the manipulator does; None for none."""
+        self.space: Space = "world"
+        self.shows_hud = True
+        self._image = QImage()
+        self._rate = Rate()
+        self._moves = Moves()
+        self._hold: Hold | None = None
+        self._keys: set[int] = set()
+        self._hot: Handle | None = None
+        self._wipe_is_hot = False
+        self._probed: Pixel | None = None
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMouseTracking(True)
+        self.setMinimumSize(160, 120)
+        self._flush = self._timer(0, self._give_moves)
+        self._rest = self._timer(REST, self._come_to_rest)
+        self._clock = QTimer(self)
+        self._clock.setTimerType(Qt.TimerType.PreciseTimer)
+        self._clock.timeout.connect(self._tick)
+        self.destroyed.connect(viewer.listen(self._viewer_changed))
+
+    # --- what is shown ---------------------------------------------------------------------
+
+    def show_picture(self, picture: Picture) -> None:
+        """Show it; the image is read where it is, so it must not be changed any more."""
+        height, width = picture.image.shape[:2]
+        pixels = np.ascontiguousarray(picture.image)
+        image = QImage(pixels.data, width, height, 3 * width, QImage.Format.Format_RGB888)
+        self._image, self.picture = image.convertToFormat(QImage.Format.Format_RGB32), picture
+        if picture.state.is_moving:
+            self._rate.count(time.monotonic())
+        else:
+            self._rate.stop()
+        self.update()
+
+    def set_mode(self, mode: Mode | None) -> None:
+        """Have another manipulator, or none."""
+        self.mode, self._hot = mode, None
+        self.manipulator_changed.emit()
+        self.update()
+
+    def set_space(self, space: Space) -> None:
+        """Have its axes along the world's or the prim's own."""
+        self.space, self._hot = space, None
+        self.manipulator_changed.emit()
+        self.update()
+
+    def set_hud(self, is_shown: bool) -> None:
+        """Show the numbers of the picture, or not."""
+        self.shows_hud = is_shown
+        self.update()
+
+    @property
+    def projection(self) -> Projection | None:
+        """Of the picture that is shown; None before the first."""
+        if self.picture is None:
+            return None
+        return Projection.of(self.picture.camera, self._size())
+
+    @property
+    def manipulator(self) -> Manipulator | None:
+        """On the prim that was selected last; None for none."""
+        placement = self.viewer.placement
+        if self.mode is None or placement is None:
+            return None
+        return Manipulator(
+            matrix=np.reshape(placement.matrix, (4, 4)),
+            mode=self.mode,
+            space=self.space,
+            ratio=self.devicePixelRatioF(),
+        )
+
+    def sizeHint(self) -> QSize:
+        return QSize(960, 720)
+
+    # --- painting --------------------------------------------------------------------------
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter, state = QPainter(self), self.viewer.state
+        if self.picture is None or self.projection is None:
+            paint_nothing(painter, QRectF(self.rect()))
+            return
+        scene = Scene(
+            picture=self.picture,
+            image=self._image,
+            size=self._size(),
+            ratio=self.devicePixelRatioF(),
+            projection=self.projection,
+            manipulator=self.manipulator,
+            hot=self._hot,
+            wipe=None if state.other is None else state.wipe,
+            wipe_is_hot=self._wipe_is_hot,
+            shows_hud=self.shows_hud,
+            rate=self._rate.per_second,
+        )
+        paint(painter, QRectF(self.rect()), scene)
+
+    # --- mouse -----------------------------------------------------------------------------
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if self._hold is not None:
+            return
+        self._hold = self._take(event)
+        if self._hold is not None:
+            self.setCursor(self._hold.cursor)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        pixel = self._pixel(event.position())
+        if self._hold is None:
+            self._hover(pixel)
+            return
+        self._hold.move(pixel, event.modifiers())
+        self._soon()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._hold is None or event.buttons() != Qt.MouseButton.NoButton:
+            return
+        self._hold.let_go(self._pixel(event.position()))
+        self._let_go()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        pixel = self._pixel(event.position())
+        is_free = self._handle_at(pixel) is None and not self._is_on_wipe(pixel)
+        if event.button() == Qt.MouseButton.LeftButton and is_free:
+            self.focus_requested.emit(*pixel)
+        else:
+            self.mousePressEvent(event)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        amount = notches(event.angleDelta().y() or event.angleDelta().x())
+        if isinstance(self._hold, NavigatingHold) and self._hold.gesture == "fly":
+            self.viewer.set_speed(self.viewer.speed * QUICKER**amount)
+        elif self._hold is None:
+            self._moves.zoom(NOTCH * amount)
+            self._soon()
+        event.accept()
+
+    def leaveEvent(self, event: QEvent) -> None:
+        self._hot, self._wipe_is_hot, self._probed = None, False, None
+        self.probe_left.emit()
+        self.update()
+
+    # --- keys ------------------------------------------------------------------------------
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.isAutoRepeat() and self._hold is not None:
+            return
+        self._keys.add(event.key())
+        if self._hold is not None and self._hold.press(self._keys, event.modifiers()):
+            self._viewer_changed()
+        elif self._hold is not None or not self._do(event.key(), event.modifiers()):
+            super().keyPressEvent(event)
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        if event.isAutoRepeat():
+            return
+        self._keys.discard(event.key())
+        if self._hold is not None:
+            self._hold.press(self._keys, event.modifiers())
+            self._rest.start()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        self._keys.clear()
+        if self._hold is not None:
+            self._hold.press(self._keys, Qt.KeyboardModifier.NoModifier)
+        super().focusOutEvent(event)
+
+    def _do(self, key: int, modifiers: Qt.KeyboardModifier) -> bool:
+        """What a key does while nothing is held; False if that is nothing."""
+        shift = bool(modifiers & Qt.KeyboardModifier.ShiftModifier)
+        if modifiers & ~Qt.KeyboardModifier.ShiftModifier & ~Qt.KeyboardModifier.KeypadModifier:
+            return False
+        if key == Qt.Key.Key_A or (key == Qt.Key.Key_F and shift):
+            self.viewer.frame()
+        elif key == Qt.Key.Key_F:
+            self.viewer.frame(self.viewer.state.selected)
+        elif key == Qt.Key.Key_H:
+            self.set_hud(not self.shows_hud)
+        elif key == Qt.Key.Key_X:
+            self.set_space("local" if self.space == "world" else "world")
+        elif key in MODE_KEYS:
+            self.set_mode(MODE_KEYS[key])
+        else:
+            return False
+        return True
+
+    # --- other events ----------------------------------------------------------------------
+
+    def event(self, event: QEvent) -> bool:
+        kind = event.type()
+        if kind == QEvent.Type.ShortcutOverride and self._hold is not None:
+            event.accept()  # keys that fly are no shortcuts meanwhile
+            return True
+        if kind == QEvent.Type.NativeGesture and isinstance(event, QNativeGestureEvent):
+            return self._pinch(event)
+        if kind == QEvent.Type.DevicePixelRatioChange:
+            self.viewer.resize(*self._size())
+        return super().event(event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        self.viewer.resize(*self._size())
+        super().resizeEvent(event)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _take(self, event: QMouseEvent) -> Hold | None:
+        """What a press takes hold of."""
+        pixel, ratio = self._pixel(event.position()), self.devicePixelRatioF()
+        projection, manipulator = self.projection, self.manipulator
+        gesture = gesture_of(event.button(), event.modifiers())
+        if gesture is None or projection is None:
+            return None
+        is_plain = not event.modifiers() & (
+            Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
+        )
+        if event.button() != Qt.MouseButton.LeftButton or not is_plain:
+            return NavigatingHold(gesture, pixel, self._moves, self.viewer)
+        if self._is_on_wipe(pixel):
+            return WipeHold(pixel, self.viewer)
+        handle = self._handle_at(pixel)
+        if manipulator is not None and handle is not None:
+            self._hot = handle
+            return HandleHold(handle, manipulator, pixel, projection, self.viewer)
+        return NavigatingHold(
+            gesture,
+            pixel,
+            self._moves,
+            self.viewer,
+            slack=CLICK * ratio,
+            clicked=lambda: self.pick_requested.emit(*pixel),
+        )
+
+    def _handle_at(self, pixel: Pixel) -> Handle | None:
+        projection, manipulator = self.projection, self.manipulator
+        if projection is None or manipulator is None or self._is_on_wipe(pixel):
+            return None
+        return manipulator.hit(pixel, projection)
+
+    def _is_on_wipe(self, pixel: Pixel) -> bool:
+        state = self.viewer.state
+        reach = WIPE_REACH * self.devicePixelRatioF()
+        return state.other is not None and abs(state.wipe * state.size[0] - pixel[0]) <= reach
+
+    def _hover(self, pixel: Pixel) -> None:
+        hot, wipe_is_hot = self._handle_at(pixel), self._is_on_wipe(pixel)
+        if (hot, wipe_is_hot) != (self._hot, self._wipe_is_hot):
+            self._hot, self._wipe_is_hot = hot, wipe_is_hot
+            self.setCursor(
+                Qt.CursorShape.SplitHCursor if wipe_is_hot else Qt.CursorShape.ArrowCursor
+            )
+            self.update()
+        self._probed = pixel
+        self._flush.start()
+
+    def _let_go(self) -> None:
+        self._give_moves()
+        self._hold = None
+        self.setCursor(Qt.CursorShape.ArrowCursor)
+        self.viewer.end_move()
+        self._rest.stop()
+
+    def _pinch(self, event: QNativeGestureEvent) -> bool:
+        if event.gestureType() != Qt.NativeGestureType.ZoomNativeGesture:
+            return False
+        self._moves.zoom(math.log1p(max(event.value(), -0.9)))
+        self._soon()
+        return True
+
+    def _soon(self) -> None:
+        """Have the moves given to the viewer once for this pass of the event loop."""
+        self._flush.start()
+        self._rest.start()
+
+    def _give_moves(self) -> None:
+        if self._moves:
+            self._moves.give(self.viewer)
+        probed, self._probed = self._probed, None
+        if probed is not None:
+            self.probe_moved.emit(*probed)
+
+    def _come_to_rest(self) -> None:
+        if not self.viewer.is_ticking:
+            self.viewer.end_move()
+
+    def _tick(self) -> None:
+        self.viewer.tick(time.monotonic())
+        self._viewer_changed()
+
+    def _viewer_changed(self) -> None:
+        if self.viewer.is_ticking and not self._clock.isActive():
+            self._clock.start(TICK)
+        elif not self.viewer.is_ticking:
+            self._clock.stop()
+        self.update()
+
+    def _pixel(self, position: QPointF) -> Pixel:
+        ratio = self.devicePixelRatioF()
+        return position.x() * ratio, position.y() * ratio
+
+    def _size(self) -> tuple[int, int]:
+        ratio = self.devicePixelRatioF()
+        return max(round(self.width() * ratio), 1), max(round(self.height() * ratio), 1)
+
+    def _timer(self, pause: int, call: Callable[[], None]) -> QTimer:
+        timer = QTimer(self)
+        timer.setSingleShot(True)
+        timer.setInterval(pause)
+        timer.timeout.connect(call)
+        return timer

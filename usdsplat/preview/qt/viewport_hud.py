@@ -1,0 +1,115 @@
+"""What a viewport says about its picture: rows of numbers on a dark pane, read on any picture."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter
+
+from usdsplat.preview.qt import style
+from usdsplat.preview.values import Picture, ViewState
+
+PANE = QColor(16, 16, 16, 178)
+RADIUS = 5.0
+MARGIN = 10.0
+"""From the viewport's edges [pixel of the window]."""
+PAD = 8.0
+STAGES = 5
+"""Most stages that are listed by name."""
+
+Row = tuple[str, str]
+
+
+def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
+    """Labels and values, in the order that they are shown."""
+    times = dict(picture.milliseconds)
+    total = times.pop("total", sum(times.values()))
+    longest = sorted(times, key=lambda name: -times[name])[:STAGES]
+    state = picture.state
+    width, height = state.size
+    quality = "full" if picture.scale == 1.0 else f"1 : {picture.scale:g}"
+    warnings = len(picture.warnings)
+    return [
+        ("splats", f"{picture.splats:,}".replace(",", "\u2009")),
+        ("of", f"{picture.total:,}".replace(",", "\u2009")),
+        ("frame", "default" if state.time is None else f"{state.time:g}"),
+        ("size", f"{width} × {height}"),
+        ("quality", quality),
+        ("fps", "–" if rate is None else f"{rate:.0f}"),
+        ("draw", f"{total:.1f} ms"),
+        *(("  " + name, f"{times[name]:.1f}") for name in times if name in longest),
+        ("memory", f"{picture.megabytes:,.0f} MB".replace(",", "\u2009")),
+        ("device", picture.device),
+        *([("warnings", str(warnings))] if warnings else []),
+    ]
+
+
+def camera_name(state: ViewState) -> str:
+    """Of what is looked through."""
+    if isinstance(state.camera, str):
+        return state.camera
+    return "Frames all" if state.camera is None else "Free camera"
+
+
+def look_names(state: ViewState) -> tuple[str, str]:
+    """What is shown left and right of the wipe; "" on the right for no comparison.
+
+    Where both show one AOV, what else tells them apart is said.
+    """
+    names: list[str] = []
+    for look in (state.look, state.other):
+        if look is None:
+            return names[0], ""
+        time = "" if look.time is None else f" · frame {look.time:g}"
+        names.append(f"{look.aov}{time}")
+    if names[0] == names[1]:
+        return f"A · {names[0]}", f"B · {names[1]}"
+    return names[0], names[1]
+
+
+def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:
+    """Paint a pane of rows with its top left at a corner; returns where it is."""
+    font = style.digits()
+    painter.setFont(font)
+    metrics = QFontMetricsF(font)
+    labels = max(metrics.horizontalAdvance(label) for label, _ in rows)
+    values = max(metrics.horizontalAdvance(value) for _, value in rows)
+    step = metrics.height() + 1.0
+    size = (2 * PAD + labels + 2 * PAD + values, 2 * PAD + step * len(rows) - 3.0)
+    pane = QRectF(corner.x(), corner.y(), *size)
+    _paint_pane(painter, pane)
+    for i, (label, value) in enumerate(rows):
+        line = QRectF(pane.left() + PAD, pane.top() + PAD - 1.0 + i * step, size[0] - 2 * PAD, step)
+        is_part = label.startswith(" ")
+        painter.setPen(style.QUIET.darker(120) if is_part else style.QUIET)
+        painter.drawText(line, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, label)
+        painter.setPen(style.QUIET if is_part else style.TEXT)
+        painter.drawText(line, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, value)
+    return pane
+
+
+def paint_tag(
+    painter: QPainter,
+    text: str,
+    anchor: QPointF,
+    *,
+    right: bool = False,
+    color: QColor = style.TEXT,
+) -> QRectF:
+    """Paint a word on a pane, with its lower left, or lower right, at a point; returns where."""
+    font = QFont(painter.font())
+    font.setPointSizeF(8.5)
+    painter.setFont(font)
+    metrics = QFontMetricsF(font)
+    width, height = metrics.horizontalAdvance(text) + 2 * PAD, metrics.height() + 6.0
+    left = anchor.x() - width if right else anchor.x()
+    pane = QRectF(left, anchor.y() - height, width, height)
+    _paint_pane(painter, pane)
+    painter.setPen(color)
+    painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
+    return pane
+
+
+def _paint_pane(painter: QPainter, pane: QRectF) -> None:
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(PANE)
+    painter.drawRoundedRect(pane, RADIUS, RADIUS)

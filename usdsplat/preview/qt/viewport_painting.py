@@ -1,0 +1,136 @@
+"""A viewport's whole face: the picture, what has a place in it, and words at its edges."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QImage, QPainter
+
+from usdsplat.preview.manipulator import Handle, Manipulator
+from usdsplat.preview.projection import Projection
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt import viewport_hud as hud
+from usdsplat.preview.qt import viewport_overlays as overlays
+from usdsplat.preview.values import Picture
+
+MEMORY = 1.0
+"""For how long a picture counts for the rate [s]."""
+CORNER = 46.0
+"""Of the axes from the lower left corner [pixel of the window]."""
+BESIDE_AXES = 84.0
+TOP = 34.0
+"""Of the names of a comparison."""
+
+
+class Rate:
+    """Pictures in a second, while the view moves."""
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque()
+
+    def count(self, now: float) -> None:
+        """A picture came [s]."""
+        self._times.append(now)
+        while now - self._times[0] > MEMORY:
+            self._times.popleft()
+
+    def stop(self) -> None:
+        """The view rests."""
+        self._times.clear()
+
+    @property
+    def per_second(self) -> float | None:
+        """None until two pictures of a movement came."""
+        if len(self._times) < 2 or self._times[-1] == self._times[0]:
+            return None
+        return (len(self._times) - 1) / (self._times[-1] - self._times[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Scene:
+    """All that is painted, once."""
+
+    picture: Picture
+    image: QImage
+    size: tuple[int, int]
+    """Of the viewport [pixel of the screen]."""
+    ratio: float
+    """Pixels of the screen to one of the window."""
+    projection: Projection
+    manipulator: Manipulator | None
+    hot: Handle | None
+    """The handle under the pointer."""
+    wipe: float | None
+    """Where a comparison is cut, a part of the width; None for no comparison."""
+    wipe_is_hot: bool
+    shows_hud: bool
+    rate: float | None
+    """Pictures in a second."""
+
+
+def paint_nothing(painter: QPainter, place: QRectF) -> None:
+    """Paint a viewport without a picture."""
+    painter.fillRect(place, style.SUNK)
+    painter.setPen(style.OFF)
+    painter.drawText(place, Qt.AlignmentFlag.AlignCenter, "Drop a stage or a capture here")
+
+
+def paint(painter: QPainter, place: QRectF, scene: Scene) -> None:
+    """Paint a viewport, `place` in pixels of the window."""
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    _paint_image(painter, place, scene)
+    painter.save()
+    painter.scale(1.0 / scene.ratio, 1.0 / scene.ratio)
+    _paint_placed(painter, scene)
+    painter.restore()
+    _paint_words(painter, place, scene)
+
+
+def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
+    """As it is, or as large as fits where it is coarse or of another size than the viewport."""
+    if (scene.image.width(), scene.image.height()) == scene.size:
+        painter.drawImage(place, scene.image)
+        return
+    width, height = scene.picture.state.size
+    scale = min(place.width() / width, place.height() / height)
+    there = QRectF(0.0, 0.0, scale * width, scale * height)
+    there.moveCenter(place.center())
+    painter.fillRect(place, style.SUNK)
+    painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+    painter.drawImage(there, scene.image)
+
+
+def _paint_placed(painter: QPainter, scene: Scene) -> None:
+    """What has its place in the picture, in pixels of the viewport."""
+    ratio, (width, height) = scene.ratio, scene.size
+    overlays.paint_boxes(painter, scene.picture.boxes, scene.projection, ratio=ratio)
+    if scene.wipe is not None:
+        overlays.paint_wipe(
+            painter, scene.wipe * width, height, ratio=ratio, is_hot=scene.wipe_is_hot
+        )
+    if scene.manipulator is not None:
+        overlays.paint_manipulator(painter, scene.manipulator, scene.projection, hot=scene.hot)
+    corner = QPointF(CORNER * ratio, height - CORNER * ratio)
+    overlays.paint_tripod(painter, scene.projection, corner, ratio=ratio)
+
+
+def _paint_words(painter: QPainter, place: QRectF, scene: Scene) -> None:
+    picture = scene.picture
+    right, bottom = place.right() - hud.MARGIN, place.bottom() - hud.MARGIN
+    if scene.shows_hud:
+        rows = hud.rows_of(picture, rate=scene.rate)
+        hud.paint_rows(painter, rows, QPointF(hud.MARGIN, hud.MARGIN))
+    hud.paint_tag(painter, hud.camera_name(picture.state), QPointF(BESIDE_AXES, bottom))
+    left_name, right_name = hud.look_names(picture.state)
+    if scene.wipe is not None and right_name:
+        cut = scene.wipe * place.width()
+        hud.paint_tag(painter, left_name, QPointF(cut - hud.MARGIN, TOP), right=True)
+        hud.paint_tag(painter, right_name, QPointF(cut + hud.MARGIN, TOP))
+    else:
+        tag = hud.paint_tag(painter, left_name, QPointF(right, bottom), right=True)
+        right = tag.left() - 6.0
+    if picture.scale > 1.0:
+        mark = f"coarse ×{picture.scale:g}"
+        hud.paint_tag(painter, mark, QPointF(right, bottom), right=True, color=style.ANIMATED)
