@@ -27,7 +27,6 @@ from usdsplat.preview.values import (
     Problem,
     SimulationStatus,
     StageChanged,
-    ViewState,
 )
 
 T = TypeVar("T")
@@ -54,7 +53,7 @@ class Bridge(QObject):
 
     def __init__(self, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._session = session
+        self.session = session
         self._lock = threading.Lock()
         self._is_closed = False
         self._latest: Picture | None = None
@@ -71,10 +70,6 @@ class Bridge(QObject):
         self._answer.connect(self._deliver_answer, queued)
         self._stop_listening = session.listen(self._heard)
 
-    def look(self, state: ViewState) -> None:
-        """Say what shall be seen."""
-        self._session.look(state)
-
     def ask(
         self,
         task: Callable[[Document], T],
@@ -85,15 +80,17 @@ class Bridge(QObject):
 
         Without `failed`, an error becomes a `problem`.
         """
-        self._session.ask(
+        self.session.ask(
             task,
-            lambda result: self._send(self._answer, done, result) if done else None,
+            lambda result: self.call(done, result) if done else None,
             lambda error: (
-                self._send(self._answer, failed, error)
-                if failed
-                else self._heard(Problem(sentence=str(error)))
+                self.call(failed, error) if failed else self._heard(Problem(sentence=str(error)))
             ),
         )
+
+    def call(self, call: Callable[[Any], None], value: Any) -> None:
+        """Have something called in the window's thread, from any; dropped once it is closed."""
+        self._send(self._answer, call, value)
 
     def close(self) -> None:
         """Let nothing arrive any more. The session itself goes on."""

@@ -1,0 +1,163 @@
+"""What all panels of one session share: whom to ask, what is seen, and who is told of edits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtWidgets import QWidget
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.document import Document
+from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.values import Picture, Problem
+from usdsplat.preview.viewer import Viewer
+
+TICK = 8
+"""Between two looks at the clock while something plays, flies or glides [ms]."""
+GLIDE = 0.25
+"""How long the way of the camera to what was framed takes [s]."""
+PAUSE = 80
+"""Between two questions of one panel [ms]; a simulation changes the stage with each frame."""
+
+
+class Desk(QObject):
+    """One session, one viewer, many panels.
+
+    Args:
+        bridge: To the session. Its life is not the desk's business.
+        parent: Who owns this, in Qt's sense.
+    """
+
+    view_changed = Signal()
+    """The viewer's state, timeline, bookmarks or selection are other than before."""
+    history_changed = Signal(object, object)
+    """What undo would take back, and what redo would do again; a text or None."""
+
+    def __init__(self, bridge: Bridge, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.bridge = bridge
+        self.viewer = Viewer(bridge.session, ask=bridge.ask, changed=self._viewed, glide=GLIDE)
+        self.picture: Picture | None = None
+        """The last one that came."""
+        self._history = Question(self, self._ask_history)
+        self._clock = QTimer(self)
+        self._clock.setTimerType(Qt.TimerType.PreciseTimer)
+        self._clock.setInterval(TICK)
+        self._clock.timeout.connect(lambda: self.viewer.tick(time.monotonic()))
+        bridge.picture.connect(self._keep)
+        bridge.simulation.connect(self.viewer.simulated)
+        bridge.stage_changed.connect(lambda event: self._history.refresh())
+
+    @property
+    def time(self) -> float | None:
+        """That the viewport shows [time code]."""
+        return self.viewer.state.time
+
+    @property
+    def selected(self) -> str:
+        """Path of the prim that panels speak of; "" for none."""
+        chosen = self.viewer.state.selected
+        return chosen[-1] if chosen else ""
+
+    def edit(
+        self,
+        step: Callable[[Edits], object],
+        *,
+        failed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Have a step done to the stage; what cannot be done becomes a problem.
+
+        Args:
+            step: Given the document's edits, in the session's thread.
+            failed: Called after a problem, such as to show the old value again.
+        """
+
+        def task(document: Document) -> tuple[str | None, str | None]:
+            step(document.edits)
+            return document.edits.undoable, document.edits.redoable
+
+        def complain(error: UsdSplatError) -> None:
+            self.complain(str(error))
+            failed()
+
+        self.bridge.ask(task, lambda names: self.history_changed.emit(*names), complain)
+
+    def attempt(self, act: Callable[[], object]) -> None:
+        """Do something to the viewer; what cannot be done becomes a problem."""
+        try:
+            act()
+        except UsdSplatError as error:
+            self.complain(str(error))
+
+    def complain(self, sentence: str) -> None:
+        """Show a sentence as the session's own problems are shown."""
+        self.bridge.problem.emit(Problem(sentence=sentence))
+
+    def _viewed(self) -> None:
+        if self.viewer.is_ticking != self._clock.isActive():
+            if self.viewer.is_ticking:
+                self._clock.start()
+            else:
+                self._clock.stop()
+        self.view_changed.emit()
+
+    def _keep(self, picture: Picture) -> None:
+        self.picture = picture
+        self.viewer.shown(picture)
+
+    def _ask_history(self, done: Callable[[], None]) -> None:
+        def answered(names: tuple[str | None, str | None]) -> None:
+            done()
+            self.history_changed.emit(*names)
+
+        self.bridge.ask(
+            lambda document: (document.edits.undoable, document.edits.redoable),
+            answered,
+            lambda error: done(),
+        )
+
+
+class Question(QObject):
+    """What a panel asks again and again: one at a time, not too often, only while it is seen.
+
+    Args:
+        owner: Whose question; a widget that cannot be seen asks when it can be.
+        ask: Asks, and calls what it is given when the answer has come or failed.
+    """
+
+    def __init__(self, owner: QObject, ask: Callable[[Callable[[], None]], None]) -> None:
+        super().__init__(owner)
+        self._owner = owner
+        self._ask = ask
+        self._is_asking = False
+        self._is_wanted = False
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self._go)
+        if isinstance(owner, QWidget):
+            owner.installEventFilter(self)
+
+    def refresh(self, *, at_once: bool = False) -> None:
+        """Ask soon, with what is so by then."""
+        self._is_wanted = True
+        if not self._is_asking and (at_once or not self._timer.isActive()):
+            self._timer.start(0 if at_once else PAUSE)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and self._is_wanted:
+            self.refresh(at_once=True)
+        return False
+
+    def _go(self) -> None:
+        if isinstance(self._owner, QWidget) and not self._owner.isVisible():
+            return
+        self._is_asking, self._is_wanted = True, False
+        self._ask(self._answered)
+
+    def _answered(self) -> None:
+        self._is_asking = False
+        if self._is_wanted:
+            self.refresh()

@@ -1,0 +1,131 @@
+"""Every key and every gesture, once: menus and the help read this table.
+
+Letters that fly (W A S D Q E) stay with the viewport, so channels have Shift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Place = Literal["window", "viewport", "gesture"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Key:
+    """Something to do, and how."""
+
+    name: str
+    """What a window calls it; "" for what the viewport does by itself."""
+    menu: str
+    """The menu it is in, or the heading of the help."""
+    text: str
+    keys: tuple[str, ...] = ()
+    """The first one is shown in the menu."""
+    place: Place = "window"
+    """Where the keys hold: everywhere in the window; over viewport and timeline only; or, as a
+    gesture, where the viewport itself listens."""
+    is_checkable: bool = False
+    begins: bool = False
+    """Whether a line stands before it in its menu."""
+
+
+KEYS = (
+    Key(name="open", menu="File", text="Open…", keys=("Ctrl+O",)),
+    Key(name="new", menu="File", text="New window", keys=("Ctrl+N",)),
+    Key(name="reload", menu="File", text="Reload", keys=("Ctrl+R", "F5")),
+    Key(
+        name="save_session",
+        menu="File",
+        text="Save session layer as…",
+        keys=("Ctrl+S",),
+        begins=True,
+    ),
+    Key(name="save_camera_layer", menu="File", text="Save view as a camera layer…"),
+    Key(
+        name="screenshot",
+        menu="File",
+        text="Screenshot…",
+        keys=("Ctrl+Shift+S", "F12"),
+        begins=True,
+    ),
+    Key(name="flipbook", menu="File", text="Flipbook…", keys=("Ctrl+Shift+F",)),
+    Key(name="close", menu="File", text="Close window", keys=("Ctrl+W",), begins=True),
+    Key(name="quit", menu="File", text="Quit", keys=("Ctrl+Q",)),
+    Key(name="undo", menu="Edit", text="Undo", keys=("Ctrl+Z",)),
+    Key(name="redo", menu="Edit", text="Redo", keys=("Shift+Ctrl+Z", "Ctrl+Y")),
+    Key(name="find", menu="Edit", text="Find a prim", keys=("Ctrl+F",), begins=True),
+    Key(name="deselect", menu="Edit", text="Select nothing", keys=("Shift+Ctrl+A",)),
+    Key(name="frame_selected", menu="View", text="Frame the selection", keys=("F",)),
+    Key(name="frame_all", menu="View", text="Frame everything", keys=("Shift+F",)),
+    Key(name="free_camera", menu="Camera", text="Free camera", keys=("Ctrl+0",)),
+    Key(name="save_camera", menu="Camera", text="Save view as a camera on the session layer"),
+    Key(name="add_bookmark", menu="Camera", text="Bookmark this view", keys=("Ctrl+B",)),
+    Key(
+        name="hud",
+        menu="View",
+        text="Heads-up display",
+        keys=("Ctrl+H",),
+        is_checkable=True,
+        begins=True,
+    ),
+    Key(
+        name="compare",
+        menu="View",
+        text="Compare A | B",
+        keys=("Shift+W",),
+        is_checkable=True,
+    ),
+    Key(name="previous_aov", menu="View", text="Previous AOV", keys=("[",), begins=True),
+    Key(name="next_aov", menu="View", text="Next AOV", keys=("]",)),
+    Key(name="red", menu="View", text="Red alone", keys=("Shift+R",), begins=True),
+    Key(name="green", menu="View", text="Green alone", keys=("Shift+G",)),
+    Key(name="blue", menu="View", text="Blue alone", keys=("Shift+B",)),
+    Key(name="alpha", menu="View", text="Alpha alone", keys=("Shift+A",)),
+    Key(name="luminance", menu="View", text="Luminance alone", keys=("Shift+L",)),
+    Key(name="darker", menu="View", text="Exposure down", keys=(",",), begins=True),
+    Key(name="brighter", menu="View", text="Exposure up", keys=(".",)),
+    Key(name="same_exposure", menu="View", text="Exposure as rendered", keys=("/",)),
+    Key(name="play", menu="Timeline", text="Play or pause", keys=("Space",)),
+    Key(name="step_on", menu="Timeline", text="Next frame", keys=("Right",), place="viewport"),
+    Key(name="step_back", menu="Timeline", text="Previous frame", keys=("Left",), place="viewport"),
+    Key(name="to_start", menu="Timeline", text="First frame", keys=("Home",), place="viewport"),
+    Key(name="to_end", menu="Timeline", text="Last frame", keys=("End",), place="viewport"),
+    Key(name="sim_run", menu="Simulation", text="Run or pause", keys=("Ctrl+Space",)),
+    Key(name="sim_step", menu="Simulation", text="One frame", keys=("Ctrl+Right",)),
+    Key(name="sim_reset", menu="Simulation", text="Back to the start", keys=("Ctrl+Home",)),
+    Key(name="sim_record", menu="Simulation", text="Record to a bake…", begins=True),
+    Key(name="help", menu="Help", text="Keys and gestures", keys=("F1",)),
+    Key(name="about", menu="Help", text="About"),
+)
+MENUS = ("File", "Edit", "View", "Camera", "Timeline", "Simulation", "Help")
+
+GESTURES = (
+    ("Alt + left drag", "orbit"),
+    ("Alt + middle drag", "pan"),
+    ("Alt + right drag, wheel", "dolly"),
+    ("Right drag", "look around; with W A S D Q E fly"),
+    ("Click", "select the prim, and show the splat's numbers"),
+    ("Drag the wipe", "cut the comparison elsewhere"),
+    ("Drag an arrow of the manipulator", "move the selected prim, also while it simulates"),
+    ("Drop a file", "open it in this window"),
+)
+"""What the mouse does, for the help."""
+
+
+def help_html() -> str:
+    """All of it, as a page."""
+    sections = []
+    for menu in MENUS:
+        rows = [(", ".join(key.keys), key.text) for key in KEYS if key.menu == menu and key.keys]
+        sections.append(_section(menu, rows))
+    sections.insert(2, _section("Viewport", list(GESTURES)))
+    return "".join(sections)
+
+
+def _section(title: str, rows: list[tuple[str, str]]) -> str:
+    lines = "".join(
+        f"<tr><td style='padding: 2px 18px 2px 0'><b>{keys}</b></td><td>{text}</td></tr>"
+        for keys, text in rows
+    )
+    return f"<h3>{title}</h3><table>{lines}</table>"

@@ -1,0 +1,65 @@
+"""Sentences over the viewport: what went wrong, and what may be done about something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QToolButton, QWidget
+
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.glyphs import glyph
+
+
+class MessageBar(QWidget):
+    """One sentence at a time, until it is put away or is over.
+
+    Args:
+        is_problem: Whether it tells of errors.
+    """
+
+    def __init__(self, *, is_problem: bool, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._act: Callable[[], None] = self.clear
+        mark = (style.WRONG if is_problem else style.ANIMATED).name()
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setObjectName("message")
+        self.setStyleSheet(
+            f"#message {{ background: {style.RAISED.name()}; border-left: 3px solid {mark}; }}"
+        )
+        self._label = QLabel()
+        self._label.setWordWrap(True)
+        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self._label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._label.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
+        self.button = QPushButton()
+        self.button.clicked.connect(lambda: self._act())
+        self.dismiss = QToolButton()
+        self.dismiss.setIcon(glyph("cross"))
+        self.dismiss.setToolTip("Put away")
+        self.dismiss.clicked.connect(self.clear)
+        line = QHBoxLayout(self)
+        line.setContentsMargins(10, 4, 6, 4)
+        line.addWidget(self._label, 1)
+        line.addWidget(self.button)
+        line.addWidget(self.dismiss)
+        self.hide()
+
+    @property
+    def sentence(self) -> str:
+        """What is said now; "" for nothing."""
+        return self._label.text() if not self.isHidden() else ""
+
+    def say(
+        self, sentence: str, *, action: str = "", act: Callable[[], None] | None = None
+    ) -> None:
+        """Show a sentence, and a button if there is something to do."""
+        self._label.setText(sentence)
+        self._act = act or self.clear
+        self.button.setText(action)
+        self.button.setVisible(bool(action))
+        self.show()
+
+    def clear(self) -> None:
+        """Say nothing."""
+        self.hide()

@@ -1,0 +1,254 @@
+"""What the selected prim says: properties at the current time, metadata, composition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from PySide6.QtCore import QModelIndex, QPoint, Qt
+from PySide6.QtGui import QColor, QFont, QGuiApplication
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QMenu,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTabWidget,
+    QTreeView,
+    QWidget,
+)
+
+from usdsplat.core.errors import StageError
+from usdsplat.preview.document import Document
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.desk import Desk, Question
+from usdsplat.preview.qt.knob_panel import tool_tip
+from usdsplat.preview.qt.knob_widgets import ValueWidget, make_widget
+from usdsplat.preview.qt.row_model import Column, RowModel
+from usdsplat.preview.stage_model import properties
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.properties import ArcRow, MetadataRow, PropertyRow
+
+COLORS = {
+    "time samples": style.ANIMATED,
+    "value clips": style.ANIMATED,
+    "default": QColor(140, 178, 214),
+    "computed": QColor(170, 150, 200),
+}
+"""Of values, by where they come from; what nobody says is quiet."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Prim:
+    """All that the tabs show of a prim."""
+
+    properties: tuple[PropertyRow, ...] = ()
+    metadata: tuple[MetadataRow, ...] = ()
+    composition: tuple[ArcRow, ...] = ()
+
+
+class PrimPanel(QTabWidget):
+    """Follows the selection and the time; values that can be edited are edited in place."""
+
+    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self._shown: tuple[str, float | None] | None = None
+        self._question = Question(self, self._ask)
+        self.properties = RowModel(_PROPERTY, key=lambda row: row.name, parent=self)
+        self.metadata = RowModel(_METADATA, key=lambda row: row.name, parent=self)
+        self.composition = RowModel(
+            _COMPOSITION, key=lambda row: f"{row.kind} {row.path} {row.identifier}", parent=self
+        )
+        self.view = _table(self.properties, (150, 0))
+        self.view.setItemDelegate(_ValueDelegate(self._edit, self))
+        self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.view.customContextMenuRequested.connect(self._show_menu)
+        self.addTab(self.view, "Properties")
+        self.addTab(_table(self.metadata, (150, 0)), "Metadata")
+        self.addTab(_table(self.composition, (76, 0, 120)), "Composition")
+        self.setDocumentMode(True)
+        desk.view_changed.connect(self._follow)
+        desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
+
+    def _follow(self) -> None:
+        if (self._desk.selected, self._desk.time) != self._shown:
+            is_other = self._shown is None or self._shown[0] != self._desk.selected
+            self._shown = self._desk.selected, self._desk.time
+            self._question.refresh(at_once=is_other)
+
+    def _ask(self, done: Callable[[], None]) -> None:
+        path, time = self._desk.selected, self._desk.time
+
+        def answered(found: _Prim) -> None:
+            done()
+            if path == self._desk.selected:
+                self.properties.show_rows(found.properties)
+                self.metadata.show_rows(found.metadata)
+                self.composition.show_rows(found.composition)
+
+        self._desk.bridge.ask(
+            partial(_read, path=path, time=time), answered, lambda error: answered(_Prim())
+        )
+
+    def _edit(self, row: PropertyRow, value: Any, merge: str) -> None:
+        path = f"{self._desk.selected}.{row.name}"
+        time = self._desk.time if row.samples else None
+        step = partial(_set_value, path=path, value=value, time=time, merge=merge or None)
+        self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True))
+        self._question.refresh()
+
+    def _show_menu(self, place: QPoint) -> None:
+        index = self.view.indexAt(place)
+        if index.isValid():
+            menu = self.menu_of(self.properties.rows[index.row()])
+            menu.popup(self.view.viewport().mapToGlobal(place))
+
+    def menu_of(self, row: PropertyRow) -> QMenu:
+        """What may be done to a property."""
+        path = f"{self._desk.selected}.{row.name}"
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        clipboard = QGuiApplication.clipboard()
+        menu.addAction("Copy value", partial(clipboard.setText, row.text))
+        menu.addAction("Copy path", partial(clipboard.setText, path))
+        clear = menu.addAction(
+            "Clear session edit", partial(self._desk.edit, partial(_clear, path=path))
+        )
+        clear.setEnabled(row.is_edited)
+        return menu
+
+
+class _ValueDelegate(QStyledItemDelegate):
+    """Edits a value with the widget of its kind."""
+
+    def __init__(self, edit: Callable[[PropertyRow, Any, str], None], parent: PrimPanel) -> None:
+        super().__init__(parent)
+        self._edit = edit
+        self._refused = parent._desk.complain
+
+    def createEditor(  # type: ignore[override]
+        self, parent: QWidget, option: QStyleOptionViewItem, index: QModelIndex
+    ) -> QWidget:
+        row: PropertyRow = index.model().rows[index.row()]  # type: ignore[attr-defined]
+        assert row.editor is not None  # or the cell would not be editable
+        widget = make_widget(row.editor)
+        widget.setParent(parent)
+        widget.setAutoFillBackground(True)
+        widget.changed.connect(lambda value, merge: self._edit(row, value, merge))
+        widget.refused.connect(self._refused)
+        first = widget.findChild(QWidget)
+        assert first is not None  # every kind has something to edit it by
+        widget.setFocusProxy(first)
+        return widget
+
+    def setEditorData(self, editor: QWidget, index: QModelIndex) -> None:  # type: ignore[override]
+        row: PropertyRow = index.model().rows[index.row()]  # type: ignore[attr-defined]
+        if isinstance(editor, ValueWidget) and row.editor is not None:
+            editor.show_editor(row.editor)
+
+    def setModelData(self, editor: QWidget, model: Any, index: QModelIndex) -> None:  # type: ignore[override]
+        """Nothing: each change has been told of when it was made."""
+
+
+def _table(model: RowModel, widths: Sequence[int]) -> QTreeView:
+    """A flat list with columns of these widths; 0 takes what is left."""
+    view = QTreeView()
+    view.setModel(model)
+    view.setRootIsDecorated(False)
+    view.setUniformRowHeights(True)
+    view.setAlternatingRowColors(True)
+    view.setEditTriggers(
+        QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed
+    )
+    header = view.header()
+    header.setStretchLastSection(False)
+    for column, width in enumerate(widths):
+        mode = QHeaderView.ResizeMode.Interactive if width else QHeaderView.ResizeMode.Stretch
+        header.setSectionResizeMode(column, mode)
+        if width:
+            header.resizeSection(column, width)
+    return view
+
+
+def _read(document: Document, *, path: str, time: float | None) -> _Prim:
+    if not path:
+        return _Prim()
+    stage = document.stage
+    try:
+        return _Prim(
+            properties=properties.properties(stage, path, time=time),
+            metadata=properties.metadata(stage, path),
+            composition=properties.composition(stage, path),
+        )
+    except StageError:  # it was selected, and is gone: no error of the user's
+        return _Prim()
+
+
+def _set_value(edits: Edits, *, path: str, value: Any, time: float | None, merge: Any) -> None:
+    edits.set_value(path, value, time=time, merge=merge)
+
+
+def _clear(edits: Edits, *, path: str) -> None:
+    edits.clear(path)
+
+
+def _name_data(row: PropertyRow, role: int) -> Any:
+    if role == Qt.ItemDataRole.FontRole and row.is_edited:
+        font = QFont()
+        font.setBold(True)
+        return font
+    if role == Qt.ItemDataRole.ToolTipRole:
+        facts = (row.name, row.type_name, row.kind, "custom" if row.is_custom else "")
+        return " · ".join(fact for fact in facts if fact)
+    return None
+
+
+def _value_data(row: PropertyRow, role: int) -> Any:
+    if role == Qt.ItemDataRole.ForegroundRole:
+        return COLORS.get(row.source, style.QUIET)
+    if role == Qt.ItemDataRole.ToolTipRole:
+        facts: list[str] = [row.source if row.source != "none" else "no value"]
+        if row.samples:
+            facts.append(f"{row.samples} samples")
+        if row.layer:
+            facts.append(f"from {row.layer}")
+        if row.is_edited:
+            facts.append("edited in this session")
+        if row.editor is not None:
+            facts.append("double-click to edit")
+        words = f"{row.text} — {', '.join(facts)}"
+        return words if row.editor is None or not row.editor.help else tool_tip(row.editor) + words
+    return None
+
+
+def _quiet(row: Any, role: int) -> Any:
+    return style.QUIET if role == Qt.ItemDataRole.ForegroundRole else None
+
+
+def _layer_data(row: ArcRow, role: int) -> Any:
+    if role == Qt.ItemDataRole.ToolTipRole:
+        return row.identifier
+    return None if row.has_specs else _quiet(row, role)
+
+
+_PROPERTY = (
+    Column(title="Property", text=lambda row: row.name, data=_name_data),
+    Column(
+        title="Value",
+        text=lambda row: row.text,
+        data=_value_data,
+        is_editable=lambda row: row.editor is not None and not row.editor.is_read_only,
+    ),
+)
+_METADATA = (
+    Column(title="Field", text=lambda row: row.name),
+    Column(title="Value", text=lambda row: row.text, data=_quiet),
+)
+_COMPOSITION = (
+    Column(title="Arc", text=lambda row: row.kind, data=_quiet),
+    Column(title="Path", text=lambda row: row.path, data=_layer_data),
+    Column(title="Layer", text=lambda row: row.layer, data=_layer_data),
+)

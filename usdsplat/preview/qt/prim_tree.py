@@ -1,0 +1,205 @@
+"""The tree of prims with its search box: select, hide, show, take off the stage."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from PySide6.QtCore import QEvent, QModelIndex, QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtGui import QGuiApplication, QKeyEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QLineEdit,
+    QListWidget,
+    QMenu,
+    QStackedLayout,
+    QTreeView,
+    QVBoxLayout,
+    QWidget,
+)
+
+from usdsplat.preview.qt.desk import Desk
+from usdsplat.preview.qt.prim_model import NAME, PURPOSE, TYPE, VISIBLE, PrimModel
+from usdsplat.preview.stage_model import prims
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.prims import PrimRow
+
+TYPING = 200
+"""A search begins this long after the last key [ms]."""
+PURPOSES = ("default", "render", "proxy", "guide")
+
+
+class PrimTree(QWidget):
+    """Shows the stage; what is selected here is selected everywhere."""
+
+    frame_requested = Signal(str)
+    """Path of a prim that was double-clicked."""
+
+    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self._selected = ""
+        self.model = PrimModel(desk, self)
+        self.view = self._make_view()
+        self.box = QLineEdit()
+        self.box.setPlaceholderText("Search prims by name, path or type")
+        self.box.setClearButtonEnabled(True)
+        self.box.installEventFilter(self)
+        self.found = QListWidget()
+        self.found.itemClicked.connect(lambda item: self._desk.viewer.select((item.text(),)))
+        self.found.itemActivated.connect(lambda item: self._desk.viewer.select((item.text(),)))
+        self._typing = QTimer(self)
+        self._typing.setSingleShot(True)
+        self._typing.setInterval(TYPING)
+        self._typing.timeout.connect(self._search)
+        self.box.textChanged.connect(lambda text: self._typing.start())
+        top = QVBoxLayout()
+        top.setContentsMargins(6, 6, 6, 6)
+        top.addWidget(self.box)
+        self._pages = QStackedLayout()
+        self._pages.addWidget(self.view)
+        self._pages.addWidget(self.found)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addLayout(top)
+        column.addLayout(self._pages, 1)
+        desk.view_changed.connect(self._follow)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self.box and event.type() == QEvent.Type.KeyPress:
+            is_escape = isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Escape
+            if is_escape:
+                self.box.clear()
+            return is_escape
+        return super().eventFilter(watched, event)
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _make_view(self) -> QTreeView:
+        view = QTreeView()
+        view.setModel(self.model)
+        view.setUniformRowHeights(True)
+        view.setAlternatingRowColors(True)
+        view.setIndentation(14)
+        view.setExpandsOnDoubleClick(False)
+        view.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        view.customContextMenuRequested.connect(self._show_menu)
+        header = view.header()
+        header.setStretchLastSection(False)
+        header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
+        for column, width in ((TYPE, 118), (VISIBLE, 26), (PURPOSE, 62)):
+            header.setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
+            header.resizeSection(column, width)
+        view.clicked.connect(self._clicked)
+        view.doubleClicked.connect(self._double_clicked)
+        view.selectionModel().selectionChanged.connect(lambda on, off: self._chosen())
+        self.model.loaded.connect(self._open_roots)
+        return view
+
+    def _open_roots(self, path: str) -> None:
+        """A stage with one root shows what is in it at once."""
+        if path == "/" and self.model.rowCount() == 1:
+            self.view.expand(self.model.index(0, 0))
+
+    def _clicked(self, index: QModelIndex) -> None:
+        row = self.model.row_of(index)
+        if row and index.column() == VISIBLE and row.is_imageable:
+            self._desk.edit(partial(_set_visible, path=row.path, is_visible=not row.is_visible))
+
+    def _double_clicked(self, index: QModelIndex) -> None:
+        row = self.model.row_of(index)
+        if row and index.column() != VISIBLE:
+            self.frame_requested.emit(row.path)
+
+    def _chosen(self) -> None:
+        rows = (self.model.row_of(each) for each in self.view.selectionModel().selectedRows())
+        paths = tuple(row.path for row in rows if row)
+        if paths != self._desk.viewer.state.selected:
+            self._selected = paths[-1] if paths else ""
+            self._desk.viewer.select(paths)
+
+    def _follow(self) -> None:
+        """Show what was selected elsewhere."""
+        path = self._desk.selected
+        if path == self._selected:
+            return
+        self._selected = path
+        if not path:
+            self.view.clearSelection()
+            return
+        self.model.reveal(path, partial(self._show_selected, path))
+
+    def _show_selected(self, path: str, index: QModelIndex) -> None:
+        if index.isValid() and path == self._selected:
+            self.view.setCurrentIndex(index)
+            self.view.scrollTo(index)
+
+    def _search(self) -> None:
+        text = self.box.text().strip()
+        if not text:
+            self._pages.setCurrentWidget(self.view)
+            return
+        self._desk.bridge.ask(
+            lambda document: prims.search(document.stage, text),
+            lambda paths: self._show_found(text, paths),
+        )
+
+    def _show_found(self, text: str, paths: tuple[str, ...]) -> None:
+        if text == self.box.text().strip():
+            self.found.clear()
+            self.found.addItems(list(paths))
+            self._pages.setCurrentWidget(self.found)
+
+    def _show_menu(self, place: QPoint) -> None:
+        row = self.model.row_of(self.view.indexAt(place))
+        if row is not None:
+            self.menu_of(row).popup(self.view.viewport().mapToGlobal(place))
+
+    def menu_of(self, row: PrimRow) -> QMenu:
+        """What may be done to a prim."""
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        path, edit = row.path, self._desk.edit
+        menu.addAction("Frame", partial(self.frame_requested.emit, path))
+        clipboard = QGuiApplication.clipboard()
+        menu.addAction("Copy path", partial(clipboard.setText, path))
+        if row.is_camera:
+            menu.addAction("Look through", partial(self._desk.viewer.use_camera, path))
+        menu.addSeparator()
+        if row.is_imageable:
+            menu.addAction(
+                "Hide" if row.is_visible else "Show",
+                lambda: edit(partial(_set_visible, path=path, is_visible=not row.is_visible)),
+            )
+            purposes = menu.addMenu("Purpose")
+            for each in PURPOSES:
+                step = partial(_set_purpose, path=path, purpose=each)
+                action = purposes.addAction(each, partial(edit, step))
+                action.setCheckable(True)
+                action.setChecked(each == row.purpose)
+        menu.addAction(
+            "Deactivate" if row.is_active else "Activate",
+            partial(edit, lambda edits: edits.set_active(path, not row.is_active)),
+        )
+        for name, choice, choices in row.variants:
+            variants = menu.addMenu(f"Variant {name}")
+            for each in choices:
+                step = partial(_set_variant, path=path, name=name, variant=each)
+                action = variants.addAction(each, partial(edit, step))
+                action.setCheckable(True)
+                action.setChecked(each == choice)
+        return menu
+
+
+def _set_visible(edits: Edits, *, path: str, is_visible: bool) -> None:
+    edits.set_visible(path, is_visible)
+
+
+def _set_purpose(edits: Edits, *, path: str, purpose: str) -> None:
+    edits.set_purpose(path, purpose)
+
+
+def _set_variant(edits: Edits, *, path: str, name: str, variant: str) -> None:
+    edits.set_variant(path, name, variant)

@@ -1,0 +1,202 @@
+"""How it is rendered and shown: every knob of both, and the other side of a comparison."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QTabBar,
+    QVBoxLayout,
+    QWidget,
+)
+
+from usdsplat.images.aovs import AOVS
+from usdsplat.preview.knob_model import Editor, editors_of, with_value
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.desk import Desk
+from usdsplat.preview.qt.knob_panel import KnobPanel
+from usdsplat.preview.qt.knob_widgets import CalmComboBox
+from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.values import Look, Picture
+
+DEVICES = ("auto", "cpu", "cuda")
+FILES_ALONE = ("multipart", "deep_error")
+"""Knobs of files, which no picture on a screen has."""
+FIRST = {
+    "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
+    "Colour": (
+        *("color_mode", "blend_space", "working_space"),
+        *("ocio_config", "ocio_display", "ocio_view", "ocio_look", "inverse_max"),
+    ),
+}
+"""Group -> knobs; what is not here goes under "Sampling"."""
+
+
+class RenderPanel(QWidget):
+    """Shows and changes the viewer's look, the other look, and the display."""
+
+    device_chosen = Signal(str)
+
+    def __init__(self, desk: Desk, *, device: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self.side = QTabBar()
+        self.side.addTab("A")
+        self.side.addTab("B")
+        self.side.setExpanding(True)
+        self.side.setDrawBase(False)
+        self.side.currentChanged.connect(lambda index: self.follow())
+        self.compare = QCheckBox("Compare A | B")
+        self.compare.setToolTip("Show B right of a line that can be dragged (Shift+W)")
+        self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
+        self.aov = CalmComboBox()
+        for aov in AOVS.values():
+            self.aov.addItem(aov.name)
+            self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
+        self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
+        self.has_time = QCheckBox()
+        self.has_time.setToolTip("A time of its own, instead of the timeline's")
+        self.has_time.clicked.connect(self._toggle_time)
+        self.time = NumberField("Time", none_label="the timeline's")
+        self.time.entered.connect(lambda time: self._set_look(time=time))
+        self.time.refused.connect(desk.complain)
+        self.device = CalmComboBox()
+        self.device.addItems(DEVICES)
+        self.device.setCurrentText(device)
+        self.device.activated.connect(
+            lambda index: self.device_chosen.emit(self.device.itemText(index))
+        )
+        self.used_device = QLabel()
+        self.used_device.setProperty("role", "quiet")
+        self.settings = KnobPanel()
+        self.settings.changed.connect(self._set_setting)
+        self.settings.refused.connect(desk.complain)
+        self.display = KnobPanel()
+        self.display.changed.connect(self._set_display)
+        self.display.refused.connect(desk.complain)
+        self._lay_out()
+        desk.view_changed.connect(self.follow)
+        desk.bridge.picture.connect(self._show_device)
+        self.follow()
+
+    def follow(self) -> None:
+        """Show what is so now."""
+        state = self._desk.viewer.state
+        is_compared = state.other is not None
+        self.compare.setChecked(is_compared)
+        self.side.setVisible(is_compared)
+        if not is_compared and self.side.currentIndex():
+            self.side.setCurrentIndex(0)  # comes back here
+            return
+        look = self.look
+        self.aov.setCurrentText(look.aov)
+        self.has_time.setChecked(look.time is not None)
+        self.time.setEnabled(look.time is not None)
+        self.time.show_value(look.time)
+        self.settings.show_editors(_grouped(editors_of(look.settings)))
+        self.display.show_editors(
+            [replace(editor, group="Display") for editor in editors_of(state.display)]
+        )
+
+    @property
+    def look(self) -> Look:
+        """The side that is shown here."""
+        state = self._desk.viewer.state
+        return state.other if self.side.currentIndex() and state.other else state.look
+
+    def set_compare(self, is_on: bool) -> None:
+        """Compare with another look, the same one at first; or do not."""
+        viewer = self._desk.viewer
+        viewer.set_other(viewer.state.look if is_on else None)
+        if is_on:
+            self.side.setCurrentIndex(1)
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _lay_out(self) -> None:
+        body = QWidget()
+        column = QVBoxLayout(body)
+        column.setContentsMargins(0, 6, 0, 6)
+        column.setSpacing(4)
+        for label, *widgets in (
+            ("", self.compare),
+            ("AOV", self.aov),
+            ("Time", self.has_time, self.time),
+            ("Device", self.device, self.used_device),
+        ):
+            column.addLayout(_line(str(label), *widgets))
+        column.addWidget(self.display)
+        column.addWidget(self.settings)
+        column.addStretch(1)
+        column.insertWidget(1, self.side)
+        area = scrolling(body)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(area)
+
+    def _set_look(self, **changes: Any) -> None:
+        viewer = self._desk.viewer
+        if self.look is viewer.state.other:
+            viewer.set_other(replace(self.look, **changes))
+        else:
+            viewer.set_look(**changes)
+
+    def _toggle_time(self, is_on: bool) -> None:
+        self._set_look(time=self._desk.viewer.timeline.current if is_on else None)
+
+    def _set_setting(self, name: str, value: Any, merge: str) -> None:
+        self._desk.attempt(
+            lambda: self._set_look(settings=with_value(self.look.settings, name, value))
+        )
+        self.follow()
+
+    def _set_display(self, name: str, value: Any, merge: str) -> None:
+        self._desk.attempt(lambda: self._desk.viewer.set_display(**{name: value}))
+        self.follow()
+
+    def _show_device(self, picture: Picture) -> None:
+        self.used_device.setText(f"draws on {picture.device}")
+
+
+def scrolling(body: QWidget) -> QScrollArea:
+    """A panel that may be longer than its place."""
+    area = QScrollArea()
+    area.setWidget(body)
+    area.setWidgetResizable(True)
+    area.setFrameShape(QFrame.Shape.NoFrame)
+    return area
+
+
+def _line(label: str, *widgets: QWidget) -> QHBoxLayout:
+    line = QHBoxLayout()
+    line.setContentsMargins(8, 0, 28, 0)
+    line.setSpacing(6)
+    word = QLabel(label)
+    word.setProperty("role", "quiet")
+    word.setFixedWidth(style.LABELS)
+    line.addWidget(word)
+    for number, widget in enumerate(widgets):
+        line.addWidget(widget, int(number == len(widgets) - 1 or isinstance(widget, CalmComboBox)))
+    return line
+
+
+def _grouped(editors: tuple[Editor, ...]) -> list[Editor]:
+    """Render settings under headings, those first that are turned most."""
+    by_name = {editor.name: editor for editor in editors if editor.name not in FILES_ALONE}
+    found = [
+        replace(by_name.pop(name), group=group)
+        for group, names in FIRST.items()
+        for name in names
+        if name in by_name
+    ]
+    return found + [replace(editor, group="Sampling") for editor in by_name.values()]
+
+
+_TOOL_TIP = Qt.ItemDataRole.ToolTipRole

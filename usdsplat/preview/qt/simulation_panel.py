@@ -1,0 +1,245 @@
+"""A simulation's controls and parameters, live: what is turned here acts from its next frame on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import (
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from usdsplat.core.errors import StageError
+from usdsplat.preview.document import Document
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.desk import Desk, Question
+from usdsplat.preview.qt.glyphs import glyph
+from usdsplat.preview.qt.knob_panel import KnobPanel
+from usdsplat.preview.qt.render_panel import scrolling
+from usdsplat.preview.stage_model import parameters
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.parameters import ParameterPrim
+from usdsplat.preview.values import SimulationStatus
+
+_GOES = ("beginning", "running", "recording")
+_WORDS = {
+    "none": "No simulation on this stage",
+    "ready": "Ready",
+    "beginning": "Beginning…",
+    "running": "Running",
+    "paused": "Paused",
+    "recording": "Recording",
+    "failed": "Failed",
+}
+
+
+class SimulationPanel(QWidget):
+    """Drives the document's simulation; its prims' parameters are edits of the session layer."""
+
+    record_requested = Signal()
+
+    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self.status = SimulationStatus(state="none")
+        self._prims: tuple[ParameterPrim, ...] = ()
+        self._question = Question(self, self._ask)
+        self.run = _button("play", "Run", self.toggle)
+        self.step = _button("step on", "Step", lambda: self._command("step"))
+        self.reset = _button("reset", "Reset", lambda: self._command("reset"))
+        self.record = _button("record", "Record", self.record_requested.emit)
+        self.record.setIcon(glyph("record", style.WRONG.name()))
+        self.record.setToolTip("Simulate on to the end, and write a bake")
+        self._state = QLabel()
+        self._state.setProperty("role", "heading")
+        self._facts = QLabel()
+        self._facts.setFont(style.digits())
+        self._facts.setProperty("role", "quiet")
+        self._message = QLabel()
+        self._message.setWordWrap(True)
+        self._message.setProperty("role", "animated")
+        self.prims = QListWidget()
+        self.prims.setFixedHeight(88)
+        self.prims.currentRowChanged.connect(self._choose)
+        self.panel = KnobPanel(open_groups=2)
+        self.search = QLineEdit()
+        self.search.setPlaceholderText("Search parameters")
+        self.search.setClearButtonEnabled(True)
+        self.search.textChanged.connect(lambda text: self.panel.search(text))
+        self.panel.changed.connect(self._set)
+        self.panel.refused.connect(desk.complain)
+        self._lay_out()
+        desk.bridge.simulation.connect(self.show_status)
+        desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
+        desk.view_changed.connect(self._follow)
+        self.show_status(self.status)
+        self._question.refresh()
+
+    def show_status(self, status: SimulationStatus) -> None:
+        """Say where the simulation is."""
+        self.status = status
+        has_one, goes = status.state != "none", status.state in _GOES
+        self.run.setText("Pause" if goes else "Run")
+        self.run.setIcon(glyph("pause" if goes else "play"))
+        for button in (self.run, self.step, self.reset, self.record):
+            button.setEnabled(has_one)
+        self.step.setEnabled(has_one and not goes)
+        self.record.setEnabled(has_one and status.state != "recording")
+        self._state.setText(_WORDS[status.state])
+        facts = []
+        if status.frame is not None:
+            end = "" if status.end is None else f" of {status.end:g}"
+            facts.append(f"frame {status.frame:g}{end}")
+        if status.splats:
+            facts.append(f"{status.splats:,} splats")
+        if status.seconds:
+            facts.append(f"{status.seconds * 1000:.0f} ms a frame")
+        self._facts.setText("   ".join(facts))
+        self._message.setText(status.message)
+        self._message.setVisible(bool(status.message))
+
+    def toggle(self) -> None:
+        """Run, or pause."""
+        self._command("pause" if self.status.state in _GOES else "run")
+
+    def one_step(self) -> None:
+        """Simulate one frame."""
+        self._command("step")
+
+    def to_start(self) -> None:
+        """Forget what was simulated."""
+        self._command("reset")
+
+    def record_to(self, path: Path) -> None:
+        """Simulate to the end, and write a bake."""
+        self._desk.bridge.ask(partial(_record, path=path))
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _lay_out(self) -> None:
+        head = QWidget()
+        rows = QVBoxLayout(head)
+        rows.setContentsMargins(8, 8, 8, 4)
+        rows.setSpacing(5)
+        buttons = QGridLayout()
+        buttons.setSpacing(4)
+        for place, button in enumerate((self.run, self.step, self.reset, self.record)):
+            buttons.addWidget(button, 0, place)
+            buttons.setColumnStretch(place, 1)
+        rows.addLayout(buttons)
+        words = QHBoxLayout()
+        words.addWidget(self._state)
+        words.addStretch(1)
+        words.addWidget(self._facts)
+        rows.addLayout(words)
+        rows.addWidget(self._message)
+        rows.addWidget(self.prims)
+        rows.addWidget(self.search)
+        body = QWidget()
+        lines = QVBoxLayout(body)
+        lines.setContentsMargins(0, 0, 0, 6)
+        lines.addWidget(self.panel)
+        lines.addStretch(1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(head)
+        column.addWidget(scrolling(body), 1)
+
+    def _command(self, name: str) -> None:
+        self._desk.bridge.ask(partial(_do, name=name))
+
+    def _ask(self, done: Callable[[], None]) -> None:
+        def answered(prims: tuple[ParameterPrim, ...]) -> None:
+            done()
+            self._show_prims(prims)
+
+        time = self._desk.time
+        self._desk.bridge.ask(
+            lambda document: parameters.editors(document.stage, time=time),
+            answered,
+            lambda error: answered(()),
+        )
+
+    def _show_prims(self, prims: tuple[ParameterPrim, ...]) -> None:
+        paths = [prim.path for prim in prims]
+        if paths != [prim.path for prim in self._prims]:
+            self.prims.blockSignals(True)
+            chosen = max(self.prims.currentRow(), 0)
+            self.prims.clear()
+            for prim in prims:
+                self.prims.addItem(f"{prim.path.rsplit('/', 1)[-1]}   {prim.type_name}")
+                self.prims.item(self.prims.count() - 1).setToolTip(prim.path)
+            self.prims.setCurrentRow(min(chosen, len(prims) - 1))
+            self.prims.blockSignals(False)
+        self._prims = prims
+        self._show_chosen()
+
+    def _show_chosen(self) -> None:
+        prim = self._chosen()
+        self.panel.show_editors(prim.editors if prim else ())
+        self.panel.search(self.search.text())
+
+    def _chosen(self) -> ParameterPrim | None:
+        row = self.prims.currentRow()
+        return self._prims[row] if 0 <= row < len(self._prims) else None
+
+    def _choose(self, row: int) -> None:
+        """Show a prim's parameters; the manipulator goes to it."""
+        prim = self._chosen()
+        self._show_chosen()
+        if prim is not None and prim.path != self._desk.selected:
+            self._desk.viewer.select((prim.path,))
+
+    def _follow(self) -> None:
+        """Show the parameters of what was selected elsewhere."""
+        paths = [prim.path for prim in self._prims]
+        if self._desk.selected in paths:
+            self.prims.setCurrentRow(paths.index(self._desk.selected))
+
+    def _set(self, name: str, value: Any, merge: str) -> None:
+        prim = self._chosen()
+        if prim is not None:
+            step = partial(_set, path=prim.path, name=name, value=value, merge=merge or None)
+            self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True))
+            self._question.refresh()
+
+
+def _button(icon: str, words: str, act: Callable[[], Any]) -> QPushButton:
+    button = QPushButton(glyph(icon), words)
+    button.clicked.connect(lambda: act())
+    return button
+
+
+def _simulation(document: Document) -> Any:
+    if document.simulation is None:
+        raise StageError("simulation", "no SplatSim prim", "a stage with one")
+    return document.simulation
+
+
+def _do(document: Document, *, name: str) -> None:
+    simulation = _simulation(document)
+    {
+        "run": simulation.run,
+        "pause": simulation.pause,
+        "step": simulation.step,
+        "reset": simulation.reset,
+    }[name]()
+
+
+def _record(document: Document, *, path: Path) -> None:
+    _simulation(document).record(path)
+
+
+def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:
+    parameters.set_parameter(edits, path, name, value, merge=merge)

@@ -1,0 +1,97 @@
+"""The strip over the viewport: camera, AOV, channel, exposure."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSignalBlocker
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QMenu, QPushButton, QWidget
+
+from usdsplat.images.aovs import AOVS
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.desk import Desk
+from usdsplat.preview.qt.knob_widgets import CalmComboBox
+from usdsplat.preview.qt.number_field import NumberField
+
+CHANNELS = ("rgb", "red", "green", "blue", "alpha", "luminance")
+FREE, ALL = "Free camera", "Frame everything"
+
+
+class ViewStrip(QWidget):
+    """What is turned most, always in sight."""
+
+    def __init__(self, desk: Desk, *, bookmarks: QMenu, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self.camera = _choices("Camera to look through", 150)
+        self.camera.activated.connect(self._use_camera)
+        self.aov = _choices("What is shown of each pixel ([ and ])", 110)
+        self.aov.addItems(list(AOVS))
+        self.aov.activated.connect(lambda index: desk.viewer.set_look(aov=self.aov.itemText(index)))
+        self.channel = _choices("Channels of color (Shift+R G B A L)", 88)
+        self.channel.addItems(CHANNELS)
+        self.channel.activated.connect(
+            lambda index: desk.viewer.set_display(channel=self.channel.itemText(index))
+        )
+        self.exposure = NumberField("Exposure", unit="stop", step=0.5)
+        self.exposure.setFixedWidth(74)
+        self.exposure.setToolTip("Exposure of the picture on the screen (, and . and /)")
+        self.exposure.entered.connect(self._expose)
+        self.exposure.refused.connect(desk.complain)
+        marks = QPushButton("Bookmarks")
+        marks.setMenu(bookmarks)
+        line = QHBoxLayout(self)
+        line.setContentsMargins(8, 4, 8, 4)
+        line.setSpacing(6)
+        for word, widget in (
+            ("Camera", self.camera),
+            ("AOV", self.aov),
+            ("", self.channel),
+            ("Exposure", self.exposure),
+        ):
+            if word:
+                label = QLabel(word)
+                label.setProperty("role", "quiet")
+                line.addWidget(label)
+            line.addWidget(widget)
+            line.addSpacing(style.GAP)
+        line.addStretch(1)
+        line.addWidget(marks)
+        desk.view_changed.connect(self.follow)
+        self.follow()
+
+    def follow(self) -> None:
+        """Show what is so now."""
+        viewer = self._desk.viewer
+        state = viewer.state
+        with QSignalBlocker(self.camera):
+            wanted = [ALL, FREE, *viewer.cameras]
+            if [self.camera.itemText(i) for i in range(self.camera.count())] != wanted:
+                self.camera.clear()
+                self.camera.addItems(wanted)
+            if isinstance(state.camera, FreeCamera):
+                self.camera.setCurrentText(FREE)
+            else:
+                self.camera.setCurrentText(state.camera or ALL)
+        self.aov.setCurrentText(state.look.aov)
+        self.channel.setCurrentText(state.display.channel)
+        self.exposure.show_value(state.display.exposure)
+
+    def _use_camera(self, index: int) -> None:
+        viewer = self._desk.viewer
+        if index == 0:
+            viewer.use_camera(None)
+        elif index == 1:
+            viewer.use_camera(viewer.free_camera())
+        else:
+            viewer.use_camera(self.camera.itemText(index))
+
+    def _expose(self, stops: float) -> None:
+        self._desk.attempt(lambda: self._desk.viewer.set_display(exposure=stops))
+        self.follow()
+
+
+def _choices(words: str, width: int) -> QComboBox:
+    box = CalmComboBox()
+    box.setToolTip(words)
+    box.setMinimumWidth(width)
+    return box
