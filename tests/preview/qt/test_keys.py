@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QApplication
 
 from usdsplat.preview.qt.keys import KEYS, MENUS, help_html
 
-FLIGHT = {"W", "A", "S", "D", "Q", "E"}
+VIEWPORT = {"W", "A", "S", "D", "Q", "E", "R", "X"}
 
 
 @pytest.fixture(autouse=True)
@@ -18,12 +18,12 @@ def _(application: QApplication) -> None:
     """Key sequences need an application."""
 
 
-def test_no_key_does_two_things_and_none_flies() -> None:
+def test_no_key_does_two_things_and_none_is_the_viewports() -> None:
     """Oracle: each sequence, as Qt spells it, counted."""
     spelled = [QKeySequence(keys).toString() for key in KEYS for keys in key.keys]
     assert all(spelled)
     assert Counter(spelled).most_common(1)[0][1] == 1
-    assert not FLIGHT & set(spelled)
+    assert not VIEWPORT & set(spelled)
 
 
 def test_the_help_lists_every_key() -> None:

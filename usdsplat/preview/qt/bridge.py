@@ -27,6 +27,7 @@ from usdsplat.preview.values import (
     Problem,
     SimulationStatus,
     StageChanged,
+    ViewState,
 )
 
 T = TypeVar("T")
@@ -69,6 +70,10 @@ class Bridge(QObject):
         self._picture_waits.connect(self._deliver_picture, queued)
         self._answer.connect(self._deliver_answer, queued)
         self._stop_listening = session.listen(self._heard)
+
+    def look(self, state: ViewState) -> None:
+        """Say what shall be seen."""
+        self.session.look(state)
 
     def ask(
         self,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
 from usdsplat.core.errors import UsdSplatError
@@ -15,8 +14,6 @@ from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Picture, Problem
 from usdsplat.preview.viewer import Viewer
 
-TICK = 8
-"""Between two looks at the clock while something plays, flies or glides [ms]."""
 GLIDE = 0.25
 """How long the way of the camera to what was framed takes [s]."""
 PAUSE = 80
@@ -39,17 +36,13 @@ class Desk(QObject):
     def __init__(self, bridge: Bridge, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.bridge = bridge
-        self.viewer = Viewer(bridge.session, ask=bridge.ask, changed=self._viewed, glide=GLIDE)
+        self.viewer = Viewer(bridge, changed=self.view_changed.emit, glide=GLIDE)
         self.picture: Picture | None = None
         """The last one that came."""
         self._history = Question(self, self._ask_history)
-        self._clock = QTimer(self)
-        self._clock.setTimerType(Qt.TimerType.PreciseTimer)
-        self._clock.setInterval(TICK)
-        self._clock.timeout.connect(lambda: self.viewer.tick(time.monotonic()))
         bridge.picture.connect(self._keep)
         bridge.simulation.connect(self.viewer.simulated)
-        bridge.stage_changed.connect(lambda event: self._history.refresh())
+        bridge.stage_changed.connect(self._stage_changed)
 
     @property
     def time(self) -> float | None:
@@ -96,13 +89,9 @@ class Desk(QObject):
         """Show a sentence as the session's own problems are shown."""
         self.bridge.problem.emit(Problem(sentence=sentence))
 
-    def _viewed(self) -> None:
-        if self.viewer.is_ticking != self._clock.isActive():
-            if self.viewer.is_ticking:
-                self._clock.start()
-            else:
-                self._clock.stop()
-        self.view_changed.emit()
+    def _stage_changed(self) -> None:
+        self._history.refresh()
+        self.viewer.stage_changed()
 
     def _keep(self, picture: Picture) -> None:
         self.picture = picture

@@ -1,6 +1,6 @@
 """Every key and every gesture, once: menus and the help read this table.
 
-Letters that fly (W A S D Q E) stay with the viewport, so channels have Shift.
+Letters that fly or choose a manipulator stay with the viewport, so channels have Shift.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Place = Literal["window", "viewport", "gesture"]
+Place = Literal["window", "viewport"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,15 +16,14 @@ class Key:
     """Something to do, and how."""
 
     name: str
-    """What a window calls it; "" for what the viewport does by itself."""
+    """What a window calls it."""
     menu: str
-    """The menu it is in, or the heading of the help."""
+    """The menu it is in, which is its heading in the help too."""
     text: str
     keys: tuple[str, ...] = ()
     """The first one is shown in the menu."""
     place: Place = "window"
-    """Where the keys hold: everywhere in the window; over viewport and timeline only; or, as a
-    gesture, where the viewport itself listens."""
+    """Where the keys hold: everywhere in the window, or in viewport and timeline only."""
     is_checkable: bool = False
     begins: bool = False
     """Whether a line stands before it in its menu."""
@@ -65,7 +64,7 @@ KEYS = (
         name="hud",
         menu="View",
         text="Heads-up display",
-        keys=("Ctrl+H",),
+        keys=("H",),
         is_checkable=True,
         begins=True,
     ),
@@ -101,16 +100,21 @@ KEYS = (
 MENUS = ("File", "Edit", "View", "Camera", "Timeline", "Simulation", "Help")
 
 GESTURES = (
-    ("Alt + left drag", "orbit"),
-    ("Alt + middle drag", "pan"),
-    ("Alt + right drag, wheel", "dolly"),
-    ("Right drag", "look around; with W A S D Q E fly"),
+    ("Left drag, Alt + left drag", "orbit"),
+    ("Middle drag, Alt + middle drag", "pan"),
+    ("Wheel, Alt + right drag", "dolly"),
+    ("Right drag", "look around"),
+    ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's numbers"),
+    ("Double click", "turn about what is there"),
+    ("A", "frame everything"),
+    ("Q W E R", "no manipulator, move, turn, scale"),
+    ("X", "the manipulator's axes: the world's or the prim's own"),
+    ("Drag a handle", "move the selected prim, also while it simulates"),
     ("Drag the wipe", "cut the comparison elsewhere"),
-    ("Drag an arrow of the manipulator", "move the selected prim, also while it simulates"),
     ("Drop a file", "open it in this window"),
 )
-"""What the mouse does, for the help."""
+"""What the viewport does by itself, for the help."""
 
 
 def help_html() -> str:
