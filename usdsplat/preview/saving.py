@@ -1,0 +1,219 @@
+"""What a viewport shows, into files: one picture, or one for each frame, or a movie.
+
+All is drawn in full at the viewport's size. PNG, JPEG and movies hold what the screen shows, with
+exposure, channel, wipe and background; EXR holds what a compositor wants, linear and with alpha.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat.core.errors import UnknownFormatError, UsageError
+from usdsplat.core.output import atomic_path
+from usdsplat.core.progress import Progress, silent
+from usdsplat.delegate.framing import conform
+from usdsplat.images import cryptomatte, open_writer
+from usdsplat.images.aovs import find_aovs
+from usdsplat.images.camera import camera_metadata
+from usdsplat.images.frames import frame_paths
+from usdsplat.images.labels import picture_metadata
+from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.preview import movie
+from usdsplat.preview.document import Document
+from usdsplat.preview.drawing import Shown, Side
+from usdsplat.preview.values import Image, ViewState
+
+FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+"""Suffix -> Pillow's name, of pictures as a screen shows them."""
+QUALITY = 95
+"""Of a JPEG [0..100]."""
+DISPLAY = "srgb_rec709_display"
+
+
+def save_image(image: Image, path: Path | str) -> Path:
+    """Write display RGB, shape (h, w, 3), as PNG or JPEG; return the file.
+
+    Raises:
+        UnknownFormatError: If the suffix is none of `FORMATS`.
+        OutputError: If the file cannot be written.
+    """
+    from PIL import Image as pillow
+
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise _unknown(path, tuple(FORMATS))
+    kind = FORMATS[path.suffix.lower()]
+    more = {"quality": QUALITY, "subsampling": 0} if kind == "JPEG" else {}
+    with atomic_path(path) as temporary:
+        pillow.fromarray(np.ascontiguousarray(image)).save(temporary, kind, **more)
+    return path
+
+
+def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
+    """Draw what a viewport shows in full, and write it; a task for a session.
+
+    Args:
+        document: Drawn with.
+        state: What is seen; of a comparison an EXR gets the left side.
+        path: Of a PNG or JPEG, or an EXR of the AOV that is looked at, colour besides.
+
+    Raises:
+        UnknownFormatError: If the suffix is another.
+        OutputError: If the file cannot be written.
+        UsdSplatError: If the state cannot be drawn.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (*FORMATS, ".exr"):
+        raise _unknown(path, (*FORMATS, ".exr"))
+    shown = _drawn(document, state)
+    if path.suffix.lower() == ".exr":
+        _save_exr(document, shown.sides[0], path)
+        return path
+    return save_image(shown.picture.image, path)
+
+
+def flipbook(
+    document: Document,
+    state: ViewState,
+    frames: Sequence[float],
+    path: Path | str,
+    *,
+    progress: Progress = silent,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> tuple[Path, ...]:
+    """Draw every frame in full, and write a picture of each, or one movie; a task for a session.
+
+    Frames that a simulation has made are those that are drawn, for they lie on the stage.
+
+    Args:
+        document: Drawn with. Its listeners see each frame as it is drawn.
+        state: What is seen, but for the time.
+        frames: Time codes, in their order.
+        path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
+            .mov, which plays at the stage's rate.
+        progress: Told how many frames are done.
+        cancelled: Asked between frames; what is finished stays, but of a movie nothing does.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        UnknownFormatError: If the suffix is another.
+        UsageError: If there are no frames, or the name has no place for them.
+        OutputError: If a file cannot be written, or a movie is asked for where there is no ffmpeg.
+        UsdSplatError: If a frame cannot be drawn.
+    """
+    path = Path(path)
+    if not frames:
+        raise UsageError("frames", "none", "one or more")
+    if path.suffix.lower() in movie.SUFFIXES:
+        return _movie(document, state, frames, path, progress, cancelled)
+    if path.suffix.lower() not in (*FORMATS, ".exr"):
+        raise _unknown(path, (*FORMATS, ".exr", *movie.SUFFIXES))
+    written: list[Path] = []
+    for frame, target in zip(frames, frame_paths(path, frames), strict=True):
+        if cancelled():
+            break
+        written.append(save_view(document, _at(state, frame), target))
+        progress.step(path.name, len(written), len(frames))
+    return tuple(written)
+
+
+def _movie(
+    document: Document,
+    state: ViewState,
+    frames: Sequence[float],
+    path: Path,
+    progress: Progress,
+    cancelled: Callable[[], bool],
+) -> tuple[Path, ...]:
+    """`flipbook` into one file."""
+
+    class Cancelled(Exception):
+        """Leaves the movie without a file."""
+
+    rate = document.stage.GetTimeCodesPerSecond()
+    try:
+        with movie.Movie(path, state.size, rate) as target:
+            for i, frame in enumerate(frames):
+                if cancelled():
+                    raise Cancelled
+                target.write(_drawn(document, _at(state, frame)).picture.image)
+                progress.step(path.name, i + 1, len(frames))
+    except Cancelled:
+        return ()
+    return (path,)
+
+
+def _at(state: ViewState, frame: float) -> ViewState:
+    """The same at another time; what has a time of its own keeps it."""
+    return replace(state, time=frame)
+
+
+def _drawn(document: Document, state: ViewState) -> Shown:
+    """The best picture of a state."""
+    still = replace(state, is_moving=False)
+    while document.draw(still):
+        pass
+    assert document.shown is not None
+    return document.shown
+
+
+def _save_exr(document: Document, side: Side, path: Path) -> None:
+    """One side, drawn once more as a compositor wants it."""
+    look = side.look
+    settings = look.settings
+    if settings.color_mode == "auto":
+        settings = replace(settings, color_mode="scene")
+    aovs = find_aovs(tuple(dict.fromkeys(("color", look.aov))))
+    pixels = side.scene.engine.picture(side.view, settings, tuple(aov.hydra for aov in aovs))
+    is_display = settings.color_mode == "display"
+    layout = ImageLayout(
+        resolution=side.view.framing.resolution,
+        aovs=tuple(aov.name for aov in aovs),
+        color_space=DISPLAY if is_display else settings.working_space,
+        metadata=_metadata(document, side),
+    )
+    with open_writer(path, layout) as writer:
+        writer.write_band(
+            0,
+            {
+                # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
+                aov.name: pixels[aov.hydra].view(np.uint32)
+                if aov.kind == "id"
+                else pixels[aov.hydra]
+                for aov in aovs
+            },
+        )
+
+
+def _metadata(document: Document, side: Side) -> Metadata:
+    """What the header says of the picture."""
+    camera, scene, look = side.view.camera, side.scene, side.look
+    window, _ = conform(camera.window, side.view.framing)
+    name = document.path or document.stage.GetRootLayer().GetDisplayName()
+    entries = {
+        **camera_metadata(
+            world_to_camera=camera.world_to_camera, window=window, orthographic=camera.orthographic
+        ),
+        **picture_metadata(
+            stage=str(name),
+            frame=scene.time or 0.0,
+            samples=look.settings.samples,
+            exposure=camera.exposure,
+        ),
+    }
+    if look.aov == "id":
+        entries["usdsplat:ids"] = json.dumps(scene.prims)
+    if look.aov == "cryptoObject":
+        return {**entries, **cryptomatte.metadata("cryptoObject", scene.prims)}
+    return entries
+
+
+def _unknown(path: Path, suffixes: tuple[str, ...]) -> UnknownFormatError:
+    return UnknownFormatError(str(path), f"suffix {path.suffix!r}", f"one of {', '.join(suffixes)}")
