@@ -113,10 +113,9 @@ class Session:
         For hosts without the session's own thread.
         """
         if self._document is None:
-            if self._has_failed:
-                return False
-            self._begin()
-            return True
+            if not self._has_failed:
+                self._begin()
+            return self._document is not None or self._drop()
         with self._changed:
             task = self._tasks.popleft() if self._tasks else None
             state = self._state
@@ -152,14 +151,22 @@ class Session:
         self._end()
 
     def _begin(self) -> None:
+        self._has_failed = True  # until it has not
         try:
-            self._document = self._open(self._publish)
+            document = self._open(self._publish)
         except UsdSplatError as error:
-            self._has_failed = True
             self._complain(error)
-        else:
-            self._document.wake = self.wake
-            self._publish(self._document.opened())
+            return
+        document.wake = self.wake
+        self._document, self._has_failed = document, False
+        self._publish(document.opened())
+
+    def _drop(self) -> bool:
+        """Forget what was asked of a document that is not there."""
+        with self._changed:
+            self._tasks.clear()
+            self._is_stale = False
+        return False
 
     def _end(self) -> None:
         document, self._document = self._document, None
