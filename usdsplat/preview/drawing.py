@@ -169,7 +169,7 @@ class Drawing:
             scale=quality.scale,
             is_final=quality == FULL,
             splats=stats[0].visible,
-            total=stats[0].splats,
+            total=stats[0].total,
             milliseconds=milliseconds,
             megabytes=resident_megabytes(),
             device=scenes[0].engine.device,
@@ -256,7 +256,9 @@ def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
         return View(camera=scene.camera, framing=full)
     window, _ = conform(scene.camera.window, full)
     width, height = (max(1, math.ceil(length / scale)) for length in size)
-    framing = Framing(resolution=(width, height), conform="adjustPixelAspectRatio")
+    framing = Framing(
+        resolution=(width, height), conform="adjustPixelAspectRatio", pixel_scale=scale
+    )
     return View(camera=replace(scene.camera, window=window), framing=framing)
 
 
@@ -264,6 +266,8 @@ def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
     settings = scene.look.settings
     if not quality.averages:
         settings = replace(settings, samples=1)
+    if quality.splats is not None:
+        settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)
     return _Job(scene=scene, view=view, settings=settings, aovs=needed(scene.look))
 
@@ -271,9 +275,14 @@ def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
 def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:
     return Load(
         pixels=state.size[0] * state.size[1],
-        splats=max(scene.splats for scene in scenes),
+        splats=max(_budgeted(scene) for scene in scenes),
         samples=max(scene.look.settings.samples for scene in scenes),
     )
+
+
+def _budgeted(scene: Scene) -> int:
+    """Splats that a look has in full quality."""
+    return min(scene.splats, scene.look.settings.splat_budget or scene.splats)
 
 
 def _added(books: Iterable[Mapping[str, float]]) -> dict[str, float]:

@@ -30,7 +30,7 @@ class Scene:
     prims: tuple[str, ...]
     """Paths that primId counts."""
     splats: int
-    """That are drawn, instances counted each."""
+    """On the stage, instances counted each."""
     version: int
     """Of what is drawn."""
 
@@ -111,7 +111,7 @@ class Scenes:
             time=engine.time,
             camera=self._camera(state, engine),
             prims=layout.prims,
-            splats=layout.splats,
+            splats=layout.total,
             version=engine.version,
         )
 

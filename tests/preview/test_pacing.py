@@ -1,0 +1,166 @@
+"""What a picture may be follows from what the last ones took."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from usdsplat.preview.pacing import (
+    FULL,
+    MIDDLE_MS,
+    MOVING_MS,
+    RESTING_MS,
+    SCALES,
+    SLACK,
+    Load,
+    Pacer,
+    Quality,
+)
+
+LOAD = Load(pixels=960 * 720, splats=100_000)
+Cost = Callable[[float], float]
+
+
+class Machine:
+    """Draws nothing, and takes what it is told to by a clock of its own."""
+
+    def __init__(self, splat_ns: float, pixel_ns: float, load: Load = LOAD) -> None:
+        self.pacer = Pacer()
+        self.load = load
+        self.splat_ns, self.pixel_ns = splat_ns, pixel_ns
+        self.now = 0.0
+
+    def took(self, quality: Quality) -> tuple[float, float]:
+        samples = self.load.samples if quality.averages else 1
+        splats = min(self.load.splats, quality.splats or self.load.splats)
+        pixels = self.load.pixels / quality.scale**2
+        return 1e-6 * samples * splats * self.splat_ns, 1e-6 * samples * pixels * self.pixel_ns
+
+    def draw(self, quality: Quality, held_up: float = 1.0) -> float:
+        fixed, rest = (held_up * each for each in self.took(quality))
+        self.pacer.drew(quality, self.load, fixed=fixed, rest=rest)
+        self.now += 1e-3 * (fixed + rest)
+        return fixed + rest
+
+    def move(self, seconds: float, held_up: Cost = lambda now: 1.0) -> list[Quality]:
+        until, seen = self.now + seconds, []
+        while self.now < until:
+            seen.append(self.pacer.moving(self.now, self.load))
+            self.draw(seen[-1], held_up(self.now))
+        return seen
+
+
+def changes(seen: list[Quality]) -> int:
+    return sum(one != two for one, two in pairwise(seen))
+
+
+@pytest.mark.parametrize("pixel_ns", [5.0, 40.0, 150.0, 600.0])
+@pytest.mark.parametrize("splat_ns", [5.0, 60.0, 180.0])
+def test_a_movement_settles_where_pictures_take_a_thirtieth_of_a_second(splat_ns, pixel_ns):
+    """Oracle: the machine's own cost: affordable, and the next finer scale would not be or is the
+    finest."""
+    machine = Machine(splat_ns, pixel_ns)
+    last = machine.move(20.0)[-1]
+    assert sum(machine.took(last)) <= SLACK * MOVING_MS
+    if last.scale > SCALES[0]:
+        finer = Quality(scale=SCALES[SCALES.index(last.scale) - 1], splats=last.splats)
+        assert sum(machine.took(finer)) > 0.7 * MOVING_MS
+
+
+def test_the_first_picture_of_a_movement_is_affordable_once_a_picture_was_drawn():
+    """Oracle: the machine's own cost, after three full pictures."""
+    machine = Machine(50.0, 300.0)
+    for _ in range(3):
+        machine.draw(FULL)
+    first = machine.pacer.moving(machine.now, LOAD)
+    assert first.scale > 1.0
+    assert sum(machine.took(first)) <= MOVING_MS
+
+
+def test_one_picture_that_was_held_up_changes_nothing():
+    """Oracle: the same movement without it."""
+    machine = Machine(50.0, 100.0)
+    settled = machine.move(10.0)[-1]
+    machine.draw(settled, held_up=20.0)
+    assert set(machine.move(1.0)) == {settled}
+
+
+@pytest.mark.parametrize("pixel_ns", np.geomspace(20, 400, 9).tolist())
+def test_times_that_vary_do_not_make_quality_flicker(pixel_ns):
+    """Oracle: a person sees more than two changes in half a minute, which holds wherever between
+    two scales the cost lies."""
+    machine = Machine(60.0, pixel_ns)
+    machine.move(15.0)
+    noise = np.random.default_rng(5)
+    assert changes(machine.move(30.0, lambda now: noise.uniform(0.75, 1.3))) <= 2
+
+
+def test_a_machine_that_is_busy_now_and_then_is_given_up_on():
+    """Oracle: patience doubles after each mistake, so that 60 s hold few of them, not 30."""
+    machine = Machine(60.0, 100.0)
+    machine.move(5.0)
+    seen = machine.move(60.0, lambda now: 3.0 if now % 2.0 < 1.0 else 1.0)
+    assert changes(seen) <= 24
+    assert changes(seen[-len(seen) // 4 :]) <= 6
+
+
+def test_finer_pictures_return_when_a_dear_view_is_over():
+    """Oracle: what the movement had before."""
+    machine = Machine(40.0, 60.0)
+    before = machine.move(10.0)[-1]
+    machine.pixel_ns *= 8
+    assert machine.move(5.0)[-1].scale > before.scale
+    machine.pixel_ns /= 8
+    assert machine.move(40.0)[-1] == before
+
+
+def test_splats_that_take_too_long_are_left_out():
+    """Oracle: a million splats at 100 ns take 100 ms whatever the scale; with the budget the
+    picture is affordable, and at rest none is left out."""
+    machine = Machine(100.0, 30.0, Load(pixels=960 * 720, splats=1_000_000))
+    seen = machine.move(10.0)
+    assert sum(machine.took(seen[-1])) <= SLACK * MOVING_MS
+    assert changes(seen[len(seen) // 2 :]) == 0
+    assert machine.pacer.resting(None, machine.load).splats is None
+
+
+def test_rest_is_full_at_once_when_that_is_quick():
+    """Oracle: 100 ms are less than what a person waits for."""
+    machine = Machine(100.0, 100.0)
+    machine.move(2.0)
+    assert sum(machine.took(FULL)) < RESTING_MS
+    assert machine.pacer.resting(None, LOAD) == FULL
+
+
+def test_rest_has_a_step_between_when_the_full_picture_takes_long():
+    """Oracle: the machine's own cost, and the picture that is shown."""
+    machine = Machine(100.0, 800.0)
+    coarse = machine.move(5.0)[-1]
+    middle = machine.pacer.resting(coarse, LOAD)
+    assert 1.0 < middle.scale < coarse.scale
+    assert sum(machine.took(middle)) <= MIDDLE_MS
+    machine.draw(middle)
+    assert machine.pacer.resting(middle, LOAD) == FULL
+    machine.draw(FULL)
+    assert machine.pacer.resting(FULL, LOAD) == FULL
+
+
+def test_one_sample_is_enough_until_the_view_rests():
+    """Oracle: 64 samples take 64 times as long as one."""
+    machine = Machine(100.0, 60.0, Load(pixels=960 * 720, splats=100_000, samples=64))
+    assert not any(quality.averages for quality in machine.move(2.0))
+    middle = machine.pacer.resting(None, machine.load)
+    assert not middle.averages and middle.scale == 1.0
+    assert machine.pacer.resting(middle, machine.load) == FULL
+
+
+def test_quality_compares_by_its_worst():
+    """Oracle: by hand."""
+    assert FULL.is_at_least(Quality(scale=2.0))
+    assert not Quality(scale=2.0).is_at_least(FULL)
+    assert not Quality(splats=10).is_at_least(FULL)
+    assert FULL.is_at_least(Quality(splats=10))
+    assert not Quality(averages=False).is_at_least(FULL)
