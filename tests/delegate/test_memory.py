@@ -15,6 +15,7 @@ from usdsplat.delegate.renderer import Renderer
 from usdsplat.delegate.specs import Framing, View
 from usdsplat.kernels.device import open_device
 
+VIEW = view_of(lens())
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="scene")
 
 
@@ -41,6 +42,20 @@ def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene, budget):
     assert renderer.stats.visible > 0
     assert seen == pytest.approx(renderer.stats.visible, rel=0.33)
     assert pairs == pytest.approx(renderer.stats.pairs, rel=0.33)
+
+
+def test_display_modes_take_what_they_make(scene):
+    """Oracle: the arrays: nine features of each splat twice; records, order, ranks twice more."""
+    seen, _ = memory._seen(scene.draw_list(), memory.Screen.of(VIEW))
+
+    def per_splat(mode):
+        settings = replace(SETTINGS, display_mode=mode)
+        estimate = memory.estimate(scene, VIEW, settings, ("color",), band_pixels=1 << 20)
+        return estimate.splats / seen
+
+    assert per_splat("normals") - per_splat("splats") == pytest.approx(2 * 9 * 4)
+    assert per_splat("ellipses") - per_splat("splats") == pytest.approx(2 * (12 + 1 + 1) * 4)
+    assert per_splat("points") == per_splat("splats")
 
 
 def test_every_aov_and_sample_takes_more(scene):

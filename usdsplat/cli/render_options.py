@@ -16,9 +16,12 @@ FILE_KNOBS = ("multipart", "deep_error")
 
 DrawingFlags: Any = flags_of(
     RenderSettings,
-    ("sorting", "rasterize_mode", "sh_degree", "splat_budget", "blend_space", "refinement"),
+    (
+        "sorting", "rasterize_mode", "sh_degree", "display_mode", "splat_budget", "blend_space",
+        "refinement",
+    ),
     about="How splats and surfaces are drawn.",
-)
+)  # fmt: skip
 SamplingFlags: Any = flags_of(
     RenderSettings,
     ("samples", "pixel_filter", "filter_width", "motion_blur", "depth_of_field"),

@@ -122,7 +122,8 @@ def estimate(
     layout = scene.draw_list(settings.splat_budget)
     seen, pairs = _seen(layout, screen)
     peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
-    per_splat = _per_splat(wanted, peaks=peaks, labels=bool(view.matte))
+    mode = settings.display_mode
+    per_splat = _per_splat(wanted, mode, peaks=peaks, labels=bool(view.matte))
     per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
     kept = DEEP_SAMPLES * DEEP_SAMPLE if deep else 0
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
@@ -183,12 +184,15 @@ def _nbytes(thing: SplatCloud | MeshSpec) -> int:
     return sum(getattr(getattr(thing, name), "nbytes", 0) for name in names)
 
 
-def _per_splat(wanted: set[str], *, peaks: bool, labels: bool) -> int:
+def _per_splat(wanted: set[str], mode: str, *, peaks: bool, labels: bool) -> int:
     """Bytes that are made of each splat that is seen."""
-    size = PER_SPLAT
-    size += 2 * 4 * peak.PEAK * peaks
-    size += 2 * 4 * feature.FEATURES * bool({"Neye", "albedo", "depthExpected"} & wanted)
-    return size + 4 * (labels or "cryptoObject" in wanted)
+    featured = mode == "normals" or bool({"Neye", "albedo", "depthExpected"} & wanted)
+    rows = 4 * (peak.PEAK * peaks + feature.FEATURES * featured)
+    label = 4 * (labels or "cryptoObject" in wanted)
+    size = PER_SPLAT + 2 * rows + label
+    if mode == "ellipses":  # with their rims each is there twice more
+        size += 2 * (4 * project.RECORD + 2 * 4 + rows + label)
+    return size
 
 
 def _of_meshes(scene: RenderScene) -> int:

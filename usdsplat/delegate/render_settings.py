@@ -21,6 +21,11 @@ class RenderSettings:
         "auto", "whether the low-pass filter lowers opacity as it widens; auto follows each prim"
     )
     sh_degree: int = knob(4, "highest harmonic degree evaluated", range=(0, 4))
+    display_mode: Literal["splats", "points", "ellipses", "normals"] = knob(
+        "splats",
+        "what is drawn of each splat: points are dots of its colour, ellipses where it covers a "
+        "fifth at least, normals its shortest axis in the camera's space as a colour",
+    )
     splat_budget: int = knob(
         0,
         "most splats of a view, the least conspicuous are left out; 0 draws all",

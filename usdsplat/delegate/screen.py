@@ -125,8 +125,11 @@ class Screen:
             yield y0, end
             y0 = end
 
-    def record(self, *, tangential: bool, by_distance: bool, antialiased: bool) -> npt.NDArray[Any]:
-        """The CAMERA record of the kernels, shape (1,)."""
+    def record(
+        self, *, tangential: bool, by_distance: bool, antialiased: bool, margin: int = 0
+    ) -> npt.NDArray[Any]:
+        """The CAMERA record of the kernels, shape (1,); splats that are up to `margin` pixels
+        outside of the data window are kept."""
         (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
         x0, y0, x1, y1 = self.window
         record = np.zeros(1, project.CAMERA)
@@ -141,7 +144,8 @@ class Screen:
             (-0.5 - cy) / fy - extra_v,
             (height - 0.5 - cy) / fy + extra_v,
         )
-        record["left"], record["top"], record["right"], record["bottom"] = x0, y0, x1 - 1, y1 - 1
+        record["left"], record["top"] = x0 - margin, y0 - margin
+        record["right"], record["bottom"] = x1 - 1 + margin, y1 - 1 + margin
         record["low_pass"] = self.low_pass
         record["projection"] = (
             project.ORTHOGRAPHIC

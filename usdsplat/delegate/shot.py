@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from usdsplat.delegate import sampling
+from usdsplat.delegate.display import displayed
 from usdsplat.delegate.frame_stats import Clock, FrameStats
 from usdsplat.delegate.holdout import HoldoutRows, hold_back
 from usdsplat.delegate.layer import Behind, Layer
@@ -65,14 +66,20 @@ class Shot:
         )
         surfaces = Surfaces.of(self.device, scene, screen, view.matte, cache=self.surface_cache)
         self.clock.lap("surfaces")
-        by_ray = self.settings.sorting == "rayHitDistance"
+        by_ray, mode = self.settings.sorting == "rayHitDistance", self.settings.display_mode
         wanted = Wanted(
             peaks=by_ray or surfaces is not None or self.holdout is not None,
-            features=bool({"Neye", "albedo", "depthExpected"} & set(aovs)),
+            features=bool({"Neye", "albedo", "depthExpected"} & set(aovs)) or mode == "normals",
             labels="cryptoObject" in aovs,
         )
         look = Look(self.device, self.scratch, scene, screen, self.settings, self.blend_space)
-        return Prepared(screen, look.take(wanted, view.matte, self.stats, self.clock), surfaces)
+        seen = look.take(wanted, view.matte, self.stats, self.clock)
+        if mode != "splats":
+            scale = view.framing.pixel_scale
+            seen = displayed(self.device, self.scratch, seen, mode, scale)
+            self.stats.visible = len(seen.order)
+            self.clock.lap("display")
+        return Prepared(screen, seen, surfaces)
 
     def layer(
         self, prepared: Prepared, y0: int, y1: int

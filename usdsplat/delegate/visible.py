@@ -22,6 +22,10 @@ from usdsplat.images.color import conversion, is_identity
 from usdsplat.kernels import feature, peak, project, radiance, sort
 from usdsplat.kernels.device import CpuDevice
 
+DOT_REACH = 4
+"""[pixel] Beyond the data window that the dots of display mode points are kept for: the splats that
+they stand for may be smaller."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visible:
@@ -149,10 +153,13 @@ class Look:
 
     def _record(self, group: Group) -> npt.NDArray[Any]:
         spec, mode = group.field.spec, self._settings.rasterize_mode
+        shape = self._settings.display_mode
         return self._screen.record(
             tangential=spec.projection_mode == "tangential",
             by_distance=self._settings.sorting == "cameraDistance",
-            antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased",
+            antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased"
+            and shape not in ("points", "ellipses"),  # which would vanish in the distance
+            margin=DOT_REACH if shape == "points" else 0,
         )
 
     def _project(self, group: Group, out: Any, found: I32) -> None:

@@ -1,0 +1,123 @@
+"""Change what is drawn of each splat, once all are projected: dots, or ellipses with a rim.
+
+Both have hard edges though blending knows Gaussians alone. An exponent of S - (S + ln 2) r² is half
+an opacity at r = 1, above the largest contribution, and so cut flat, on most of what lies within,
+and soon nothing outside. S grows with the size on the screen, so that edges are about a pixel wide.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+from .peak import CENTER, PEAK
+from .project import (
+    BLUE,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    LOG_CUTOFF,
+    LOG_OPACITY,
+    RED,
+    A,
+    B,
+    C,
+)
+
+BLOCK = 1024
+"""Splats of one block."""
+LOG_2 = np.float32(math.log(2.0))
+EDGE = np.float32(1.5)
+"""How fast a contribution falls at an edge across the shorter axis [1 / pixel]."""
+SOFT, HARD = np.float32(2.0), np.float32(60.0)
+"""Limits of S: where all is too small to have an edge, and where float32 still has one."""
+FAINTEST = np.float32(0.2)
+"""An ellipse is where its splat by itself covers so much; one that never does is not drawn."""
+RIM, DARK = np.float32(0.84), np.float32(0.3)
+"""Where the rim of an ellipse begins, a part of its size, and by what its colour is multiplied."""
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def outline(record, a, b, c, half_width, half_height):
+    """Make a record cover what lies within the ellipse a x² + b x y + c y² = -1, of these half
+    extents [pixel]."""
+    one, half = np.float32(1), np.float32(0.5)
+    shorter = one / math.sqrt(half * (math.sqrt((a - c) * (a - c) + b * b) - a - c))
+    s = min(HARD, max(SOFT, EDGE * shorter - LOG_2))
+    steep = s + LOG_2
+    beyond = np.float32(math.sqrt((s - LOG_CUTOFF) / steep))
+    record[A], record[B], record[C], record[LOG_OPACITY] = a * steep, b * steep, c * steep, s
+    record[HALF_WIDTH], record[HALF_HEIGHT] = half_width * beyond, half_height * beyond
+
+
+@scalar
+def ellipse(record, source, part):
+    """Make a record cover a part, of its size, of the ellipse where `source` covers FAINTEST."""
+    opacity = source[LOG_OPACITY]
+    level = (opacity - np.float32(math.log(FAINTEST))) * part * part
+    grow = np.float32(math.sqrt(level / (opacity - LOG_CUTOFF)))
+    outline(
+        record, source[A] / level, source[B] / level, source[C] / level,
+        source[HALF_WIDTH] * grow, source[HALF_HEIGHT] * grow,
+    )  # fmt: skip
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def dots(records, peaks, radius):
+    """Make every splat a round dot at the depth of its centre.
+
+    Args:
+        records: Shape (n, RECORD) f32.
+        peaks: Shape (n, PEAK) f32, or of no size.
+        radius: [pixel].
+    """
+    n = records.shape[0]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            a = np.float32(-1) / (radius * radius)
+            outline(records[k], a, np.float32(0), a, radius, radius)
+            if peaks.shape[0] > 0:
+                for i in range(PEAK):
+                    if i != CENTER:
+                        peaks[k, i] = np.float32(0)
+
+
+@parallel
+def rings(records):
+    """Make of every splat, which is there twice in a row, an ellipse and, behind it, its rim.
+
+    Args:
+        records: Shape (2 n, RECORD) f32, all of them more opaque than FAINTEST.
+    """
+    n = records.shape[0] // 2
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            inner, outer = records[2 * k], records[2 * k + 1]
+            ellipse(outer, inner, np.float32(1))
+            ellipse(inner, inner, RIM)
+            for i in range(RED, BLUE + 1):
+                outer[i] *= DARK
+
+
+@parallel
+def directions(records, normals, column):
+    """Colour every splat by its normal n: 0.5 n + 0.5.
+
+    Args:
+        records: Shape (n, RECORD) f32.
+        normals: Three numbers of each from a column on, f32.
+    """
+    n = records.shape[0]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            for i in range(3):
+                half = np.float32(0.5)
+                records[k, RED + i] = half * normals[k, column + i] + half
