@@ -12,8 +12,7 @@ from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.files import composition_remarks, is_usd
-from usdsplat.interchange.importing import import_capture
-from usdsplat.interchange.opening import open_as_asked
+from usdsplat.interchange.opening import open_as_asked, open_capture
 
 
 def open_stage_or_capture(
@@ -43,9 +42,7 @@ def open_stage_or_capture(
             raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
         return open_stage(path, options, keep=keep)
     check_no_stage_options(path, options)
-    stage = Usd.Stage.CreateInMemory()
-    import_capture(path, stage, frame=frame, progress=progress)
-    return stage
+    return open_capture(path, frame=frame, progress=progress)
 
 
 def check_no_stage_options(path: Path, options: StageOptions) -> None:

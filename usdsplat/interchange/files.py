@@ -34,8 +34,12 @@ def open_stage(path: Path) -> Usd.Stage:
         return Usd.Stage.Open(layer)
 
 
-def open_layer(path: Path) -> Sdf.Layer:
+def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     """Open a layer.
+
+    Args:
+        path: Of its file.
+        anonymous: Whether to read the file now, for nobody else, whoever has it open already.
 
     Raises:
         StageError: If USD cannot read it.
@@ -48,7 +52,7 @@ def open_layer(path: Path) -> Sdf.Layer:
         raise StageError(str(path), "a capture", "a USD file")
     found = ""
     try:
-        layer = Sdf.Layer.FindOrOpen(str(path))
+        layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))
     except Tf.ErrorException as error:
         layer, found = None, _sentence(error)
     if not layer:

@@ -1,4 +1,4 @@
-"""Open a stage as its user wants it: variants, muted layers, masks and a layer on top."""
+"""Open a stage as its user wants it, or a capture as a stage; and read it again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.files import open_layer, quiet
+from usdsplat.interchange.importing import import_capture
+
+Stage = Usd.Stage
 
 _VARIANT = re.compile(r"(/[^:{}]*):([^=]+)=(.*)")
 
@@ -57,6 +61,43 @@ def open_as_asked(
             for text in variants:
                 _select(stage, text)
     return stage
+
+
+def open_capture(path: Path, *, frame: str | None = None, progress: Progress = silent) -> Usd.Stage:
+    """Import a capture onto a stage in memory.
+
+    Args:
+        path: In any format that `formats` reads.
+        frame: Where x, y and z of the capture point; None believes the file.
+        progress: Told about reading and authoring.
+
+    Raises:
+        FormatError: If it is not what it claims to be.
+        UsageError: If there is no such frame.
+    """
+    stage = Usd.Stage.CreateInMemory()
+    import_capture(path, stage, frame=frame, progress=progress)
+    return stage
+
+
+def reload(stage: Usd.Stage, changed: Iterable[Path]) -> None:
+    """Read the files of a stage again, and those that were missing; its session layer stays.
+
+    Args:
+        stage: Its layers lose what was edited in them and not saved.
+        changed: Files of the stage that are other than when they were read.
+
+    Raises:
+        StageError: If USD cannot read one of them; the stage is as before.
+    """
+    paths = {str(path) for path in changed}
+    for path in sorted(paths):
+        open_layer(Path(path), anonymous=True)
+    with quiet():
+        for layer in stage.GetLayerStack(includeSessionLayers=True):
+            if layer.realPath in paths:  # a stage leaves out those of its session
+                layer.Reload()
+        stage.Reload()
 
 
 def check_prims(stage: Usd.Stage, where: str, paths: Iterable[str]) -> None:

@@ -22,6 +22,8 @@ from usdsplat.preview import boxes
 from usdsplat.preview.display import Display
 from usdsplat.preview.drawing import Drawing, Shown
 from usdsplat.preview.scenes import Scenes
+from usdsplat.preview.sources import Sources
+from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Busy, Event, Opened, ViewState
 
 SIMULATION = "SplatSim"
@@ -49,13 +51,15 @@ class Document:
     ) -> None:
         self.stage = stage
         self.path = path
+        self.sources: Sources | None = None
+        """The files that it was read from; None for a stage that was handed over."""
         self.lock = threading.RLock()
         """Held by whoever reads or writes the stage."""
         self.publish = publish
         self.wake: Callable[[], None] = lambda: None
         """Tells the session that the stage may have changed; callable from any thread."""
-        self.edits: Any = None
-        """What edits the session layer and takes that back; None where nothing does."""
+        self.edits = Edits(stage)
+        """What edits the session layer and takes that back."""
         self.simulation: Any = None
         """What runs the stage's simulation; None without one."""
         self.engine = Engine(stage, device=device, threads=threads)
@@ -114,10 +118,10 @@ class Document:
 
     def close(self) -> None:
         """Let go of everything."""
-        for each in (self.simulation, self.edits):
-            if each is not None:
-                each.close()
-        self.simulation = self.edits = None
+        if self.simulation is not None:
+            self.simulation.close()
+        self.simulation = None
+        self.edits.close()
         with self.lock:
             self._drawing.close()
             self._scenes.close()

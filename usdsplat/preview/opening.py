@@ -5,9 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from usdsplat.core.progress import Progress, silent
+from usdsplat.core.errors import UsageError
+from usdsplat.interchange import opening
+from usdsplat.interchange.files import composition_remarks, is_usd, layer_files
 from usdsplat.preview.document import Document
-from usdsplat.preview.values import Event
+from usdsplat.preview.sources import Sources, files_of_capture
+from usdsplat.preview.values import Busy, Event, Problem, StageChanged
+
+
+class _Telling:
+    """A progress that says what is going on, once for each piece of work."""
+
+    def __init__(self, publish: Callable[[Event], None]) -> None:
+        self._publish = publish
+        self._label = ""
+
+    def step(self, label: str, done: int, total: int) -> None:
+        if label != self._label:
+            self._label = label
+            self._publish(Busy(what=label))
+
+    def end(self) -> None:
+        if self._label:
+            self._publish(Busy(what=""))
 
 
 def open_document(
@@ -21,20 +41,21 @@ def open_document(
     mask: tuple[str, ...] = (),
     session_layer: Path | None = None,
     frame: str | None = None,
-    progress: Progress = silent,
 ) -> Document:
     """Open a stage, or any capture onto a stage in memory; no file is ever written.
 
+    A user's edits go to a session layer that is the document's own. What a stage could not be
+    composed of is published as a `Problem`, a sentence each.
+
     Args:
         path: Of a file that USD reads, or of a capture.
-        publish: Told what happens to the document.
+        publish: Told what happens to the document, first how its reading goes.
         device, threads: As `Engine` takes them.
         variants: Selections, each "/Prim:set=name".
         mute: Regular expressions; layers in whose identifier one is found are left out.
         mask: Paths of the prims to load, and nothing else.
         session_layer: A layer of opinions stronger than the stage's own, weaker than a user's.
         frame: Where x, y and z of a capture point; None believes the file.
-        progress: Told about reading a capture.
 
     Raises:
         UsageError: If an option cannot be understood, or is not for such a file.
@@ -42,7 +63,24 @@ def open_document(
         FormatError: If a capture is not what it claims to be.
         BackendError: If the device is not usable here.
     """
-    raise NotImplementedError
+    path = Path(path)
+    sources = Sources(path, is_capture=not is_usd(path), frame=frame)
+    if sources.is_capture:
+        _check_options(path, variants=variants, mute=mute, mask=mask, session_layer=session_layer)
+        sources.note(files_of_capture(path))
+        stage = _import(path, frame, publish)
+    else:
+        if frame is not None:
+            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        stage = opening.open_as_asked(
+            path, variants=variants, mute=mute, mask=mask, session_layer=session_layer
+        )
+        sources.note(layer_files(stage))
+        for remark in composition_remarks(stage):
+            publish(Problem(sentence=remark))
+    document = Document(stage, path=path, device=device, threads=threads, publish=publish)
+    document.sources = sources
+    return document
 
 
 def reload(document: Document) -> tuple[str, ...]:
@@ -53,9 +91,50 @@ def reload(document: Document) -> tuple[str, ...]:
     Raises:
         UsdSplatError: If a file cannot be read; everything stays as it was.
     """
-    raise NotImplementedError
+    sources = document.sources
+    changed = _changed(document)
+    if sources is not None and sources.is_capture:
+        if changed:
+            files = files_of_capture(sources.path)
+            fresh = _import(sources.path, sources.frame, document.publish)
+            document.stage.GetRootLayer().TransferContent(fresh.GetRootLayer())
+            sources.forget()
+            sources.note(files)
+    else:
+        opening.reload(document.stage, changed)
+        if sources is not None:
+            sources.forget()
+            sources.note(layer_files(document.stage))
+    document.publish(StageChanged(structure=True))
+    return tuple(path.name for path in changed)
 
 
 def changed_files(document: Document) -> tuple[str, ...]:
     """Names of the files that are other on disk than when they were read, or gone."""
-    raise NotImplementedError
+    return tuple(path.name for path in _changed(document))
+
+
+def _changed(document: Document) -> tuple[Path, ...]:
+    sources = document.sources
+    if sources is None:
+        return ()
+    if not sources.is_capture:
+        sources.note(layer_files(document.stage))  # others may be in use by now
+    return sources.changed()
+
+
+def _import(path: Path, frame: str | None, publish: Callable[[Event], None]) -> opening.Stage:
+    """A stage in memory that holds a capture."""
+    telling = _Telling(publish)
+    try:
+        return opening.open_capture(path, frame=frame, progress=telling)
+    finally:
+        telling.end()
+
+
+def _check_options(path: Path, **given: object) -> None:
+    """Refuse what does nothing for a capture."""
+    for name, value in given.items():
+        if value:
+            flag = f"--{name.removesuffix('s').replace('_', '-')}"
+            raise UsageError(flag, f"a capture, {path}", "a stage")
