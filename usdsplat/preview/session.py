@@ -50,6 +50,9 @@ class Session:
         self._is_stale = True
         self._is_closing = False
         self._listeners: tuple[Listener, ...] = ()
+        self._news: deque[Event] = deque()
+        self._owner = 0
+        """Of `turn`, the last that called it."""
         self._document: Document | None = None
         self._has_failed = False
         self._thread = threading.Thread(target=self._run, name="usdsplat session", daemon=True)
@@ -112,6 +115,8 @@ class Session:
 
         For hosts without the session's own thread.
         """
+        self._owner = threading.get_ident()
+        self._tell_news()
         if self._document is None:
             if not self._has_failed:
                 self._begin()
@@ -198,6 +203,24 @@ class Session:
         self._changed.notify_all()
 
     def _publish(self, event: Event) -> None:
+        """Tell everybody, in the session's thread: a simulation has news in threads of its own."""
+        if threading.get_ident() == self._owner:
+            self._tell_news()
+            self._tell(event)
+            return
+        with self._changed:
+            self._news.append(event)
+            self._wake()
+
+    def _tell_news(self) -> None:
+        while True:
+            with self._changed:
+                event = self._news.popleft() if self._news else None
+            if event is None:
+                return
+            self._tell(event)
+
+    def _tell(self, event: Event) -> None:
         for listener in self._listeners:
             listener(event)
 
