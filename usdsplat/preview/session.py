@@ -97,6 +97,11 @@ class Session:
         with self._changed:
             self._wake()
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether there was no document to open; problems of one that opens are remarks."""
+        return self._has_failed
+
     def close(self, timeout: float = 10.0) -> None:
         """End what goes on, and let go of the document; tasks that have not begun are dropped."""
         with self._changed:
