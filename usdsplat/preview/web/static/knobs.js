@@ -1,10 +1,12 @@
 // Controls built from what the server says of each knob: kind, value, limits, words.
 
 const EMPTY = "—";
+let drags = 0;
 
 /** A list of knobs under their headings, kept in step with the server. */
 export class Knobs {
-  /** @param {(name: string, value: any) => void} turn Called when a person turns one. */
+  /** @param {(name: string, value: any, drag: number) => void} turn
+   *   Called when a person turns one; all changes of one drag share a number, which else is 0. */
   constructor(element, turn) {
     this.element = element;
     this.turn = turn;
@@ -41,7 +43,7 @@ function grouped(title) {
 /** One knob: its label, its control and a way back to its default. */
 class Row {
   constructor(editor, id, turn) {
-    this.turn = (value) => turn(editor.name, value);
+    this.turn = (value, drag = 0) => turn(editor.name, value, drag);
     this.control = controlOf(editor, id, this.turn);
     const label = made("label", { htmlFor: id, textContent: editor.label, title: editor.help });
     const value = made("span", { className: `value ${editor.kind}`, title: editor.help });
@@ -102,10 +104,13 @@ function number(editor, id, turn) {
     type: "range", min: low, max: high, ariaLabel: editor.label,
     step: isWhole ? Math.max(1, editor.step) : editor.step,
   });
+  let drag = 0;
+  slider.addEventListener("pointerdown", () => { drag = ++drags; });
   slider.addEventListener("input", () => {
     field.value = slider.value;
-    turn(Number(slider.value));
+    turn(Number(slider.value), drag);
   });
+  slider.addEventListener("change", () => { drag = 0; });
   const show = (value) => {
     field.value = value === null ? "" : short(value);
     if (document.activeElement !== slider || Number(slider.value) !== value) slider.value = value ?? low;

@@ -124,8 +124,8 @@ function showParameters(prims) {
       const section = made("details", { open: prim.is_simulation });
       const body = made("div", { className: "body", id: `parameters-${paths.indexOf(prim.path)}` });
       section.append(made("summary", { textContent: `${prim.path} (${prim.type_name})` }), body);
-      parameters.set(prim.path, new Knobs(body, (name, value) => {
-        send("set_parameter", { path: prim.path, name, value });
+      parameters.set(prim.path, new Knobs(body, (name, value, drag) => {
+        send("set_parameter", { path: prim.path, name, value, drag });
       }));
       return section;
     }));

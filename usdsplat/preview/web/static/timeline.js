@@ -24,7 +24,7 @@ export class Timeline {
 
   scrub() {
     at("current").value = at("time").value;
-    this.send("set_time", { time: Number(at("time").value) });
+    this.send("set_time", { time: Number(at("time").value), is_scrubbing: true });
   }
 
   narrow() {

@@ -4,6 +4,7 @@ const MOST_RATIO = 2; // pixels of the device to one of CSS that are worth their
 const MOST_PIXELS = 2560 * 1600;
 const CLICK = 4; // CSS pixels that a click may move
 const REST = 180; // ms after the last turn of a wheel
+const FAST = 4; // with Shift
 const FLIGHT = {
   KeyW: ["forward", 1], KeyS: ["forward", -1], KeyD: ["right", 1], KeyA: ["right", -1],
   KeyE: ["up", 1], KeyQ: ["up", -1],
@@ -116,8 +117,8 @@ export class Viewport {
     });
     canvas.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.keyed(event));
-    canvas.addEventListener("keyup", (event) => this.held.delete(event.code));
-    canvas.addEventListener("blur", () => this.held.clear());
+    canvas.addEventListener("keyup", (event) => this.letGo(event.code));
+    canvas.addEventListener("blur", () => [...this.held].forEach((code) => this.letGo(code)));
   }
 
   pressed(event) {
@@ -179,26 +180,22 @@ export class Viewport {
   keyed(event) {
     if (!(event.code in FLIGHT) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    if (this.held.size === 0) {
-      this.lastFlight = performance.now();
-      requestAnimationFrame(() => this.fly());
-    }
+    if (event.repeat) return;
     this.held.add(event.code);
-    this.isFast = event.shiftKey;
+    this.fly(event.shiftKey ? FAST : 1);
   }
 
-  fly() {
-    if (this.held.size === 0) {
-      this.rest();
-      return;
-    }
-    const now = performance.now();
-    const seconds = (Math.min(now - this.lastFlight, 100) / 1000) * (this.isFast ? 4 : 1);
-    this.lastFlight = now;
+  letGo(code) {
+    if (!this.held.delete(code)) return;
+    if (this.held.size) this.fly(1);
+    else this.rest();
+  }
+
+  /** The server flies, from tick to tick, until it hears otherwise. */
+  fly(speed) {
     const way = { right: 0, up: 0, forward: 0 };
-    for (const code of this.held) way[FLIGHT[code][0]] += FLIGHT[code][1] * seconds;
-    this.move("fly", way);
-    requestAnimationFrame(() => this.fly());
+    for (const code of this.held) way[FLIGHT[code][0]] += FLIGHT[code][1] * speed;
+    this.send("fly", way);
   }
 }
 
