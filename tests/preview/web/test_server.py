@@ -7,6 +7,7 @@ import json
 import logging
 import socket
 import struct
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
@@ -393,8 +394,9 @@ def test_what_was_opened_before_the_server_came_is_told() -> None:
     """Oracle: the fake document's name, however long it has been open."""
     host = Host()
     try:
-        host.session.ask(lambda document: host.document.may_go_on.set())
-        assert host.document.may_go_on.wait(PATIENCE)
+        is_open = threading.Event()
+        host.session.ask(lambda document: is_open.set())
+        assert is_open.wait(PATIENCE)
         late = serve(host.session)
         try:
             with connect(
