@@ -113,6 +113,12 @@ class Session:
         elif not self._thread.ident:
             self._end()
 
+    @property
+    def has_work(self) -> bool:
+        """Whether a `turn` would do something, as far as the session has been told."""
+        with self._changed:
+            return self._is_stale or bool(self._tasks)
+
     # --- from the session's thread ---------------------------------------------------------
 
     def turn(self) -> bool:
@@ -141,7 +147,7 @@ class Session:
         except UsdSplatError as error:
             self._complain(error)
             more = False
-        return more or self._has_work()
+        return more or self.has_work
 
     # --- private ---------------------------------------------------------------------------
 
@@ -198,10 +204,6 @@ class Session:
             failed(error)
         else:
             done(result)
-
-    def _has_work(self) -> bool:
-        with self._changed:
-            return self._is_stale or bool(self._tasks)
 
     def _wake(self) -> None:
         self._is_stale = True
