@@ -167,14 +167,17 @@ class Session:
         self._end()
 
     def _begin(self) -> None:
-        self._has_failed = True  # until it has not
         try:
             document = self._open(self._publish)
         except UsdSplatError as error:
+            self._has_failed = True
             self._complain(error)
             return
+        except Exception:
+            self._has_failed = True
+            raise
         document.wake = self.wake
-        self._document, self._has_failed = document, False
+        self._document = document
         self._publish(document.opened())
 
     def _drop(self) -> bool:
