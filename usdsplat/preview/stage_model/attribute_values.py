@@ -134,7 +134,9 @@ def _editor(attribute: Usd.Attribute, form: Form, held: Any, fallback: Any) -> E
 
 def _as_knob(item: Knob, found: Any, held: Any) -> Any:
     """A value as a knob has it: infinite ones count, where `plain` has none for them."""
-    return found if isinstance(item.default, float) and held is None else held
+    if held is None and isinstance(item.default, float):
+        return float(found.GetValue() if isinstance(found, Sdf.TimeCode) else found)
+    return held
 
 
 def parameter_of(attribute: Usd.Attribute) -> Knob | None:
