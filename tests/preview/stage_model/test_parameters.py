@@ -180,6 +180,13 @@ def test_affectors_in_instances_are_read_only():
         set_parameter(Edits(stage), "/World/Instance/Cube", "affector:role", "seed")
 
 
+def test_known_prims_can_be_asked_for_alone():
+    """Oracle: the whole list; one that is gone and one that is none are left out."""
+    stage = rich()
+    whole = editors(stage, time=2.0)
+    assert editors(stage, time=2.0, paths=(BALL, "/None", "/World/Cloud", SIM)) == whole
+
+
 def test_a_stage_without_simulations_has_no_parameters():
     """Oracle: an empty stage."""
     assert editors(Usd.Stage.CreateInMemory()) == ()

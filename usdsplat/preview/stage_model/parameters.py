@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,7 +51,9 @@ class ParameterPrim:
     """Named as on command lines, such as "rd:patternScale"; of applied groups only."""
 
 
-def editors(stage: Usd.Stage, *, time: float | None = None) -> tuple[ParameterPrim, ...]:
+def editors(
+    stage: Usd.Stage, *, time: float | None = None, paths: Iterable[str] | None = None
+) -> tuple[ParameterPrim, ...]:
     """Every simulation and every affector of a stage, in its order.
 
     A value that its parameter cannot have is shown as the default, with its `problem`. Those in
@@ -60,10 +62,15 @@ def editors(stage: Usd.Stage, *, time: float | None = None) -> tuple[ParameterPr
     Args:
         stage: Whose.
         time: Time code at which animated parameters are shown; None is USD's default time.
+        paths: Of the only ones to look at, in any order: looking for them among ten thousand prims
+            takes a tenth of a second. Those that are gone, or are none, are left out.
     """
     code = code_of(time)
     found = []
-    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+    prims: Iterable[Usd.Prim] = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
+    if paths is not None:
+        prims = filter(None, (stage.GetPrimAtPath(path) for path in paths))
+    for prim in prims:
         is_simulation = prim.GetTypeName() == SIMULATION_TYPE
         if is_simulation or is_affector(prim):
             found.append(
