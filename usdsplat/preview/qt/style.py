@@ -35,7 +35,7 @@ QMenuBar::item {{ padding: 3px 9px; background: transparent; }}
 QMenuBar::item:selected {{ background: {raised}; border-radius: 3px; }}
 QSplitter::handle {{ background: {line}; }}
 QTabWidget::pane {{ border: 0; border-top: 1px solid {line}; }}
-QTabBar {{ background: {line}; }}
+QTabBar {{ background: {line}; qproperty-drawBase: 0; }}
 QTabBar::tab {{
     background: {line}; color: {quiet}; padding: 5px 13px; border: 0; margin-right: 1px;
 }}
@@ -66,6 +66,11 @@ QPushButton:disabled {{ color: {off}; background: {ground}; }}
 QToolButton {{ border: 0; border-radius: 3px; padding: 2px; background: transparent; }}
 QToolButton:hover {{ background: {raised}; }}
 QToolButton:pressed, QToolButton:checked {{ background: {accent}; }}
+QCheckBox::indicator, QTreeView::indicator {{
+    width: 13px; height: 13px; background: {sunk}; border: 1px solid {off}; border-radius: 3px;
+}}
+QCheckBox::indicator:hover {{ border-color: {text}; }}
+QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; }}
 QScrollBar:vertical {{ background: transparent; width: 10px; margin: 0; }}
 QScrollBar:horizontal {{ background: transparent; height: 10px; margin: 0; }}
 QScrollBar::handle {{ background: {hover}; border-radius: 4px; margin: 1px; min-height: 24px; }}

@@ -1,0 +1,112 @@
+"""Starts windows, and ends when the last one is closed or somebody presses Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QApplication
+
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.glyphs import window_icon
+from usdsplat.preview.qt.window import Opener, Window
+from usdsplat.preview.values import Opened
+
+INTERRUPTED = 130
+"""What shells return after Ctrl-C."""
+LISTEN = 200
+"""How often Python has a look whether there was one, while Qt waits [ms]."""
+
+
+class Windows(QObject):
+    """All windows of an application; each has a session of its own.
+
+    Args:
+        device, threads: As `Engine` takes them.
+    """
+
+    def __init__(self, *, device: str = "auto", threads: int | None = None) -> None:
+        super().__init__()
+        self._device = device
+        self._threads = threads
+        self.open: list[Window] = []
+
+    def new(self, path: Path | None = None) -> Window:
+        """Show another window, on a file if one is given."""
+        window = Window(device=self._device, threads=self._threads)
+        self.open.append(window)
+        window.new_requested.connect(self.new)
+        window.closed.connect(lambda: self.open.remove(window))
+        window.show()
+        if path is not None:
+            window.open(path)
+        return window
+
+
+def run(
+    first: Opener | Path | None = None,
+    *,
+    camera: str | None = None,
+    time: float | None = None,
+    device: str = "auto",
+    threads: int | None = None,
+) -> int:
+    """Show a window until the last one is closed; return the exit status.
+
+    Args:
+        first: What the first window opens: a path, what opens a document when it is called with
+            `publish`, or nothing.
+        camera: Path of the camera to look through first; None frames everything.
+        time: Time code to begin at; None is the first.
+        device, threads: As `Engine` takes them.
+    """
+    application = QApplication.instance()
+    if not isinstance(application, QApplication):
+        application = QApplication(["usdsplat"])
+        style.dress(application)
+    application.setApplicationName("usdsplat")
+    application.setWindowIcon(window_icon())
+    QGuiApplication.setDesktopFileName("usdsplat")
+    windows = Windows(device=device, threads=threads)
+    window = windows.new(first if isinstance(first, Path) else None)
+    window.opened.connect(_once(lambda opened: _begin(window, camera, time)))
+    if first is not None and not isinstance(first, Path):
+        window.open_with(first)
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        application.exit(INTERRUPTED)
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    listening = QTimer()
+    listening.timeout.connect(lambda: None)  # Python's handlers run between its own instructions
+    listening.start(LISTEN)
+    try:
+        return application.exec()
+    finally:
+        signal.signal(signal.SIGINT, before)
+        for each in tuple(windows.open):
+            each.close()
+
+
+def _begin(window: Window, camera: str | None, time: float | None) -> None:
+    if window.workspace is not None:
+        viewer = window.workspace.desk.viewer
+        if camera is not None:
+            viewer.use_camera(camera)
+        if time is not None:
+            viewer.set_time(time)
+
+
+def _once(call: Callable[[Opened], None]) -> Callable[[Opened], None]:
+    """The first time only: other stages have other cameras."""
+    waiting = [call]
+
+    def called(opened: Opened) -> None:
+        if waiting:
+            waiting.pop()(opened)
+
+    return called

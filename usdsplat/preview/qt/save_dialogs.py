@@ -1,0 +1,217 @@
+"""Asks where something is to be written, and has it written by the session."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QFileDialog,
+    QFormLayout,
+    QLineEdit,
+    QProgressDialog,
+    QWidget,
+)
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview import saving
+from usdsplat.preview.document import Document
+from usdsplat.preview.qt.desk import Desk
+from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.stage_model import saving as stage_saving
+
+USD = "USD layers (*.usda *.usd *.usdc)"
+PICTURES = "Pictures (*.png *.jpg *.exr)"
+
+
+def ask_name(
+    parent: QWidget, title: str, filters: str, suggested: str, done: Callable[[Path], None]
+) -> QFileDialog:
+    """Ask for a file to write; nothing waits meanwhile."""
+    dialog = QFileDialog(parent, title)
+    dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
+    dialog.setNameFilter(filters)
+    dialog.setDefaultSuffix(Path(suggested).suffix.lstrip("."))
+    dialog.selectFile(suggested)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.fileSelected.connect(lambda name: done(Path(name)))
+    dialog.open()
+    return dialog
+
+
+class Saving(QObject):
+    """What a window can write of one session.
+
+    Args:
+        desk: Of the session.
+        said: Told a sentence when something is written.
+        window: Whose dialogs they are.
+    """
+
+    def __init__(self, desk: Desk, *, said: Callable[[str], None], window: QWidget) -> None:
+        super().__init__(desk)
+        self._desk = desk
+        self._said = said
+        self._window = window
+
+    def session_layer(self) -> None:
+        """The user's edits, as a layer to stack over the stage."""
+        ask_name(self._window, "Save session layer as", USD, "session.usda", self.write_session)
+
+    def write_session(self, path: Path) -> None:
+        """Write the user's edits."""
+        self._write(path, lambda document: stage_saving.save_session(document.stage, path))
+
+    def camera_layer(self) -> None:
+        """The view, as a layer with a camera in it."""
+        ask_name(self._window, "Save view as a camera", USD, "camera.usda", self.write_camera)
+
+    def write_camera(self, path: Path) -> None:
+        """Write the view as a camera."""
+        picture = self._desk.picture
+        if picture is not None:
+            camera = picture.camera
+            self._write(
+                path,
+                lambda document: stage_saving.save_camera_layer(document.stage, camera, path),
+            )
+
+    def screenshot(self) -> None:
+        """What the viewport shows, in full."""
+        ask_name(self._window, "Screenshot", PICTURES, "screenshot.png", self.write_screenshot)
+
+    def write_screenshot(self, path: Path) -> None:
+        """Write what the viewport shows."""
+        state = self._desk.viewer.state
+        self._write(path, lambda document: saving.save_view(document, state, path))
+
+    def flipbook(self) -> None:
+        """Every frame of a range."""
+        dialog = FlipbookDialog(self._desk, self._window)
+        dialog.chosen.connect(self.write_flipbook)
+        dialog.open()
+
+    def write_flipbook(self, path: Path, frames: tuple[float, ...]) -> None:
+        """Write frames, with a bar that can be stopped."""
+        progress = _Progress(path.name, len(frames), self._window)
+        reporter = _Reporter(partial(self._desk.bridge.call, progress.setValue))
+        state = self._desk.viewer.state
+
+        def failed(error: UsdSplatError) -> None:
+            progress.deleteLater()
+            self._desk.complain(str(error))
+
+        def done(files: tuple[Path, ...]) -> None:
+            progress.deleteLater()
+            if files:
+                self._said(f"Wrote {files[0].name}{_more(files)}")
+
+        def task(document: Document) -> tuple[Path, ...]:
+            return saving.flipbook(
+                document,
+                state,
+                frames,
+                path,
+                progress=reporter,
+                cancelled=progress.stopped.is_set,
+            )
+
+        self._desk.bridge.ask(task, done, failed)
+
+    def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
+        self._desk.bridge.ask(task, lambda result: self._said(f"Wrote {path.name}"))
+
+
+class FlipbookDialog(QDialog):
+    """Which frames, and where."""
+
+    chosen = Signal(object, object)
+
+    def __init__(self, desk: Desk, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Flipbook")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        timeline = desk.viewer.timeline
+        self._complain = desk.complain
+        self.first, self.last, self.step = (
+            NumberField(name) for name in ("First frame", "Last frame", "Step")
+        )
+        for field, value in (
+            (self.first, timeline.start),
+            (self.last, timeline.end),
+            (self.step, timeline.step),
+        ):
+            field.show_value(value)
+            field.entered.connect(field.show_value)
+            field.refused.connect(desk.complain)
+        self.name = QLineEdit("flipbook.####.png")
+        self.name.setMinimumWidth(320)
+        self.name.setToolTip("#### is the frame; .png, .jpg or .exr, or a movie: .mp4 or .mov")
+        browse = self.name.addAction(
+            self.style().standardIcon(self.style().StandardPixmap.SP_DirOpenIcon),
+            QLineEdit.ActionPosition.TrailingPosition,
+        )
+        browse.triggered.connect(self._browse)
+        self.buttons = QDialogButtonBox(
+            QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel
+        )
+        self.buttons.accepted.connect(self._accept)
+        self.buttons.rejected.connect(self.reject)
+        form = QFormLayout(self)
+        form.setContentsMargins(16, 16, 16, 12)
+        for label, widget in (
+            ("First frame", self.first),
+            ("Last frame", self.last),
+            ("Step", self.step),
+            ("File", self.name),
+        ):
+            form.addRow(label, widget)
+        form.addRow(self.buttons)
+
+    def frames(self) -> tuple[float, ...]:
+        """Time codes that are to be drawn."""
+        first, last, step = (field.value or 0.0 for field in (self.first, self.last, self.step))
+        if step <= 0 or last < first:
+            return ()
+        return tuple(first + number * step for number in range(int((last - first) / step) + 1))
+
+    def _browse(self) -> None:
+        filters = f"{PICTURES};;Movies (*.mp4 *.mov)"
+        ask_name(self, "Flipbook", filters, self.name.text(), lambda to: self.name.setText(str(to)))
+
+    def _accept(self) -> None:
+        self.chosen.emit(Path(self.name.text()), self.frames())
+        self.accept()
+
+
+class _Progress(QProgressDialog):
+    """How many frames are written; its button asks to stop."""
+
+    def __init__(self, name: str, total: int, parent: QWidget) -> None:
+        super().__init__(f"Writing {name}", "Stop", 0, total, parent)
+        self.stopped = threading.Event()
+        self.setWindowModality(Qt.WindowModality.NonModal)
+        self.setMinimumDuration(400)
+        self.setAutoClose(False)
+        self.setAutoReset(False)
+        self.canceled.connect(self.stopped.set)
+
+
+class _Reporter:
+    """Takes progress to the window."""
+
+    def __init__(self, tell: Callable[[int], None]) -> None:
+        self._tell = tell
+
+    def step(self, label: str, done: int, total: int) -> None:
+        self._tell(done)
+
+
+def _more(files: tuple[Path, ...]) -> str:
+    return f" and {len(files) - 1} more" if len(files) > 1 else ""

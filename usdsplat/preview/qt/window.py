@@ -1,0 +1,405 @@
+"""A window on one stage after another: menus, keys, dropped files, and what opens and fails to."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QApplication,
+    QFileDialog,
+    QLabel,
+    QMainWindow,
+    QMessageBox,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from usdsplat import __version__, formats
+from usdsplat.interchange.files import SUFFIXES
+from usdsplat.preview.document import Document
+from usdsplat.preview.opening import open_document
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.qt.glyphs import window_icon
+from usdsplat.preview.qt.help_dialog import HelpDialog
+from usdsplat.preview.qt.keys import KEYS, MENUS, Key
+from usdsplat.preview.qt.message_bar import MessageBar
+from usdsplat.preview.qt.save_dialogs import USD, Saving, ask_name
+from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import Busy, Opened, Problem
+
+Opener = Callable[..., Document]
+"""Opens a document in the session's thread; called with `publish`."""
+
+SIZE = (1600, 1000)
+PURPOSES = ("render", "proxy", "guide")
+ALWAYS = ("open", "new", "close", "quit", "help", "about")
+"""Actions that need no stage."""
+SAID_FOR = 6000
+"""How long the status bar says that something was written [ms]."""
+
+
+class Window(QMainWindow):
+    """One stage at a time, in a session of its own.
+
+    A file that cannot be opened leaves what is there as it is.
+
+    Args:
+        device, threads: As `Engine` takes them, for files that are opened here.
+    """
+
+    new_requested = Signal(object)
+    """Somebody wants another window, on a path or None."""
+    opened = Signal(object)
+    """A stage has been opened here."""
+    closed = Signal()
+
+    def __init__(self, *, device: str = "auto", threads: int | None = None) -> None:
+        super().__init__()
+        self._device = device
+        self._threads = threads
+        self._pending: Bridge | None = None
+        self._remarks: tuple[str, ...] = ()
+        """What was said of the stage that is being opened."""
+        self._path: Path | None = None
+        self.workspace: Workspace | None = None
+        self.saving: Saving | None = None
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowIcon(window_icon())
+        self.setStyleSheet(style.sheet())
+        self.setAcceptDrops(True)
+        self.resize(*SIZE)
+        self.problems = MessageBar(is_problem=True)
+        self.empty = self._make_empty()
+        self._pages = QStackedWidget()
+        self._pages.addWidget(self.empty)
+        body = QWidget()
+        column = QVBoxLayout(body)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.problems)
+        column.addWidget(self._pages, 1)
+        self.setCentralWidget(body)
+        self._note = QLabel()
+        self._path_note = QLabel()
+        self._path_note.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.statusBar().addWidget(self._note, 1)
+        self.statusBar().addPermanentWidget(self._path_note)
+        self.statusBar().setSizeGripEnabled(False)
+        self.actions_by_name: dict[str, QAction] = {}
+        self._make_menus()
+        self._show_title()
+        self._enable()
+
+    # --- opening ----------------------------------------------------------------------------
+
+    def open(self, path: Path) -> None:
+        """Open a stage or a capture here, once it is read."""
+        self._path = path
+        opener = partial(open_document, path, device=self._device, threads=self._threads)
+        self.open_with(opener, name=path.name)
+
+    def open_with(self, opener: Opener, *, name: str = "") -> None:
+        """Open what `opener` opens, in a session of its own."""
+        self._forget_pending()
+        session = Session(lambda publish: opener(publish=publish))
+        bridge = Bridge(session, self)
+        self._pending, self._remarks = bridge, ()
+        bridge.opened.connect(partial(self._switch, bridge))
+        bridge.problem.connect(partial(self._could_not_open, bridge))
+        bridge.busy.connect(self._show_busy)
+        self._say(f"Reading {name}…" if name else "Reading…")
+
+    def _switch(self, bridge: Bridge, opened: Opened) -> None:
+        """What was being opened is there: the old stage makes way."""
+        if bridge is not self._pending:
+            return
+        self._pending = None
+        bridge.problem.disconnect()
+        bridge.opened.disconnect()
+        old = self.workspace
+        workspace = Workspace(bridge, opened, device=self._device)
+        self.workspace = workspace
+        self.saving = Saving(workspace.desk, said=self._say_briefly, window=self)
+        workspace.device_chosen.connect(self._use_device)
+        workspace.record_requested.connect(self.record)
+        workspace.desk.history_changed.connect(self._show_history)
+        workspace.desk.view_changed.connect(self._follow)
+        workspace.desk.bridge.picture.connect(lambda picture: self._show_warnings(picture.warnings))
+        for name in ("step_on", "step_back", "to_start", "to_end"):
+            workspace.center.addAction(self.actions_by_name[name])
+            workspace.timeline.addAction(self.actions_by_name[name])
+        if self._remarks:
+            workspace.problems.say("\n".join(self._remarks))
+        self._pages.addWidget(workspace)
+        self._pages.setCurrentWidget(workspace)
+        self.problems.clear()
+        self._say("")
+        self._show_title(opened.name)
+        self._show_history(None, None)
+        self._enable()
+        self._follow()
+        workspace.viewport.setFocus()
+        if old is not None:
+            self._pages.removeWidget(old)
+            old.end()
+            old.deleteLater()
+        self.opened.emit(opened)
+
+    def _could_not_open(self, bridge: Bridge, problem: Problem) -> None:
+        if bridge is self._pending:
+            self._remarks = (*self._remarks, problem.sentence)
+            if bridge.session.has_failed:
+                self._forget_pending()
+                self._say("")
+                self.problems.say("\n".join(self._remarks))
+
+    def _forget_pending(self) -> None:
+        if self._pending is not None:
+            bridge, self._pending = self._pending, None
+            bridge.close()
+            threading.Thread(target=bridge.session.close, name="closes a session").start()
+            bridge.deleteLater()
+
+    def _use_device(self, device: str) -> None:
+        """Open the file anew on another device."""
+        self._device = device
+        if self._path is not None:
+            self.open(self._path)
+
+    # --- what menus and keys do -------------------------------------------------------------
+
+    def ask_open(self) -> None:
+        """Ask for a file to open."""
+        dialog = QFileDialog(self, "Open")
+        suffixes = (*SUFFIXES, *formats.suffixes_read())
+        everything = " ".join(f"*{suffix}" for suffix in dict.fromkeys(suffixes))
+        dialog.setNameFilters([f"Stages and captures ({everything})", "All files (*)"])
+        dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.fileSelected.connect(lambda name: self.open(Path(name)))
+        dialog.open()
+
+    def record(self) -> None:
+        """Ask for a file, and record the simulation to it."""
+        if self.workspace is not None:
+            record_to = self.workspace.simulation.record_to
+            ask_name(self, "Record to a bake", USD, "bake.usdc", record_to)
+
+    def show_help(self) -> None:
+        """Every key."""
+        HelpDialog(self).open()
+
+    def about(self) -> None:
+        """What this is."""
+        words = (
+            f"<b>usdsplat {__version__}</b><p>Gaussian splats as ordinary citizens of a USD "
+            "pipeline.</p><p>Apache-2.0</p>"
+        )
+        box = QMessageBox(QMessageBox.Icon.NoIcon, "About usdsplat", words, parent=self)
+        box.setIconPixmap(window_icon().pixmap(64, 64))
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.open()
+
+    def _handlers(self) -> dict[str, Callable[[], Any]]:
+        """What each action does; those of a stage are only called while there is one."""
+
+        def here() -> Workspace:
+            assert self.workspace is not None
+            return self.workspace
+
+        def saving() -> Saving:
+            assert self.saving is not None
+            return self.saving
+
+        return {
+            "open": self.ask_open,
+            "new": lambda: self.new_requested.emit(None),
+            "reload": lambda: here().reload(),
+            "save_session": lambda: saving().session_layer(),
+            "save_camera_layer": lambda: saving().camera_layer(),
+            "screenshot": lambda: saving().screenshot(),
+            "flipbook": lambda: saving().flipbook(),
+            "close": self.close,
+            "quit": QApplication.closeAllWindows,
+            "undo": lambda: here().undo(),
+            "redo": lambda: here().redo(),
+            "find": lambda: here().tree.box.setFocus(),
+            "deselect": lambda: here().desk.viewer.select(()),
+            "frame_selected": lambda: here().frame_selected(),
+            "frame_all": lambda: here().desk.viewer.frame(()),
+            "free_camera": lambda: here().free_camera(),
+            "save_camera": lambda: here().save_camera(),
+            "add_bookmark": lambda: here().desk.viewer.add_bookmark(),
+            "hud": lambda: here().toggle_hud(),
+            "compare": lambda: here().toggle_compare(),
+            "previous_aov": lambda: here().next_aov(-1),
+            "next_aov": lambda: here().next_aov(1),
+            **{
+                channel: partial(lambda channel: here().toggle_channel(channel), channel)
+                for channel in ("red", "green", "blue", "alpha", "luminance")
+            },
+            "darker": lambda: here().expose(-0.5),
+            "brighter": lambda: here().expose(0.5),
+            "same_exposure": lambda: here().expose(None),
+            "play": lambda: here().timeline.toggle(),
+            "step_on": lambda: here().desk.viewer.advance(1),
+            "step_back": lambda: here().desk.viewer.advance(-1),
+            "to_start": lambda: here().timeline.to_start(),
+            "to_end": lambda: here().timeline.to_end(),
+            "sim_run": lambda: here().simulation.toggle(),
+            "sim_step": lambda: here().simulation.one_step(),
+            "sim_reset": lambda: here().simulation.to_start(),
+            "sim_record": self.record,
+            "help": self.show_help,
+            "about": self.about,
+        }
+
+    # --- Qt's -------------------------------------------------------------------------------
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if any(url.isLocalFile() for url in event.mimeData().urls()):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        files = [url.toLocalFile() for url in event.mimeData().urls() if url.isLocalFile()]
+        event.acceptProposedAction()
+        self.open(Path(files[0]))
+        for each in files[1:]:
+            self.new_requested.emit(Path(each))
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._forget_pending()
+        if self.workspace is not None:
+            self.workspace.end()
+        self.closed.emit()
+        super().closeEvent(event)
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _make_menus(self) -> None:
+        handlers = self._handlers()
+        menus = {name: self.menuBar().addMenu(name) for name in MENUS}
+        for key in KEYS:
+            menu = menus[key.menu]
+            if key.begins:
+                menu.addSeparator()
+            action = self._make_action(key, handlers[key.name])
+            self.actions_by_name[key.name] = action
+            menu.addAction(action)
+        self._purposes = {}
+        purposes = menus["View"].addMenu("Purposes")
+        for purpose in PURPOSES:
+            action = purposes.addAction(purpose)
+            action.setCheckable(True)
+            action.triggered.connect(partial(self._set_purpose, purpose))
+            self._purposes[purpose] = action
+        menus["Camera"].aboutToShow.connect(self._fill_cameras)
+        self._camera_menu = menus["Camera"]
+        self._cameras: list[QAction] = []
+
+    def _make_action(self, key: Key, act: Callable[[], Any]) -> QAction:
+        action = QAction(key.text, self)
+        action.setShortcuts([QKeySequence(each) for each in key.keys])
+        action.setCheckable(key.is_checkable)
+        if key.place == "viewport":
+            action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        action.triggered.connect(lambda is_on=False: act())
+        return action
+
+    def _fill_cameras(self) -> None:
+        """Cameras of the stage and bookmarks, below what is always there."""
+        for action in self._cameras:
+            self._camera_menu.removeAction(action)
+            action.deleteLater()
+        self._cameras = []
+        if self.workspace is None:
+            return
+        viewer = self.workspace.desk.viewer
+        entries: list[tuple[str, Callable[[], Any], bool]] = [
+            (path, partial(viewer.use_camera, path), path == viewer.state.camera)
+            for path in viewer.cameras
+        ]
+        entries += [
+            (mark.name, partial(viewer.restore, mark.name), False) for mark in viewer.bookmarks
+        ]
+        for text, act, is_on in entries:
+            action = QAction(text, self)
+            action.setCheckable(is_on)
+            action.setChecked(is_on)
+            action.triggered.connect(lambda checked=False, act=act: act())
+            self._camera_menu.addAction(action)
+            self._cameras.append(action)
+
+    def _set_purpose(self, purpose: str, is_on: bool) -> None:
+        if self.workspace is not None:
+            self.workspace.set_purposes(purpose, is_on)
+
+    def _follow(self) -> None:
+        if self.workspace is None:
+            return
+        state = self.workspace.desk.viewer.state
+        self.actions_by_name["compare"].setChecked(state.other is not None)
+        self.actions_by_name["hud"].setChecked(self.workspace.shows_hud)
+        for purpose, action in self._purposes.items():
+            action.setChecked(purpose in state.purposes)
+        self._path_note.setText(self.workspace.desk.selected)
+
+    def _show_history(self, undoable: str | None, redoable: str | None) -> None:
+        for name, word, step in (("undo", "Undo", undoable), ("redo", "Redo", redoable)):
+            action = self.actions_by_name[name]
+            action.setText(f"{word} {step}" if step else word)
+            action.setEnabled(step is not None)
+
+    def _enable(self) -> None:
+        for name, action in self.actions_by_name.items():
+            if name not in ("undo", "redo"):
+                action.setEnabled(self.workspace is not None or name in ALWAYS)
+        has_simulation = self.workspace is not None and self.workspace.opened.has_simulation
+        for name in ("sim_run", "sim_step", "sim_reset", "sim_record"):
+            self.actions_by_name[name].setEnabled(has_simulation)
+
+    def _show_busy(self, busy: Busy) -> None:
+        self._say(busy.what)
+
+    def _say(self, words: str) -> None:
+        self._note.setText(words)
+        self.empty_note.setText(words or "Drop a stage or a capture here")
+
+    def _say_briefly(self, words: str) -> None:
+        self._say(words)
+        QTimer.singleShot(SAID_FOR, self, lambda: self._forget(words))
+
+    def _forget(self, words: str) -> None:
+        if self._note.text() == words:
+            self._say("")
+
+    def _show_warnings(self, warnings: tuple[str, ...]) -> None:
+        self.statusBar().setToolTip("\n".join(warnings))
+        if warnings and not self._note.text():
+            self._note.setText(warnings[0])
+
+    def _show_title(self, name: str = "") -> None:
+        self.setWindowTitle(f"{name} — usdsplat" if name else "usdsplat")
+
+    def _make_empty(self) -> QWidget:
+        """What is there before a stage is."""
+        page = QWidget()
+        column = QVBoxLayout(page)
+        picture = QLabel()
+        picture.setPixmap(window_icon().pixmap(96, 96))
+        self.empty_note = QLabel("Drop a stage or a capture here")
+        self.empty_note.setProperty("role", "quiet")
+        column.addStretch(1)
+        for label in (picture, self.empty_note):
+            column.addWidget(label, 0, Qt.AlignmentFlag.AlignHCenter)
+        column.addStretch(1)
+        return page

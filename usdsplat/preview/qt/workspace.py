@@ -1,0 +1,246 @@
+"""All that belongs to one open stage: viewport, panels, timeline, and its session's end."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
+
+from usdsplat.delegate.specs import CameraSpec
+from usdsplat.images.aovs import AOVS
+from usdsplat.preview import opening
+from usdsplat.preview.picking import Picked, pick
+from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.qt.desk import Desk, Question
+from usdsplat.preview.qt.message_bar import MessageBar
+from usdsplat.preview.qt.prim_panel import PrimPanel
+from usdsplat.preview.qt.prim_tree import PrimTree
+from usdsplat.preview.qt.probe_panel import ProbePanel
+from usdsplat.preview.qt.render_panel import RenderPanel
+from usdsplat.preview.qt.simulation_panel import SimulationPanel
+from usdsplat.preview.qt.timeline_bar import TimelineBar
+from usdsplat.preview.qt.view_strip import ViewStrip
+from usdsplat.preview.qt.viewport import Viewport
+from usdsplat.preview.stage_model import cameras
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.values import Opened
+
+LOOK_AT_FILES = 2000
+"""How often files are looked at for changes [ms]."""
+SIDES = (330, 920, 350)
+"""Widths at first: tree, viewport, panels [pixel]."""
+
+
+class Workspace(QWidget):
+    """The inside of a window, once a stage is open.
+
+    Args:
+        bridge: To the session, which ends with this.
+        opened: What the session said of the stage.
+        device: What the session draws on, as it was asked for.
+    """
+
+    device_chosen = Signal(str)
+    record_requested = Signal()
+
+    def __init__(
+        self, bridge: Bridge, opened: Opened, *, device: str, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.opened = opened
+        self.bridge = bridge
+        bridge.setParent(self)
+        self.desk = desk = Desk(bridge, self)
+        self.bookmarks = QMenu("Bookmarks", self)
+        self.bookmarks.aboutToShow.connect(self._fill_bookmarks)
+        self.problems = MessageBar(is_problem=True)
+        self.notices = MessageBar(is_problem=False)
+        self.strip = ViewStrip(desk, bookmarks=self.bookmarks)
+        self.viewport = Viewport(desk.viewer)
+        self.tree = PrimTree(desk)
+        self.prim = PrimPanel(desk)
+        self.render_panel = RenderPanel(desk, device=device)
+        self.simulation = SimulationPanel(desk)
+        self.probe = ProbePanel(desk, self.viewport)
+        self.timeline = TimelineBar(desk)
+        self._connect()
+        self._lay_out()
+        self._files = Question(self, self._ask_files)
+        self._watch = QTimer(self)
+        self._watch.timeout.connect(self._files.refresh)
+        self._watch.start(LOOK_AT_FILES)
+        desk.viewer.opened(opened)
+        self.tree.model.refresh()
+
+    def end(self) -> None:
+        """Let go of the session, without waiting for what it is in the middle of."""
+        self._watch.stop()
+        self.bridge.close()
+        threading.Thread(target=self.bridge.session.close, name="closes a session").start()
+
+    # --- what keys and menus do -------------------------------------------------------------
+
+    def frame_selected(self) -> None:
+        """Look at the selected prims, or at everything."""
+        self.desk.viewer.frame(self.desk.viewer.state.selected)
+
+    def free_camera(self) -> None:
+        """See the same, but by a camera that can be moved."""
+        viewer = self.desk.viewer
+        viewer.use_camera(viewer.free_camera())
+
+    def toggle_compare(self) -> None:
+        """Compare with another look, or do not."""
+        self.right.setCurrentWidget(self.render_panel)
+        self.render_panel.set_compare(self.desk.viewer.state.other is None)
+
+    @property
+    def shows_hud(self) -> bool:
+        """Whether the viewport shows its numbers."""
+        return self.viewport.shows_hud
+
+    def toggle_hud(self) -> None:
+        """Show the viewport's numbers, or not."""
+        self.viewport.set_hud(not self.viewport.shows_hud)
+
+    def toggle_channel(self, channel: str) -> None:
+        """Show one channel alone; or all again, if it was alone."""
+        is_on = self.desk.viewer.state.display.channel == channel
+        self.desk.viewer.set_display(channel="rgb" if is_on else channel)
+
+    def expose(self, stops: float | None) -> None:
+        """Show it brighter; None as it was rendered."""
+        now = self.desk.viewer.state.display.exposure
+        exposure = 0.0 if stops is None else now + stops
+        self.desk.attempt(lambda: self.desk.viewer.set_display(exposure=exposure))
+
+    def next_aov(self, by: int) -> None:
+        """Show another AOV, in the order of the list."""
+        names = list(AOVS)
+        place = names.index(self.desk.viewer.state.look.aov)
+        self.desk.viewer.set_look(aov=names[(place + by) % len(names)])
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+        self.desk.edit(Edits.undo)
+
+    def redo(self) -> None:
+        """Do it again."""
+        self.desk.edit(Edits.redo)
+
+    def reload(self) -> None:
+        """Read again what has changed on disk."""
+        self.notices.say("Reading again…")
+
+        def done(names: tuple[str, ...]) -> None:
+            self.problems.clear()
+            self.notices.clear()
+            self.tree.model.refresh()
+
+        self.bridge.ask(opening.reload, done, lambda error: self._failed(str(error)))
+
+    def save_camera(self) -> None:
+        """Author the view as a camera on the session layer, and look through it."""
+        picture = self.desk.picture
+        if picture is None:
+            return
+
+        def made(paths: tuple[str, ...]) -> None:
+            self.desk.viewer.cameras = paths
+            self.strip.follow()
+
+        self.desk.edit(partial(_save_camera, spec=picture.camera))
+        self.bridge.ask(lambda document: cameras.cameras(document.stage), made)
+
+    def set_purposes(self, purpose: str, is_on: bool) -> None:
+        """Draw prims of a purpose, or not."""
+        viewer = self.desk.viewer
+        kept = tuple(each for each in viewer.state.purposes if each != purpose)
+        viewer.set_purposes((*kept, purpose) if is_on else kept)
+
+    # --- private ----------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        bridge, desk = self.bridge, self.desk
+        bridge.picture.connect(self.viewport.show_picture)
+        bridge.problem.connect(lambda problem: self.problems.say(problem.sentence))
+        self.tree.frame_requested.connect(lambda path: desk.viewer.frame((path,)))
+        self.viewport.focus_requested.connect(self._aim)
+        self.render_panel.device_chosen.connect(self.device_chosen)
+        self.simulation.record_requested.connect(self.record_requested)
+
+    def _lay_out(self) -> None:
+        self.left = QSplitter(Qt.Orientation.Vertical)
+        self.left.addWidget(self.tree)
+        self.left.addWidget(self.prim)
+        self.left.setSizes([440, 320])
+        self.center = QWidget()
+        middle = QVBoxLayout(self.center)
+        middle.setContentsMargins(0, 0, 0, 0)
+        middle.setSpacing(0)
+        middle.addWidget(self.strip)
+        middle.addWidget(self.problems)
+        middle.addWidget(self.notices)
+        middle.addWidget(self.viewport, 1)
+        self.right = QTabWidget()
+        self.right.setDocumentMode(True)
+        self.right.addTab(self.render_panel, "Render")
+        self.right.addTab(self.simulation, "Simulation")
+        self.right.addTab(self.probe, "Probe")
+        if self.opened.has_simulation:
+            self.right.setCurrentWidget(self.simulation)
+        self.sides = QSplitter(Qt.Orientation.Horizontal)
+        for side in (self.left, self.center, self.right):
+            self.sides.addWidget(side)
+        self.sides.setStretchFactor(1, 1)
+        self.sides.setSizes(list(SIDES))
+        for splitter in (self.left, self.sides):
+            splitter.setHandleWidth(3)
+            splitter.setChildrenCollapsible(True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.sides, 1)
+        column.addWidget(self.timeline)
+
+    def _fill_bookmarks(self) -> None:
+        viewer = self.desk.viewer
+        self.bookmarks.clear()
+        self.bookmarks.addAction("Bookmark this view", viewer.add_bookmark)
+        self.bookmarks.addAction("Save view as a camera", self.save_camera)
+        self.bookmarks.addSeparator()
+        for bookmark in viewer.bookmarks:
+            self.bookmarks.addAction(bookmark.name, partial(viewer.restore, bookmark.name))
+        if viewer.bookmarks:
+            forget = self.bookmarks.addMenu("Remove")
+            for bookmark in viewer.bookmarks:
+                forget.addAction(bookmark.name, partial(viewer.remove, bookmark.name))
+
+    def _ask_files(self, done: Callable[[], None]) -> None:
+        def answered(names: tuple[str, ...]) -> None:
+            done()
+            if names:
+                words = f"Changed on disk: {', '.join(names)}"
+                self.notices.say(words, action="Reload", act=self.reload)
+
+        self.bridge.ask(opening.changed_files, answered, lambda error: done())
+
+    def _aim(self, x: float, y: float) -> None:
+        """Turn about what is under the pointer."""
+
+        def found(picked: Picked | None) -> None:
+            if picked is not None:
+                self.desk.viewer.aim(picked.position)
+
+        self.bridge.ask(lambda document: pick(document, x, y), found)
+
+    def _failed(self, sentence: str) -> None:
+        self.notices.clear()
+        self.problems.say(sentence)
+
+
+def _save_camera(edits: Edits, *, spec: CameraSpec) -> None:
+    cameras.save_camera(edits, spec)
