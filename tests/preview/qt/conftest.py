@@ -9,7 +9,7 @@ from collections.abc import Callable
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 import pytest
-from PySide6.QtCore import QDeadlineTimer, QEvent, QEventLoop
+from PySide6.QtCore import QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
 PATIENCE = 120.0
@@ -18,14 +18,15 @@ PATIENCE = 120.0
 
 def wait_until(condition: Callable[[], object], *, seconds: float = PATIENCE) -> None:
     """Let the event loop run until something is so; fails if it never is."""
-    application = QApplication.instance()
-    assert application is not None
+    assert QApplication.instance() is not None
     deadline = time.monotonic() + seconds
+    # A loop that runs deletes what is to be deleted later. QApplication.sendPostedEvents would too,
+    # but PySide 6.12 lets go of a None with each call, until Python ends for the lack of it.
+    loop = QEventLoop()
     while not condition():
         assert time.monotonic() < deadline, f"this did not become so in {seconds:g} s"
-        application.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, QDeadlineTimer(50))
-        application.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-        time.sleep(0.002)  # lets the session's thread have the interpreter
+        QTimer.singleShot(5, loop.quit)
+        loop.exec()
 
 
 @pytest.fixture(scope="session")
