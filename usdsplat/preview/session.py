@@ -33,7 +33,8 @@ class Session:
     """A document in a thread of its own.
 
     Args:
-        open_document: Called in the session's thread with what it shall publish to.
+        open_document: Called in the session's thread with what it shall publish to, as soon as
+            somebody listens, looks or asks, so that nobody misses what it says first.
         own_thread: False for a host that calls `turn` itself, in the thread that owns the stage.
     """
 
@@ -65,6 +66,7 @@ class Session:
         """Tell `listener` of everything, in the session's thread; returns how to stop that."""
         with self._changed:
             self._listeners = (*self._listeners, listener)
+            self._changed.notify_all()
 
         def stop() -> None:
             with self._changed:
@@ -152,7 +154,11 @@ class Session:
     # --- private ---------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while True:
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._listeners or self._tasks or self._state or self._is_closing
+            )
+        while not self._is_closing:
             try:
                 more = self.turn()
             except Exception:  # a bug must not take the window with it
@@ -162,8 +168,6 @@ class Session:
             with self._changed:
                 while not (more or self._is_stale or self._tasks or self._is_closing):
                     self._changed.wait()
-                if self._is_closing:
-                    break
         self._end()
 
     def _begin(self) -> None:
