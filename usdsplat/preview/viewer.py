@@ -15,13 +15,14 @@ one calls `tick` while `is_ticking`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import CameraSpec, Matrix
+from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
 from usdsplat.preview.placement import Asks, Placement, Placing
 from usdsplat.preview.timeline import Timeline
@@ -40,15 +41,6 @@ SPEEDS = (1e-3, 1e3)
 """Slowest and fastest."""
 LONGEST_TICK = 0.1
 """What a flight covers at most between two ticks [s], so that a hiccup is no leap."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bookmark:
-    """A view to come back to."""
-
-    name: str
-    camera: FreeCamera | str | None
-    time: float | None
 
 
 class Viewer:
@@ -83,7 +75,8 @@ class Viewer:
         self.speed = 1.0
         """Of flights."""
         self._seen: CameraSpec | None = None
-        self._flight = (0.0, 0.0, 0.0)
+        self.flight = (0.0, 0.0, 0.0)
+        """Right, up and forward, from tick to tick."""
         self._glide: Glide | None = None
         self._ticked: float | None = None
 
@@ -111,7 +104,7 @@ class Viewer:
         )
         self.cameras, self.up_axis = event.cameras, event.up_axis
         self.bookmarks, self.box, self._seen = (), None, None
-        self._glide, self._flight = None, (0.0, 0.0, 0.0)
+        self._glide, self.flight = None, (0.0, 0.0, 0.0)
         self._session.ask(lambda document: document.bounds(), self._keep_box)
         self._see(
             camera=None,
@@ -177,7 +170,7 @@ class Viewer:
 
     def set_flight(self, right: float, up: float, forward: float) -> None:
         """Fly that way from tick to tick, such as while keys are held; all 0 stops."""
-        self._flight = (right, up, forward)
+        self.flight = (right, up, forward)
 
     def set_speed(self, speed: float) -> None:
         """Fly faster or slower than 1."""
@@ -186,7 +179,7 @@ class Viewer:
 
     def end_move(self) -> None:
         """Say that nobody moves the view any more, so that the picture may take its time."""
-        self._flight = (0.0, 0.0, 0.0)
+        self.flight = (0.0, 0.0, 0.0)
         if self.state.is_moving and not self.is_ticking:
             self._see(is_moving=False)
 
@@ -232,15 +225,12 @@ class Viewer:
 
     def add_bookmark(self, name: str = "") -> Bookmark:
         """Remember the view by a name, in place of another of that name; "" makes up a new one."""
-        taken = {bookmark.name for bookmark in self.bookmarks}
-        numbered = (f"View {number}" for number in range(1, len(taken) + 2))
         bookmark = Bookmark(
-            name=name or next(each for each in numbered if each not in taken),
+            name=name or free_name(self.bookmarks),
             camera=self.state.camera or self.free_camera(),
             time=self.state.time,
         )
-        self.remove(bookmark.name)
-        self.bookmarks = (*self.bookmarks, bookmark)
+        self.bookmarks = (*without(self.bookmarks, bookmark.name), bookmark)
         self._changed()
         return bookmark
 
@@ -254,7 +244,7 @@ class Viewer:
 
     def remove(self, name: str) -> None:
         """Forget a bookmark."""
-        self.bookmarks = tuple(each for each in self.bookmarks if each.name != name)
+        self.bookmarks = without(self.bookmarks, name)
         self._changed()
 
     # --- time ------------------------------------------------------------------------------
@@ -280,7 +270,7 @@ class Viewer:
     @property
     def is_ticking(self) -> bool:
         """Whether something goes on by itself."""
-        return self.timeline.is_playing or any(self._flight) or self._glide is not None
+        return self.timeline.is_playing or any(self.flight) or self._glide is not None
 
     def tick(self, now: float) -> None:
         """Let go on what goes on by itself.
@@ -299,8 +289,8 @@ class Viewer:
             self._glide = None if is_there else self._glide
         if changes:
             self._see(**changes, is_moving=True)
-        if any(self._flight):
-            self.fly(*(passed * part for part in self._flight))
+        if any(self.flight):
+            self.fly(*(passed * part for part in self.flight))
         self._ticked = now if self.is_ticking else None
         if was_ticking and not self.is_ticking:
             self.end_move()

@@ -89,6 +89,7 @@ class Viewport(QWidget):
         self._rate = Rate()
         self._moves = Moves()
         self._hold: Hold | None = None
+        self._button = Qt.MouseButton.NoButton
         self._keys: set[int] = set()
         self._hot: Handle | None = None
         self._wipe_is_hot = False
@@ -185,7 +186,7 @@ class Viewport(QWidget):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if self._hold is not None:
             return
-        self._hold = self._take(event)
+        self._hold, self._button = self._take(event), event.button()
         if self._hold is not None:
             self.setCursor(self._hold.cursor)
 
@@ -198,7 +199,7 @@ class Viewport(QWidget):
         self._soon()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        if self._hold is None or event.buttons() != Qt.MouseButton.NoButton:
+        if self._hold is None or event.button() != self._button:
             return
         self._hold.let_go(self._pixel(event.position()))
         self._let_go()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter
+from PySide6.QtGui import QColor, QFontMetricsF, QPainter
+from PySide6.QtWidgets import QApplication
 
 from usdsplat.preview.qt import style
 from usdsplat.preview.values import Picture, ViewState
 
-PANE = QColor(16, 16, 16, 178)
+PANE = QColor(16, 16, 16, 205)
 RADIUS = 5.0
 MARGIN = 10.0
 """From the viewport's edges [pixel of the window]."""
@@ -26,18 +27,19 @@ def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
     longest = sorted(times, key=lambda name: -times[name])[:STAGES]
     state = picture.state
     width, height = state.size
-    quality = "full" if picture.scale == 1.0 else f"1 : {picture.scale:g}"
     warnings = len(picture.warnings)
+    splats = _grouped(picture.splats)
+    if picture.splats != picture.total:
+        splats += f" / {_grouped(picture.total)}"
     return [
-        ("splats", f"{picture.splats:,}".replace(",", "\u2009")),
-        ("of", f"{picture.total:,}".replace(",", "\u2009")),
-        ("frame", "default" if state.time is None else f"{state.time:g}"),
-        ("size", f"{width} × {height}"),
-        ("quality", quality),
         ("fps", "–" if rate is None else f"{rate:.0f}"),
         ("draw", f"{total:.1f} ms"),
         *(("  " + name, f"{times[name]:.1f}") for name in times if name in longest),
-        ("memory", f"{picture.megabytes:,.0f} MB".replace(",", "\u2009")),
+        ("quality", "full" if picture.scale == 1.0 else f"1 : {picture.scale:g}"),
+        ("size", f"{width} × {height}"),
+        ("splats", splats),
+        ("frame", "default" if state.time is None else f"{state.time:g}"),
+        ("memory", f"{_grouped(round(picture.megabytes))} MB"),
         ("device", picture.device),
         *([("warnings", str(warnings))] if warnings else []),
     ]
@@ -80,7 +82,7 @@ def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:
     for i, (label, value) in enumerate(rows):
         line = QRectF(pane.left() + PAD, pane.top() + PAD - 1.0 + i * step, size[0] - 2 * PAD, step)
         is_part = label.startswith(" ")
-        painter.setPen(style.QUIET.darker(120) if is_part else style.QUIET)
+        painter.setPen(style.QUIET.darker(112) if is_part else style.QUIET)
         painter.drawText(line, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, label)
         painter.setPen(style.QUIET if is_part else style.TEXT)
         painter.drawText(line, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, value)
@@ -96,7 +98,7 @@ def paint_tag(
     color: QColor = style.TEXT,
 ) -> QRectF:
     """Paint a word on a pane, with its lower left, or lower right, at a point; returns where."""
-    font = QFont(painter.font())
+    font = QApplication.font()
     font.setPointSizeF(8.5)
     painter.setFont(font)
     metrics = QFontMetricsF(font)
@@ -107,6 +109,11 @@ def paint_tag(
     painter.setPen(color)
     painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
     return pane
+
+
+def _grouped(number: int) -> str:
+    """Thousands apart by thin spaces."""
+    return f"{number:,}".replace(",", "\u2009")
 
 
 def _paint_pane(painter: QPainter, pane: QRectF) -> None:

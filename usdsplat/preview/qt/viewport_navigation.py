@@ -86,8 +86,9 @@ class Moves:
 
     def drag(self, gesture: Gesture, right: float, down: float) -> None:
         """Add a drag, in parts of the viewport's height."""
-        before = self._drags.get(gesture, (0.0, 0.0))
-        self._drags[gesture] = before[0] + right, before[1] + down
+        if right or down:
+            before = self._drags.get(gesture, (0.0, 0.0))
+            self._drags[gesture] = before[0] + right, before[1] + down
 
     def zoom(self, amount: float) -> None:
         """Add a way towards the target, the natural logarithm of a factor."""

@@ -58,7 +58,13 @@ def paint_boxes(
         for pair in lines
         for start, end in (pair, pair[::-1])
     ]
-    for pieces, color, width in ((lines, faint, 1.0), (ends, SEAM, 3.0), (ends, LINE, 1.3)):
+    shade = QColor(0, 0, 0, 60)
+    for pieces, color, width in (
+        (lines, shade, 2.6),
+        (lines, faint, 1.0),
+        (ends, SEAM, 3.0),
+        (ends, LINE, 1.3),
+    ):
         painter.setPen(_pen(color, width * ratio))
         for start, end in pieces:
             seen = projection.line(start, end)

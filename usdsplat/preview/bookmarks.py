@@ -1,0 +1,29 @@
+"""Views to come back to, each by its name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from usdsplat.preview.camera import FreeCamera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bookmark:
+    """A view to come back to."""
+
+    name: str
+    camera: FreeCamera | str | None
+    """As in a `ViewState`."""
+    time: float | None
+
+
+def without(bookmarks: tuple[Bookmark, ...], name: str) -> tuple[Bookmark, ...]:
+    """All but the one of a name."""
+    return tuple(each for each in bookmarks if each.name != name)
+
+
+def free_name(bookmarks: tuple[Bookmark, ...]) -> str:
+    """A name that none of them has."""
+    taken = {each.name for each in bookmarks}
+    numbered = (f"View {number}" for number in range(1, len(taken) + 2))
+    return next(name for name in numbered if name not in taken)
