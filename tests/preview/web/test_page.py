@@ -1,0 +1,281 @@
+"""The web view as a person uses it, in a browser without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.delegate.stages import add_camera, two_fields
+from tests.preview.web.seats import Seat, animated
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
+from usdsplat.preview.picking import pick
+from usdsplat.preview.values import Picture
+
+MIDDLE = (340, 300)
+"""Of the viewport, in the browser's window [CSS pixel]."""
+
+
+@pytest.fixture(scope="module")
+def seat(browser: Any) -> Iterator[Seat]:
+    """Before two clouds, one of which moves, and a camera."""
+    stage = animated(two_fields(), "/World/B")
+    add_camera(stage)
+    seat = Seat(browser, lambda publish: Document(stage, publish=publish))
+    yield seat
+    seat.close()
+
+
+@pytest.fixture(autouse=True)
+def no_complaints(seat: Seat) -> Iterator[None]:
+    """Oracle: the console of a page that is well says nothing."""
+    yield
+    assert seat.errors == []
+
+
+def drag(seat: Seat, by: tuple[int, int], *, button: str = "left", key: str = "") -> int:
+    """Drag from the middle of the viewport; returns the number of the picture that is final."""
+    before, _ = seat.canvas()
+    mouse = seat.page.mouse
+    if key:
+        seat.page.keyboard.down(key)
+    mouse.move(*MIDDLE)
+    mouse.down(button=button)
+    mouse.move(MIDDLE[0] + by[0], MIDDLE[1] + by[1], steps=6)
+    mouse.up(button=button)
+    if key:
+        seat.page.keyboard.up(key)
+    return seat.rested(before)
+
+
+def test_the_page_shows_the_session_s_picture(seat: Seat) -> None:
+    """Oracle: the array that the session published, bit for bit, at the viewport's size."""
+    seat.rested(accept=lambda picture: picture.state.size != (960, 720))
+    number, pixels = seat.canvas()
+    assert np.array_equal(pixels, seat.picture(number).image)
+    assert seat.picture(number).state.size == tuple(
+        seat.page.evaluate(
+            "(({clientWidth, clientHeight}) => [clientWidth, clientHeight])"
+            "(document.getElementById('viewport'))"
+        )
+    )
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
+    seat.page.get_by_text("24 of 24 splats").wait_for(state="attached")
+
+
+@pytest.mark.parametrize(
+    ("button", "key"), [("left", ""), ("left", "Shift"), ("left", "Alt"), ("middle", "")]
+)
+def test_drags_move_the_camera(seat: Seat, button: str, key: str) -> None:
+    """Oracle: an orbit keeps the distance and the target; a pan moves both alike."""
+    seat.page.get_by_label("Camera").select_option(label="frame everything")
+    drag(seat, (1, 5))
+    before = seat.session._state.camera
+    number = drag(seat, (120, 30), button=button, key=key)
+    after = seat.picture(number).state.camera
+    assert after != before
+    eye, target = np.subtract(after.eye, before.eye), np.subtract(after.target, before.target)
+    if button == "middle" or key == "Shift":
+        np.testing.assert_allclose(eye, target, atol=1e-9)
+    else:
+        np.testing.assert_allclose(target, 0, atol=1e-9)
+        assert after.distance == pytest.approx(before.distance)
+    number, pixels = seat.canvas()
+    assert np.array_equal(pixels, seat.picture(number).image)
+
+
+def test_the_right_button_looks_around(seat: Seat) -> None:
+    """Oracle: the eye stays where it is."""
+    before = seat.session._state.camera
+    after = seat.picture(drag(seat, (60, 10), button="right")).state.camera
+    np.testing.assert_allclose(after.eye, before.eye, atol=1e-9)
+    assert after.target != before.target
+
+
+def test_the_wheel_goes_nearer_and_away(seat: Seat) -> None:
+    """Oracle: the distance is multiplied, and by as much as it was divided."""
+    first = seat.session._state.camera
+    seat.page.mouse.move(*MIDDLE)
+    number, _ = seat.canvas()
+    seat.page.mouse.wheel(0, -200)
+    number = seat.rested(number)
+    near = seat.picture(number).state.camera
+    assert near.distance < 0.9 * first.distance
+    seat.page.mouse.wheel(0, 200)
+    far = seat.picture(seat.rested(number)).state.camera
+    assert far.distance == pytest.approx(first.distance)
+
+
+def test_held_keys_fly(seat: Seat) -> None:
+    """Oracle: forward is towards the target, and letting go stops."""
+    before, _ = seat.canvas()
+    first = seat.session._state.camera
+    seat.page.locator("#picture").focus()
+    seat.page.keyboard.down("KeyW")
+    seat.page.wait_for_function(
+        f"() => Number(document.getElementById('picture').dataset.number) > {before + 2}"
+    )
+    seat.page.keyboard.up("KeyW")
+    number = seat.rested(before)
+    after = seat.picture(number).state.camera
+    moved = np.subtract(after.eye, first.eye)
+    ahead = np.subtract(first.target, first.eye)
+    assert np.linalg.norm(moved) > 0
+    np.testing.assert_allclose(np.cross(moved, ahead), 0, atol=1e-6)
+    assert after.distance == pytest.approx(first.distance)
+
+
+def test_f_frames_everything_again(seat: Seat) -> None:
+    """Oracle: the target is the middle of what there is to see."""
+    number, _ = seat.canvas()
+    seat.page.locator("#picture").focus()
+    seat.page.keyboard.press("Shift+KeyF")
+    box: list[Any] = []
+    seat.session.ask(lambda document: document.bounds(), box.append)
+    number = seat.rested(number, accept=lambda picture: not picture.state.is_moving)
+    middle = 0.5 * (box[0][0] + box[0][1])
+    np.testing.assert_allclose(seat.picture(number).state.camera.target, middle, atol=1e-6)
+
+
+def test_a_camera_of_the_stage_is_looked_through(seat: Seat) -> None:
+    """Oracle: the state has its path."""
+    before, _ = seat.canvas()
+    seat.page.get_by_label("Camera").select_option("/Camera")
+    assert seat.picture(seat.rested(before)).state.camera == "/Camera"
+
+
+def test_the_timeline_scrubs_steps_and_plays(seat: Seat) -> None:
+    """Oracle: the time of the picture on the page, and pictures that differ as the cloud moves."""
+    seat.page.get_by_label("Camera").select_option(label="frame everything")
+    number, first = seat.canvas()
+    slider = seat.page.get_by_role("slider", name="Time", exact=True)
+    slider.focus()
+    slider.fill("7")
+    number = seat.rested(number, accept=lambda picture: picture.state.time == 7.0)
+    assert not np.array_equal(seat.canvas()[1], first)
+    seat.page.get_by_role("button", name="One frame on").click()
+    number = seat.rested(number, accept=lambda picture: picture.state.time == 8.0)
+    seat.page.get_by_label("from").fill("3")
+    seat.page.get_by_label("from").press("Enter")
+    seat.page.get_by_role("button", name="First frame").click()
+    number = seat.rested(number, accept=lambda picture: picture.state.time == 3.0)
+    seat.page.get_by_role("button", name="Play").click()
+    seat.page.wait_for_function("() => Number(document.getElementById('current').value) > 5")
+    seat.page.get_by_role("button", name="Stop").click()
+    seat.page.get_by_role("button", name="Play").wait_for()
+
+
+def test_an_aov_is_chosen(seat: Seat) -> None:
+    """Oracle: the picture's state, and another picture."""
+    number, color = seat.canvas()
+    seat.page.get_by_label("AOV").select_option("N")
+    number = seat.rested(number, accept=lambda picture: picture.state.look.aov == "N")
+    assert not np.array_equal(seat.canvas()[1], color)
+    seat.page.get_by_label("AOV").select_option("color")
+    seat.rested(number, accept=lambda picture: picture.state.look.aov == "color")
+
+
+def test_a_click_picks_and_a_double_click_turns_about_it(seat: Seat) -> None:
+    """Oracle: `pick` at the pixel where the id AOV's colours say that a splat is."""
+    number, pixels = seat.canvas()
+    height, width = pixels.shape[:2]
+    rows, columns = np.nonzero(np.abs(pixels.astype(int) - pixels[0, 0]).sum(axis=2) > 250)
+    middle = len(rows) // 2
+    box = seat.page.locator("#viewport").bounding_box()
+    x = box["x"] + (columns[middle] + 0.5) * box["width"] / width
+    y = box["y"] + (rows[middle] + 0.5) * box["height"] / height
+    found: list[Any] = []
+    seat.session.ask(
+        lambda document: pick(document, columns[middle] + 0.5, rows[middle] + 0.5), found.append
+    )
+    seat.page.mouse.click(x, y)
+    seat.page.locator("#picked dt", has_text="opacity").wait_for()
+    picked = found[0]
+    told = seat.page.locator("#picked").inner_text()
+    assert picked.path in told and f"{picked.splat.opacity:.3f}"[:5] in told
+    assert seat.session._state.selected == (picked.path,)
+    seat.page.mouse.dblclick(x, y)
+    number = seat.rested(number, accept=lambda picture: _is_aimed(picture, picked.position))
+    seat.page.mouse.click(box["x"] + 3, box["y"] + 3)
+    seat.page.get_by_text("Nothing is there.").wait_for()
+
+
+def _is_aimed(picture: Picture, position: tuple[float, ...]) -> bool:
+    camera = picture.state.camera
+    return isinstance(camera, FreeCamera) and np.allclose(camera.target, position, atol=1e-5)
+
+
+def test_knobs_are_turned_and_turned_back(seat: Seat) -> None:
+    """Oracle: exposure brightens what there is; its default makes the first picture again."""
+    number, before = seat.canvas()
+    knob = seat.page.get_by_role("spinbutton", name="Exposure")
+    knob.fill("1.5")
+    knob.press("Enter")
+    number = seat.rested(number, accept=lambda picture: picture.state.display.exposure == 1.5)
+    brighter = seat.canvas()[1]
+    assert brighter.mean() > before.mean()
+    seat.page.get_by_role("button", name="Exposure: back to the default").click()
+    number = seat.rested(number, accept=lambda picture: picture.state.display.exposure == 0.0)
+    assert np.array_equal(seat.canvas()[1], before)
+
+
+def test_a_wrong_value_is_told_and_the_picture_stays(seat: Seat) -> None:
+    """Oracle: the browser's own check of the knob's range."""
+    seat.page.get_by_text("Render settings").click()
+    knob = seat.page.get_by_role("spinbutton", name="SH degree")
+    knob.fill("9")
+    knob.press("Enter")
+    assert knob.evaluate("field => !field.checkValidity()")
+    knob.fill("0")
+    knob.press("Enter")
+    number, _ = seat.canvas()
+    seat.rested(number - 1, accept=lambda picture: picture.state.look.settings.sh_degree == 0)
+
+
+def test_another_page_takes_over_and_gives_back(seat: Seat) -> None:
+    """Oracle: who has the view has no dialog; who has not has one, with a button."""
+    first = seat.page
+    second = seat.sit()
+    second.get_by_role("button", name="Take over").click()
+    second.get_by_role("dialog").wait_for(state="hidden")
+    first.get_by_role("dialog").wait_for()
+    first.get_by_role("button", name="Take over").click()
+    second.get_by_role("dialog").wait_for()
+    second.close()
+    first.get_by_role("dialog").wait_for(state="hidden")
+
+
+def test_the_page_comes_again_by_itself(seat: Seat) -> None:
+    """Oracle: it says that the connection is lost, and then shows pictures of a new server."""
+    number, _ = seat.canvas()
+    seat.restart()
+    seat.page.wait_for_function("() => document.body.dataset.connected === 'true'")
+    seat.page.get_by_text("Connection lost").wait_for(state="hidden")
+    seat.page.get_by_label("AOV").select_option("albedo")
+    seat.rested(number, accept=lambda picture: picture.state.look.aov == "albedo")
+    seat.errors[:] = [each for each in seat.errors if "WebSocket" not in each]
+
+
+def test_the_layout_follows_the_window(seat: Seat) -> None:
+    """Oracle: the picture has the viewport's size, without the panels and with them."""
+    number, _ = seat.canvas()
+    seat.page.get_by_role("button", name="Panels").click()
+    wide = seat.rested(number, accept=lambda picture: picture.state.size[0] == 1000)
+    seat.page.get_by_role("button", name="Panels").click()
+    seat.rested(wide, accept=lambda picture: picture.state.size[0] < 1000)
+
+
+def test_what_a_person_sees(seat: Seat, tmp_path: Path) -> None:
+    """Oracle: every control has a name that a screen reader can say, and the shot is a picture."""
+    unnamed = seat.page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select")].filter(
+          (each) => each.checkVisibility() && !each.labels?.length && !each.ariaLabel
+            && !each.textContent.trim()).map((each) => each.outerHTML)"""
+    )
+    assert unnamed == []
+    seat.shoot(tmp_path / "page.png")
+    assert (tmp_path / "page.png").stat().st_size > 10_000
