@@ -16,7 +16,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Look, Opened, Picture, Problem
 
-SOON = 60.0
+SOON = 600.0
 """Seconds within which anything happens, kernels compiled."""
 
 

@@ -1,0 +1,300 @@
+"""How a preview feels: pictures a second while orbiting, and how long the hand waits for the eye.
+
+    python -m benchmarks.preview [--seconds 5] [--million] [--soak 60] [CAPTURE ...]
+
+A real session is driven as a window drives it: a new state every 1/60 s, the latest wins. Latency
+is from a state's `look` to the picture of it, of those that were drawn; `age` is how old what is on
+the screen is when the next picture comes. `full` is from the last state, which rests, to the final
+picture. A soak drives at random, through times, looks, comparisons and sizes, and tells memory and
+errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.scenes import CAPTURES, DATA, garden
+from usdsplat import schema
+from usdsplat.core import edit
+from usdsplat.images.aovs import AOVS
+from usdsplat.interchange import import_capture
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
+from usdsplat.preview.process import resident_megabytes
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import (
+    DisplaySettings,
+    Event,
+    Look,
+    Opened,
+    Picture,
+    Problem,
+    ViewState,
+)
+
+SIZE = (960, 720)
+TICK = 1 / 60
+"""Seconds between states."""
+PATIENCE = 600.0
+"""Seconds after which something hangs."""
+WARM = 1.0
+"""Seconds of a drive that do not count: kernels are loaded, and quality settles."""
+FPS, LATENCY_MS = 24.0, 150.0
+"""The goals."""
+MILLION = 1_000_000
+
+
+@dataclass
+class Heard:
+    """What a session told, and when."""
+
+    pictures: list[tuple[float, Picture]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    changed: threading.Condition = field(default_factory=threading.Condition)
+    is_open: bool = False
+
+    def __call__(self, event: Event) -> None:
+        with self.changed:
+            if isinstance(event, Picture):
+                self.pictures.append((time.perf_counter(), event))
+            elif isinstance(event, Problem):
+                self.problems.append(event.sentence)
+            elif isinstance(event, Opened):
+                self.is_open = True
+            self.changed.notify_all()
+
+    def wait(self, is_there: Callable[[], bool]) -> None:
+        with self.changed:
+            if not self.changed.wait_for(is_there, PATIENCE):
+                raise TimeoutError("found no answer of the session, expected one")
+
+    def wait_for_final(self, state: ViewState) -> float:
+        """When the final picture of a state came."""
+
+        def is_it(picture: Picture) -> bool:
+            return picture.is_final and picture.state is state
+
+        self.wait(lambda: bool(self.pictures) and is_it(self.pictures[-1][1]))
+        return self.pictures[-1][0]
+
+
+def of_capture(name: str) -> Callable[[Callable[[Event], None]], Document]:
+    """What opens a capture."""
+
+    def opened(publish: Callable[[Event], None]) -> Document:
+        stage = Usd.Stage.CreateInMemory()
+        import_capture(DATA / "splats" / name, stage)
+        return Document(stage, path=Path(name), publish=publish)
+
+    return opened
+
+
+def of_million() -> Callable[[Callable[[Event], None]], Document]:
+    """What opens a million splats of the garden."""
+
+    def opened(publish: Callable[[Event], None]) -> Document:
+        cloud = garden(7)[0]
+        stage = Usd.Stage.CreateInMemory()
+        few = np.random.default_rng(0).permutation(len(cloud)) < MILLION
+        schema.author(stage, "/Garden", edit.take(cloud, few))
+        return Document(stage, publish=publish)
+
+    return opened
+
+
+def framed(session: Session, heard: Heard) -> FreeCamera:
+    """A camera before all of the stage, once a picture was drawn."""
+    first = ViewState(size=SIZE)
+    session.look(first)
+    heard.wait_for_final(first)
+    boxes: list[object] = []
+    there = threading.Event()
+    session.ask(lambda document: document.bounds(), lambda box: (boxes.append(box), there.set()))
+    there.wait(PATIENCE)
+    return FreeCamera().framing(boxes[0], aspect=SIZE[0] / SIZE[1]).orbited(0.0, 0.1)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What an orbit gave."""
+
+    fps: float
+    scales: str
+    latency: tuple[float, float]
+    """Median and 95 % [ms]."""
+    age: float
+    """95 % [ms]."""
+    full: float
+    """[ms]"""
+    middle: int
+    """Pictures on the way to the full one."""
+    ms: dict[str, float]
+    """By stage, means."""
+    splats: int
+
+
+def orbit(session: Session, heard: Heard, seconds: float, aov: str = "color") -> Drive:
+    """Turn about the stage, and stop."""
+    camera = framed(session, heard)
+    state = ViewState(size=SIZE, camera=camera, look=Look(aov=aov), is_moving=True)
+    asked: dict[int, float] = {}
+    states: list[ViewState] = []
+    heard.pictures.clear()
+    began = time.perf_counter()
+    tick = 0
+    while time.perf_counter() - began < seconds:
+        camera = camera.orbited(0.004, 0.001 * np.sin(0.05 * tick))
+        state = replace(state, camera=camera)
+        states.append(state)
+        asked[id(state)] = time.perf_counter()
+        session.look(state)
+        tick += 1
+        time.sleep(max(0.0, began + tick * TICK - time.perf_counter()))
+    last = replace(state, is_moving=False)
+    stopped = time.perf_counter()
+    session.look(last)
+    finished = heard.wait_for_final(last)
+    moving = [
+        (at, each) for at, each in heard.pictures if each.state.is_moving and at > began + WARM
+    ]
+    times = [at for at, _ in moving]
+    waits = [1e3 * (at - asked[id(each.state)]) for at, each in moving]
+    ages = [
+        1e3 * (after - asked[id(each.state)])
+        for (_, each), after in zip(moving, times[1:], strict=False)
+    ]
+    shares = Counter(each.scale for _, each in moving)
+    books = [each.milliseconds for _, each in moving]
+    return Drive(
+        fps=(len(times) - 1) / (times[-1] - times[0]),
+        scales=" ".join(
+            f"{scale:g}:{count / len(moving):.0%}" for scale, count in sorted(shares.items())
+        ),
+        latency=(float(np.median(waits)), float(np.percentile(waits, 95))),
+        age=float(np.percentile(ages, 95)),
+        full=1e3 * (finished - stopped),
+        middle=sum(not each.state.is_moving for _, each in heard.pictures) - 1,
+        ms={name: float(np.mean([book.get(name, 0.0) for book in books])) for name in books[0]},
+        splats=moving[-1][1].total,
+    )
+
+
+def at_random(session: Session, heard: Heard, seconds: float, seed: int = 0) -> int:
+    """Drive a session through all it can do; returns how many states were said."""
+    rng = np.random.default_rng(seed)
+    camera = framed(session, heard)
+    state = ViewState(size=SIZE, camera=camera)
+    until, count = time.perf_counter() + seconds, 0
+    while time.perf_counter() < until:
+        camera = camera.orbited(*rng.normal(0, 0.01, 2)).dollied(float(rng.uniform(0.97, 1.031)))
+        state = replace(state, camera=camera, is_moving=True)
+        if rng.random() < 0.02:
+            state = replace(state, look=Look(aov=str(rng.choice(list(AOVS)))))
+        if rng.random() < 0.02:
+            other = Look(aov=str(rng.choice(list(AOVS))), time=float(rng.integers(1, 5)))
+            state = replace(state, other=other if rng.random() < 0.5 else None)
+        if rng.random() < 0.05:
+            state = replace(state, wipe=float(rng.random()), time=float(rng.integers(1, 5)))
+        if rng.random() < 0.05:
+            state = replace(state, display=DisplaySettings(exposure=float(rng.normal())))
+        if rng.random() < 0.01:
+            state = replace(state, size=tuple(int(each) for each in rng.integers(200, 1000, 2)))
+        if rng.random() < 0.03:
+            state = replace(state, is_moving=False)
+        session.look(state)
+        count += 1
+        time.sleep(TICK if rng.random() < 0.97 else 0.4)
+        with heard.changed:
+            del heard.pictures[:-1]
+    return count
+
+
+def soak(name: str, seconds: float) -> None:
+    """Drive at random twice: one half settles buffers and kernels, the other must be flat."""
+    heard = Heard()
+    session = Session(of_capture(name))
+    session.listen(heard)
+    at_random(session, heard, 0.5 * seconds)
+    gc.collect()
+    before = resident_megabytes()
+    count = at_random(session, heard, 0.5 * seconds, seed=1)
+    gc.collect()
+    after = resident_megabytes()
+    session.close()
+    print(
+        f"soak {name}, {seconds:g} s: {before:.0f} MB half way, {after:.0f} MB at the end "
+        f"({after - before:+.0f}); {count} states, {len(heard.problems)} problems"
+    )
+    for sentence, times in Counter(heard.problems).items():
+        print(f"  {times} x {sentence}")
+
+
+class Report:
+    """The table that is printed."""
+
+    def __init__(self) -> None:
+        self._table = Table(title=f"orbiting at {SIZE[0]}×{SIZE[1]}, a state each 1/60 s")
+        for name in (
+            "scene", "AOV", "splats", "fps", "scale", "latency ms median", "95 %", "age 95 %",
+            "full ms", "steps", "goals", "means by stage [ms]",
+        ):  # fmt: skip
+            self._table.add_column(name, justify="right")
+
+    def add(self, name: str, aov: str, drive: Drive) -> None:
+        """Add a line."""
+        is_met = drive.fps >= FPS and drive.full <= LATENCY_MS
+        stages = " ".join(f"{stage} {ms:.1f}" for stage, ms in drive.ms.items() if ms >= 0.5)
+        self._table.add_row(
+            name, aov, f"{drive.splats:,}", f"{drive.fps:.1f}", drive.scales,
+            f"{drive.latency[0]:.0f}", f"{drive.latency[1]:.0f}", f"{drive.age:.0f}",
+            f"{drive.full:.0f}", str(drive.middle), "met" if is_met else "not met", stages,
+        )  # fmt: skip
+
+    def show(self) -> None:
+        """Print it, as wide as it is."""
+        Console(width=220).print(self._table)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print everything."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("captures", nargs="*", default=CAPTURES)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--aov", default="color", choices=AOVS)
+    parser.add_argument("--million", action="store_true")
+    parser.add_argument("--soak", type=float, default=0.0, metavar="SECONDS")
+    options = parser.parse_args(arguments)
+    report = Report()
+    scenes = {name: of_capture(name) for name in options.captures}
+    if options.million:
+        scenes["garden, 1 M"] = of_million()
+    for name, opened in scenes.items():
+        heard = Heard()
+        began = time.perf_counter()
+        session = Session(opened)
+        session.listen(heard)
+        framed(session, heard)
+        print(f"{name}: first final picture after {time.perf_counter() - began:.2f} s", flush=True)
+        report.add(name, options.aov, orbit(session, heard, options.seconds, options.aov))
+        session.close()
+        for sentence in heard.problems:
+            print(f"  {sentence}")
+    report.show()
+    if options.soak:
+        soak(options.captures[0], options.soak)
+
+
+if __name__ == "__main__":
+    main()
