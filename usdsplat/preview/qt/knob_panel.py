@@ -99,14 +99,14 @@ class _Group(QWidget):
         self._text = ""
         self.is_open = False
         self.rows: dict[str, KnobRow] = {}
-        self._heading = QToolButton()
+        self._heading = QToolButton(self)  # without a parent it would be a window for a moment
         self._heading.setText(name)
         self._heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self._heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._heading.setProperty("role", "heading")
         self._heading.setVisible(bool(name))
         self._heading.clicked.connect(lambda: self.open(not self.is_open))
-        self._body = QWidget()
+        self._body = QWidget(self)
         self._lines = QVBoxLayout(self._body)
         self._lines.setContentsMargins(8, 2, 4, 6)
         self._lines.setSpacing(3)

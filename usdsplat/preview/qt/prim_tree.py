@@ -12,7 +12,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QListWidget,
     QMenu,
-    QStackedLayout,
+    QStackedWidget,
     QTreeView,
     QVBoxLayout,
     QWidget,
@@ -56,14 +56,14 @@ class PrimTree(QWidget):
         top = QVBoxLayout()
         top.setContentsMargins(6, 6, 6, 6)
         top.addWidget(self.box)
-        self._pages = QStackedLayout()
+        self._pages = QStackedWidget()
         self._pages.addWidget(self.view)
         self._pages.addWidget(self.found)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addLayout(top)
-        column.addLayout(self._pages, 1)
+        column.addWidget(self._pages, 1)
         desk.view_changed.connect(self._follow)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -89,7 +89,7 @@ class PrimTree(QWidget):
         header = view.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
-        for column, width in ((TYPE, 118), (VISIBLE, 26), (PURPOSE, 62)):
+        for column, width in ((TYPE, 96), (VISIBLE, 26), (PURPOSE, 56)):
             header.setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             header.resizeSection(column, width)
         view.clicked.connect(self._clicked)

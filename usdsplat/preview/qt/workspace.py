@@ -32,6 +32,8 @@ LOOK_AT_FILES = 2000
 """How often files are looked at for changes [ms]."""
 SIDES = (330, 920, 350)
 """Widths at first: tree, viewport, panels [pixel]."""
+NARROWEST = (260, 240, 290)
+"""And the least ones."""
 
 
 class Workspace(QWidget):
@@ -193,7 +195,8 @@ class Workspace(QWidget):
         if self.opened.has_simulation:
             self.right.setCurrentWidget(self.simulation)
         self.sides = QSplitter(Qt.Orientation.Horizontal)
-        for side in (self.left, self.center, self.right):
+        for side, narrowest in zip((self.left, self.center, self.right), NARROWEST, strict=True):
+            side.setMinimumWidth(narrowest)
             self.sides.addWidget(side)
         self.sides.setStretchFactor(1, 1)
         self.sides.setSizes(list(SIDES))
