@@ -19,7 +19,7 @@ from usdsplat.preview.session import Session
 from usdsplat.preview.values import Event, Image, Picture
 from usdsplat.preview.web.server import Server, serve
 
-PATIENCE = 15.0
+PATIENCE = 120.0
 """How long a page may take before a test fails [s]; kernels may have to be compiled."""
 
 _PIXELS = """() => {
