@@ -104,6 +104,12 @@ class Seat:
         token = parts.path.strip("/")
         self.server = serve(self.session, port=parts.port or 0, token=token)
 
+    def ask(self, task: Callable[[Document], Any]) -> None:
+        """Have something done with the document, and wait until it is."""
+        done = threading.Event()
+        self.session.ask(task, lambda result: done.set())
+        assert done.wait(PATIENCE)
+
     def canvas(self) -> tuple[int, Image]:
         """Number and pixels, shape (h, w, 3), of what the page shows."""
         number, width, height, data = self.page.evaluate(_PIXELS)

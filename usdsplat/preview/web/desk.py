@@ -239,6 +239,7 @@ class Desk:
                 self._tell_opened()
                 self._viewer.opened(event)
                 self._ask_parameters()
+                self._bridge.ask(_status, self._heard)
             case StageChanged():
                 # of a simulation's own frames there are many, and none of them is a parameter
                 if self._status.state not in ("running", "recording"):
@@ -313,6 +314,12 @@ class Desk:
 
 def _editors(instance: Any) -> Any:
     return plain(editors_of(instance))
+
+
+def _status(document: Document) -> SimulationStatus:
+    """Where the simulation is; runs in the session's thread."""
+    simulation = document.simulation
+    return SimulationStatus(state="none") if simulation is None else simulation.status
 
 
 def _simulate(document: Document, action: str) -> None:
