@@ -10,9 +10,10 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.delegate.stages import random_cloud
 from tests.preview.stage_model.stages import rich
+from tests.sim.stage.scenes import save_shot
 from usdsplat import formats, schema
 from usdsplat.core.errors import FormatError, StageError, UsageError, UsdSplatError
-from usdsplat.preview.opening import changed_files, open_document, reload
+from usdsplat.preview.opening import changed_files, document_of, open_document, reload
 from usdsplat.preview.values import Busy, Problem, StageChanged
 
 
@@ -231,3 +232,14 @@ def test_a_layer_that_comes_into_use_later_is_watched_too(opened, shot, tmp_path
     assert changed_files(document) == ("extra.usda",)
     reload(document)
     assert document.stage.GetPrimAtPath("/Extra").GetTypeName() == "Xform"
+
+
+def test_a_document_can_simulate_what_is_on_its_stage(tmp_path, opened):
+    """Oracle: a stage with a SplatSim prim, and one without."""
+    document, _ = opened(save_shot(tmp_path, {}, count=5))
+    assert document.simulation.status.state == "ready"
+    stage = Usd.Stage.CreateInMemory()
+    with_nothing = document_of(stage, threads=1)
+    assert (with_nothing.stage, with_nothing.path) == (stage, None)
+    assert with_nothing.simulation.status.state == "none"
+    with_nothing.close()

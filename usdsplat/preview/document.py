@@ -61,7 +61,7 @@ class Document:
         self.edits = Edits(stage)
         """What edits the session layer and takes that back."""
         self.simulation: Any = None
-        """What runs the stage's simulation; None without one."""
+        """What runs the stage's simulations, a `Runner`; None where nobody simulates."""
         self.engine = Engine(stage, device=device, threads=threads)
         self._scenes = Scenes(
             self.engine,

@@ -9,6 +9,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.interchange import opening
 from usdsplat.interchange.files import composition_remarks, is_usd, layer_files
 from usdsplat.preview.document import Document
+from usdsplat.preview.simulating.runner import Runner
 from usdsplat.preview.sources import Sources, files_of_capture
 from usdsplat.preview.values import Busy, Event, Problem, StageChanged
 
@@ -78,8 +79,31 @@ def open_document(
         sources.note(layer_files(stage))
         for remark in composition_remarks(stage):
             publish(Problem(sentence=remark))
-    document = Document(stage, path=path, device=device, threads=threads, publish=publish)
+    document = document_of(stage, path=path, device=device, threads=threads, publish=publish)
     document.sources = sources
+    return document
+
+
+def document_of(
+    stage: opening.Stage,
+    *,
+    path: Path | None = None,
+    publish: Callable[[Event], None] = lambda event: None,
+    device: str = "auto",
+    threads: int | None = None,
+) -> Document:
+    """Return a document of a stage that is open already, with what simulates it.
+
+    Args:
+        stage: Stays whosever it is.
+        path: Where it came from, if from a file.
+        publish, device, threads: As in `open_document`.
+
+    Raises:
+        BackendError: If the device is not usable here.
+    """
+    document = Document(stage, path=path, device=device, threads=threads, publish=publish)
+    document.simulation = Runner(document, device=device, threads=threads)
     return document
 
 

@@ -183,6 +183,8 @@ class Session:
         document.wake = self.wake
         self._document = document
         self._publish(document.opened())
+        if document.simulation is not None:
+            self._publish(document.simulation.status)
 
     def _drop(self) -> bool:
         """Forget what was asked of a document that is not there."""
