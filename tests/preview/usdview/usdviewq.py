@@ -134,6 +134,7 @@ class DataModel(QObject):
     @stage.setter
     def stage(self, stage):
         self._stage = stage
+        self.viewSettings.cameraPrim = None
         self.signalStageReplaced.emit()
 
 

@@ -1,0 +1,246 @@
+"""Our docks in one usdview: the window's viewport and panels, on the stage that usdview has.
+
+usdview owns its stage and the thread that touches it, so the session has no thread of its own: a
+timer takes its turns. A simulation has one, and touches the stage only while we let it: the
+document's lock is ours but for a moment of every turn.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QDockWidget, QWidget
+
+from usdsplat.preview.document import Document
+from usdsplat.preview.opening import document_of
+from usdsplat.preview.qt import style
+from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.qt.save_dialogs import USD, ask_name
+from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.session import Session
+from usdsplat.preview.usdview.following import Following
+from usdsplat.preview.values import Busy, Event, Opened, Problem
+
+TITLES = {
+    "viewport": "Splat Viewport",
+    "simulation": "Splat Simulation",
+    "settings": "Splat Render Settings",
+    "probe": "Splat Probe",
+}
+IDLE = 20
+"""Between two looks at what usdview shows [ms]."""
+MOMENT = 0.001
+"""For which a simulation is let at the stage; it keeps it until it is done [s]."""
+
+PANEL = 340
+"""Width that panels are given first, where there is room [pixel]."""
+PLAIN = f"QWidget {{ color: {style.TEXT.name()}; background: {style.GROUND.name()}; }}"
+TITLE = f"QDockWidget::title {{ background: {style.GROUND.name()}; padding: 4px; }}"
+SHEET = PLAIN + TITLE + style.sheet()
+"""usdview's palette is its own, so that what else takes it from there is said here."""
+
+LOG = logging.getLogger("usdsplat")
+
+
+@dataclass(slots=True, kw_only=True)
+class View:
+    """What there is for as long as usdview has a stage and somebody looks at it."""
+
+    session: Session
+    bridge: Bridge
+    document: Document | None = None
+    workspace: Workspace | None = None
+    following: Following | None = None
+
+    def panel(self, name: str) -> QWidget:
+        """What belongs into a dock; empty until the stage has been read."""
+        if self.workspace is None:
+            return QWidget()
+        return {
+            "viewport": self.workspace.center,
+            "simulation": self.workspace.simulation,
+            "settings": self.workspace.render_panel,
+            "probe": self.workspace.probe,
+        }[name]
+
+
+class Host(QObject):
+    """Everything of ours in one main window of usdview. It goes with the window."""
+
+    def __init__(self, api: Any) -> None:
+        super().__init__(api.qMainWindow)
+        self._api = api
+        self._device = "auto"
+        self._follows_camera = False
+        self._docks: dict[str, QDockWidget] = {}
+        self._view: View | None = None
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._turn)
+        api.dataModel.signalStageReplaced.connect(self._begin)
+        api.dataModel.signalPrimsChanged.connect(self._wake)
+        application = QCoreApplication.instance()
+        assert application is not None
+        application.aboutToQuit.connect(self._end)
+
+    @classmethod
+    def of(cls, api: Any) -> Host:
+        """The one of a usdview's main window."""
+        there = (child for child in api.qMainWindow.children() if isinstance(child, cls))
+        return next(there, None) or cls(api)
+
+    def show(self, name: str) -> None:
+        """Do what a command of the menu is for: open the dock of that name, or follow."""
+        if name == "camera":
+            self._follows_camera = not self._follows_camera
+            word = "follows" if self._follows_camera else "no longer follows"
+            self._say(f"the viewport {word} usdview's camera")
+            return
+        dock = self._docks.get(name) or self._add(name)
+        dock.show()
+        dock.raise_()
+        if self._view is None:
+            self._begin()
+
+    def use_device(self, name: str) -> None:
+        """Draw and simulate on another device from now on."""
+        self._device = name
+        self._begin()
+
+    # --- docks -----------------------------------------------------------------------------
+
+    def _add(self, name: str) -> QDockWidget:
+        window = self._api.qMainWindow
+        dock = QDockWidget(TITLES[name], window)
+        dock.setObjectName(f"usdsplat {name}")
+        dock.setStyleSheet(SHEET)
+        window.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, dock)
+        panels = [other for key, other in self._docks.items() if key != "viewport"]
+        if name != "viewport" and panels:
+            window.tabifyDockWidget(panels[-1], dock)
+        elif name != "viewport" and "viewport" in self._docks:
+            viewport = self._docks["viewport"]
+            window.splitDockWidget(viewport, dock, Qt.Orientation.Horizontal)
+            window.resizeDocks([viewport, dock], [2 * PANEL, PANEL], Qt.Orientation.Horizontal)
+        self._docks[name] = dock
+        if self._view is not None:
+            self._fill(name, self._view.panel(name))
+        return dock
+
+    def _fill(self, name: str, panel: QWidget) -> None:
+        self._docks[name].setWidget(panel)
+        panel.show()
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether there is a dock that has not been closed."""
+        return any(dock.toggleViewAction().isChecked() for dock in self._docks.values())
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Let the viewport have its letters, which are shortcuts of usdview's elsewhere."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            is_plain = not event.modifiers() & ~Qt.KeyboardModifier.ShiftModifier
+            if is_plain and Qt.Key.Key_A <= event.key() <= Qt.Key.Key_Z:
+                event.accept()
+        return False
+
+    # --- a stage ---------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Show what usdview has now, in place of what it had before."""
+        self._end()
+        stage = self._api.stage
+        if stage is None or not self._is_open:
+            return
+        session = Session(lambda publish: self._read(stage, publish), own_thread=False)
+        session.listen(self._tell)
+        self._view = View(session=session, bridge=Bridge(session))
+        self._view.bridge.opened.connect(self._opened)
+        self._timer.start(0)
+
+    def _read(self, stage: Any, publish: Callable[[Event], None]) -> Document:
+        """A document of usdview's stage, whose lock we have from now on."""
+        assert self._view is not None
+        document = document_of(stage, device=self._device, publish=publish)
+        document.lock.acquire()
+        self._view.document = document
+        return document
+
+    def _opened(self, event: Opened) -> None:
+        """Fill the docks, and begin to show what usdview shows."""
+        view = self._view
+        if view is None:
+            return
+        workspace = view.workspace = Workspace(view.bridge, event, device=self._device)
+        workspace.device_chosen.connect(self.use_device)
+        workspace.record_requested.connect(self._record)
+        workspace.viewport.installEventFilter(self)
+        view.following = Following(self._api, workspace.desk.viewer)
+        for name in self._docks:
+            self._fill(name, view.panel(name))
+
+    def _record(self) -> None:
+        """Ask for a file, and record the simulation to it."""
+        if self._view is not None and self._view.workspace is not None:
+            simulation = self._view.workspace.simulation
+            ask_name(simulation, "Record to a bake", USD, "bake.usdc", simulation.record_to)
+
+    def _end(self) -> None:
+        """Let go of the stage, and of everything that was drawn of it."""
+        self._timer.stop()
+        view, self._view = self._view, None
+        if view is None:
+            return
+        view.bridge.close()
+        if view.document is not None:
+            view.document.lock.release()  # a simulation that waits for it could not end
+        view.session.close()
+        for dock in self._docks.values():
+            old = dock.widget()
+            dock.setWidget(QWidget())
+            if old is not None:
+                old.deleteLater()
+        (view.workspace or view.bridge).deleteLater()
+
+    # --- a turn ----------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        view = self._view
+        if view is None or not self._is_open:
+            self._end()
+            return
+        if view.following is not None:
+            view.following.update(with_camera=self._follows_camera)
+        try:
+            is_busy = view.session.has_work and view.session.turn()
+        except Exception:  # a bug of ours must not take usdview with it, nor come back every turn
+            LOG.exception("a bug in usdsplat's docks")
+            self._say("found a bug, expected none; see the terminal")
+            self._end()
+            return
+        if view.document is not None:
+            view.document.lock.release()
+            time.sleep(MOMENT)
+            view.document.lock.acquire()
+        self._timer.setInterval(0 if is_busy else IDLE)
+
+    def _wake(self) -> None:
+        """Somebody has edited the stage."""
+        if self._view is not None:
+            self._view.session.wake()
+
+    def _tell(self, event: Event) -> None:
+        if isinstance(event, Problem):
+            self._say(event.sentence)
+        elif isinstance(event, Busy) and event.what:
+            self._say(event.what)
+
+    def _say(self, sentence: str) -> None:
+        """In usdview's status bar, at once, for what follows may take long."""
+        self._api.PrintStatus(f"usdsplat: {sentence}")
+        self._api.qMainWindow.statusBar().repaint()
