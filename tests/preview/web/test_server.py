@@ -29,10 +29,10 @@ PATIENCE = 20.0  # s; only a failure takes as long
 class Host:
     """A session with a fake document, and its server."""
 
-    def __init__(self) -> None:
+    def __init__(self, **options: Any) -> None:
         self.documents: list[FakeDocument] = []
         self.session = Session(self._open)
-        self.server = serve(self.session)
+        self.server = serve(self.session, **options)
         parts = urlsplit(self.server.url)
         self.address = parts.netloc
         self.path = parts.path
@@ -430,3 +430,15 @@ def test_tokens_are_made_up_anew_and_the_url_is_told_once(host: Host) -> None:
     finally:
         other.close()
         other.close()
+
+
+def test_a_page_begins_with_the_camera_and_time_that_were_asked_for() -> None:
+    """Oracle: what the first page's pictures were drawn by."""
+    host = Host(camera="/B", time=4.0)
+    try:
+        with host.page() as page:
+            page.final()
+        state = host.document.states[-1]
+        assert (state.camera, state.time) == ("/B", 4.0)
+    finally:
+        host.close()

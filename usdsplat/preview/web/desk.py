@@ -48,9 +48,18 @@ class Desk:
     Args:
         session: What is looked at.
         pages: Whose holder is told.
+        camera: Path of the camera to look through first; None frames everything.
+        time: Time code to begin at; None is the first.
     """
 
-    def __init__(self, session: Session, pages: Pages) -> None:
+    def __init__(
+        self,
+        session: Session,
+        pages: Pages,
+        *,
+        camera: str | None = None,
+        time: float | None = None,
+    ) -> None:
         self._pages = pages
         self._bridge = Bridge(session, heard=self._heard)
         self._viewer = Viewer(self._bridge, changed=self._changed, glide=GLIDE)
@@ -62,8 +71,9 @@ class Desk:
         self._settings_told: tuple[Any, ...] = ()
         self._problem = ""
         self._clock: asyncio.Task[None] | None = None
-        # what was opened before anybody listened is asked for
-        self._bridge.ask(lambda document: document.opened(), self._begin)
+        self._first_camera, self._first_time = camera, time
+        # what was told before anybody listened is asked for
+        self._bridge.ask(_beginning, self._begin)
 
     # --- for the server --------------------------------------------------------------------
 
@@ -238,6 +248,7 @@ class Desk:
                 self._problem = ""
                 self._tell_opened()
                 self._viewer.opened(event)
+                self._look_first()
                 self._ask_parameters()
                 self._bridge.ask(_status, self._heard)
             case StageChanged():
@@ -255,9 +266,21 @@ class Desk:
                 self._busy = what
                 self._tell("busy", what)
 
-    def _begin(self, event: Opened) -> None:
+    def _begin(self, told: tuple[Opened, SimulationStatus]) -> None:
+        opened, status = told
         if self._opened is None:
-            self._heard(event)
+            self._heard(opened)
+        if self._status.state == "none":
+            self._heard(status)
+
+    def _look_first(self) -> None:
+        """See the first stage as it was asked for."""
+        camera, self._first_camera = self._first_camera, None
+        time, self._first_time = self._first_time, None
+        if camera is not None:
+            self._viewer.use_camera(camera)
+        if time is not None:
+            self._viewer.set_time(time)
 
     def _changed(self) -> None:
         """Something of the viewer is other than before."""
@@ -310,6 +333,13 @@ class Desk:
         if self._opened is not None:
             aovs = [{"name": name, "meaning": aov.meaning} for name, aov in AOVS.items()]
             self._tell("opened", {**plain(self._opened), "aovs": aovs})
+
+
+def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
+    """What a session tells first."""
+    simulation = document.simulation
+    status = SimulationStatus(state="none") if simulation is None else simulation.status
+    return document.opened(), status
 
 
 def _editors(instance: Any) -> Any:

@@ -45,11 +45,21 @@ LOG = logging.getLogger("usdsplat")
 class Server:
     """What listens; made by `serve`."""
 
-    def __init__(self, session: Session, *, host: str, port: int, token: str) -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        host: str,
+        port: int,
+        token: str,
+        camera: str | None,
+        time: float | None,
+    ) -> None:
         self.url = ""
         """What to open in a browser; whoever knows it may do what the page can."""
         self._session = session
         self._host, self._port, self._token = host, port, token
+        self._camera, self._time = camera, time
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop = asyncio.Event()
         self._pages = Pages()
@@ -88,7 +98,7 @@ class Server:
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
         guard = Guard(token=self._token, host=self._host, files=files())
-        desk = Desk(self._session, self._pages)
+        desk = Desk(self._session, self._pages, camera=self._camera, time=self._time)
         try:
             async with listen(
                 lambda socket: self._talk(socket, desk),
@@ -161,6 +171,8 @@ def serve(
     port: int = 0,
     token: str | None = None,
     allow_remote: bool = False,
+    camera: str | None = None,
+    time: float | None = None,
     ready: Callable[[str], None] = lambda url: None,
 ) -> Server:
     """Serve a session to browsers.
@@ -173,6 +185,8 @@ def serve(
         allow_remote: Whether `host` may be one that other machines can reach. They talk to it
             unencrypted: who can listen on the network can see the pictures and the token, and with
             it do what the page can. An SSH tunnel to a loopback address is the better way.
+        camera: Path of the camera to look through first; None frames everything.
+        time: Time code to begin at; None is the first.
         ready: Told the URL, once it can be opened.
 
     Raises:
@@ -185,7 +199,14 @@ def serve(
             f"{host or 'every address'!s}, which other machines can reach without encryption",
             "a loopback address and an SSH tunnel, or word that this is wanted",
         )
-    server = Server(session, host=host, port=port, token=token or secrets.token_urlsafe(32))
+    server = Server(
+        session,
+        host=host,
+        port=port,
+        token=token or secrets.token_urlsafe(32),
+        camera=camera,
+        time=time,
+    )
     ready(server.url)
     return server
 
