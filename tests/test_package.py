@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import usdsplat
 
 ROOT = Path(__file__).parents[1]
@@ -60,3 +62,9 @@ def test_no_file_of_the_package_is_too_long_to_hold_one_idea():
     """Oracle: the house rule, 400 lines."""
     lengths = {p: len(p.read_text().splitlines()) for p in (ROOT / "usdsplat").rglob("*.py")}
     assert {p: n for p, n in lengths.items() if n > 400} == {}
+
+
+@pytest.mark.parametrize("module", ["preview.session", "preview.saving", "preview.viewer"])
+def test_what_a_window_shows_loads_no_qt(module):
+    """Oracle: sys.modules of a fresh interpreter."""
+    assert not any(name.startswith("PySide6") for name in loaded_by(f"import usdsplat.{module}"))

@@ -23,6 +23,7 @@ COMMANDS = {
     "convert": "turn a capture into a stage, a stage into a capture, or one capture into another",
     "info": "say what is in a capture or a stage",
     "validate": "check the splats of a stage, each finding with its cure",
+    "view": "look at a stage, or a capture, in a window or a browser",
     "render": "draw a stage, or a capture, to EXR or PNG",
     "simulate": "grow, push, conform or dissolve the splats of a stage; bake a layer",
     "match": "grade splats until they look like a plate, or like a colour chart",
@@ -39,6 +40,7 @@ commands:
 
 examples:
   usdsplat convert scan.ply scan.usdc
+  usdsplat view scan.usdc
   usdsplat render scan.usdc -o scan.png
   usdsplat render shot.usd -o shot.####.exr --frames 1-24
 

@@ -1,0 +1,122 @@
+"""`usdsplat view`: what it refuses before any window, and how it serves and ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+
+
+@pytest.fixture
+def _no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
+@pytest.mark.usefixtures("_no_display")
+def test_without_a_display_the_way_out_is_the_page(run, capture):
+    """Oracle: one sentence, status 2."""
+    status, out, err = run("view", capture)
+    assert (status, out) == (2, "")
+    assert err.startswith("usdsplat: window: found no display, expected ")
+    assert "--web" in err
+
+
+def test_without_qt_the_ways_out_are_the_extra_and_the_page(run, capture, monkeypatch):
+    """Oracle: one sentence, status 2."""
+    monkeypatch.setitem(sys.modules, "PySide6", None)
+    status, out, err = run("view", capture)
+    assert (status, out) == (2, "")
+    assert err == (
+        "usdsplat: window: found no PySide6, expected 'pip install usdsplat[view]', or --web for "
+        "a page in a browser\n"
+    )
+
+
+@pytest.mark.parametrize("web", [(), ("--web", "--no-open")])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("none.ply", "found no such file, expected a stage or a capture"),
+        ("none.usd", "found no such file, expected a stage or a capture"),
+        ("folder.usda", "found no plain file, expected a stage or a capture"),
+        ("folder", "found a directory without meta.json, expected a capture"),
+        ("text.txt", "found suffix '.txt', expected one of .compressed.ply"),
+    ],
+)
+def test_a_file_that_cannot_be_meant_is_refused_before_anything_is_shown(
+    run, tmp_path, name, words, web
+):
+    """Oracle: where: found X, expected Y, status 2, and no address printed."""
+    for folder in ("folder", "folder.usda"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "text.txt").write_text("words")
+    status, out, err = run("view", tmp_path / name, *web)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usdsplat: {tmp_path / name}: {words}")
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (("--port", 8008), "--port: found no --web"),
+        (("--host", "0.0.0.0"), "--host: found no --web"),
+        (("--no-open",), "--no-open: found no --web"),
+        (("--allow-remote",), "--allow-remote: found no --web"),
+        (("--web", "--port", 65536), "--port: found 65536, expected 0 to 65535"),
+        (("--time", "nan"), "--time: found nan"),
+        (("--variant", "/A:b=c"), "--variant: found a capture, "),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(run, capture, argv, words):
+    """Oracle: where: found X, expected Y, status 2."""
+    status, out, err = run("view", capture, *argv)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usdsplat: {words}")
+
+
+def test_axes_are_for_captures(run, shot):
+    """Oracle: the sentence that render has for it."""
+    status, _, err = run("view", shot, "--frame", "rdf")
+    assert (status, err) == (2, run("render", shot, "--frame", "rdf", "-o", "a.png")[2])
+
+
+def test_a_page_of_nothing_is_refused(run):
+    """Oracle: a page has no drop."""
+    status, _, err = run("view", "--web")
+    assert status == 2
+    assert err.startswith("usdsplat: --web: found no STAGE, expected one to serve")
+
+
+def test_an_address_that_others_reach_has_to_be_wanted(run, capture):
+    """Oracle: loopback is the default, and the only address without another word."""
+    status, out, err = run("view", capture, "--web", "--no-open", "--host", "0.0.0.0")
+    assert (status, out) == (2, "")
+    assert err.startswith("usdsplat: --host: found '0.0.0.0', which other machines can reach")
+    assert "--allow-remote" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+def test_a_page_is_served_until_ctrl_c(capture):
+    """Oracle: what a browser gets at the address that was printed; 128 + SIGINT, and no word."""
+    command = [sys.executable, "-m", "usdsplat", "view", str(capture), "--web", "--no-open"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        url = process.stdout.readline().strip()
+        try:
+            with urllib.request.urlopen(url, timeout=60) as page:
+                assert page.status == 200
+                assert b"<!doctype html>" in page.read(200).lower()
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 130
+        assert (process.stdout.read(), process.stderr.read()) == ("", "")
