@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QPoint, Qt
@@ -58,7 +59,7 @@ def settled(workspace: Workspace) -> Picture:
         return (
             picture is not None
             and picture.is_final
-            and picture.state == viewer.state
+            and replace(picture.state, is_moving=False) == viewer.state
             and not viewer.is_ticking
         )
 
@@ -73,7 +74,9 @@ def image(workspace: Workspace) -> Image:
 
 
 def press(widget: QWidget, keys: str) -> None:
-    """Press a key sequence such as "Ctrl+Z"."""
+    """Press a key sequence such as "Ctrl+Z" in a window, which comes to the front for it."""
+    widget.activateWindow()
+    assert QTest.qWaitForWindowActive(widget)
     QTest.keySequence(widget, keys)
 
 
@@ -90,12 +93,12 @@ def click_cell(workspace: Workspace, path: str, column: int) -> None:
     QTest.mouseClick(tree.view.viewport(), LEFT, pos=tree.view.visualRect(index).center())
 
 
-def type_into(field: QLineEdit, text: str) -> None:
-    """Replace what a field says."""
+def type_into(field: QLineEdit, text: str, end: Qt.Key = Qt.Key.Key_Return) -> None:
+    """Replace what a field says; Return would close a dialog."""
     QTest.mouseClick(field, LEFT, pos=QPoint(5, 5))
     field.selectAll()
     QTest.keyClicks(field, text)
-    QTest.keyClick(field, Qt.Key.Key_Return)
+    QTest.keyClick(field, end)
 
 
 def texts(menu: QMenu) -> list[str]:

@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QToolButton, QWidget
+from PySide6.QtWidgets import (
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.glyphs import glyph
@@ -63,3 +72,19 @@ class MessageBar(QWidget):
     def clear(self) -> None:
         """Say nothing."""
         self.hide()
+
+
+def over(widget: QWidget, *bars: MessageBar) -> QWidget:
+    """A widget with bars over its upper edge: what they say must not move a picture."""
+    both, column = QWidget(), QWidget()
+    lines = QVBoxLayout(column)
+    lines.setContentsMargins(0, 0, 0, 0)
+    lines.setSpacing(1)
+    for bar in bars:
+        lines.addWidget(bar)
+    grid = QGridLayout(both)
+    grid.setContentsMargins(0, 0, 0, 0)
+    grid.addWidget(widget, 0, 0)
+    grid.addWidget(column, 0, 0, Qt.AlignmentFlag.AlignTop)
+    column.raise_()
+    return both

@@ -30,7 +30,7 @@ from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
-from usdsplat.preview.qt.message_bar import MessageBar
+from usdsplat.preview.qt.message_bar import MessageBar, over
 from usdsplat.preview.qt.save_dialogs import USD, Saving, ask_name
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
@@ -81,13 +81,7 @@ class Window(QMainWindow):
         self.empty = self._make_empty()
         self._pages = QStackedWidget()
         self._pages.addWidget(self.empty)
-        body = QWidget()
-        column = QVBoxLayout(body)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
-        column.addWidget(self.problems)
-        column.addWidget(self._pages, 1)
-        self.setCentralWidget(body)
+        self.setCentralWidget(over(self._pages, self.problems))
         self._note = QLabel()
         self._path_note = QLabel()
         self._path_note.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -98,6 +92,11 @@ class Window(QMainWindow):
         self._make_menus()
         self._show_title()
         self._enable()
+
+    @property
+    def note(self) -> str:
+        """What the status bar says."""
+        return self._note.text()
 
     # --- opening ----------------------------------------------------------------------------
 
@@ -135,7 +134,7 @@ class Window(QMainWindow):
         workspace.desk.view_changed.connect(self._follow)
         workspace.desk.bridge.picture.connect(lambda picture: self._show_warnings(picture.warnings))
         for name in ("step_on", "step_back", "to_start", "to_end"):
-            workspace.center.addAction(self.actions_by_name[name])
+            workspace.viewport.addAction(self.actions_by_name[name])
             workspace.timeline.addAction(self.actions_by_name[name])
         if self._remarks:
             workspace.problems.say("\n".join(self._remarks))

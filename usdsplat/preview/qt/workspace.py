@@ -15,7 +15,7 @@ from usdsplat.preview import opening
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.qt.desk import Desk, Question
-from usdsplat.preview.qt.message_bar import MessageBar
+from usdsplat.preview.qt.message_bar import MessageBar, over
 from usdsplat.preview.qt.prim_panel import PrimPanel
 from usdsplat.preview.qt.prim_tree import PrimTree
 from usdsplat.preview.qt.probe_panel import ProbePanel
@@ -184,9 +184,7 @@ class Workspace(QWidget):
         middle.setContentsMargins(0, 0, 0, 0)
         middle.setSpacing(0)
         middle.addWidget(self.strip)
-        middle.addWidget(self.problems)
-        middle.addWidget(self.notices)
-        middle.addWidget(self.viewport, 1)
+        middle.addWidget(over(self.viewport, self.problems, self.notices), 1)
         self.right = QTabWidget()
         self.right.setDocumentMode(True)
         self.right.addTab(self.render_panel, "Render")
