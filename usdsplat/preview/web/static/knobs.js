@@ -1,6 +1,7 @@
 // Controls built from what the server says of each knob: kind, value, limits, words.
 
 const EMPTY = "—";
+const MOST_OPEN = 3; // groups that need no folding
 let drags = 0;
 
 /** A list of knobs under their headings, kept in step with the server. */
@@ -24,8 +25,9 @@ export class Knobs {
   build(editors) {
     this.rows.clear();
     const groups = new Map();
+    const isLong = new Set(editors.map((each) => each.group)).size > MOST_OPEN;
     for (const editor of editors) {
-      if (!groups.has(editor.group)) groups.set(editor.group, grouped(editor.group));
+      if (!groups.has(editor.group)) groups.set(editor.group, grouped(editor.group, !isLong || groups.size === 0));
       const row = new Row(editor, `${this.element.id}-${editor.name}`, this.turn);
       this.rows.set(editor.name, row);
       groups.get(editor.group).append(row.element);
@@ -34,10 +36,10 @@ export class Knobs {
   }
 }
 
-function grouped(title) {
-  const field = document.createElement("fieldset");
-  if (title) field.append(made("legend", { textContent: title }));
-  return field;
+function grouped(title, isOpen) {
+  const group = made("details", { className: "group", open: isOpen });
+  group.append(made("summary", { textContent: title || "Other" }));
+  return group;
 }
 
 /** One knob: its label, its control and a way back to its default. */
@@ -98,7 +100,11 @@ function number(editor, id, turn) {
   const isWhole = editor.kind === "int";
   const read = (input) => (input.value === "" && editor.none_label ? null : Number(input.value));
   const field = typed(limited(made("input", { type: "number", id }), editor, isWhole), () => turn(read(field)));
-  if (editor.none_label) field.placeholder = editor.none_label;
+  const show = (value) => { field.value = value === null ? "" : short(value); };
+  if (editor.none_label) { // empty means something, which no place on a slider does
+    field.placeholder = editor.none_label;
+    return { parts: [field], show };
+  }
   const [low, high] = editor.soft_range;
   const slider = made("input", {
     type: "range", min: low, max: high, ariaLabel: editor.label,
@@ -111,11 +117,7 @@ function number(editor, id, turn) {
     turn(Number(slider.value), drag);
   });
   slider.addEventListener("change", () => { drag = 0; });
-  const show = (value) => {
-    field.value = value === null ? "" : short(value);
-    if (document.activeElement !== slider || Number(slider.value) !== value) slider.value = value ?? low;
-  };
-  return { parts: [slider, field], show };
+  return { parts: [slider, field], show: (value) => { show(value); slider.value = value; } };
 }
 
 function vector(editor, id, turn) {
