@@ -27,12 +27,12 @@ from usdsplat.preview.values import (
     Problem,
     SimulationStatus,
     StageChanged,
+    as_json,
 )
 from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.bridge import Bridge
 from usdsplat.preview.web.pages import Pages
-from usdsplat.preview.web.plain import plain
 
 GLIDE = 0.25
 """How long the way to what was framed takes [s]."""
@@ -83,7 +83,7 @@ class Desk:
         self._tell_opened()
         self._settings_told = ()
         self._tell("parameters", self._parameters)
-        self._tell("simulation", plain(self._status))
+        self._tell("simulation", as_json(self._status))
         self._tell("busy", self._busy)
         if self._problem:
             self._tell("problem", self._problem)
@@ -210,11 +210,11 @@ class Desk:
         )
 
     def _keep_parameters(self, prims: tuple[parameters.ParameterPrim, ...]) -> None:
-        self._parameters = plain(prims)
+        self._parameters = as_json(prims)
         self._tell("parameters", self._parameters)
 
     def _picked(self, picked: Picked | None, *, is_target: bool) -> None:
-        self._tell("picked", plain(picked))
+        self._tell("picked", as_json(picked))
         if picked is None:
             self._viewer.select(())
             return
@@ -257,7 +257,7 @@ class Desk:
                     self._ask_parameters()
             case SimulationStatus():
                 self._status = event
-                self._tell("simulation", plain(event))
+                self._tell("simulation", as_json(event))
                 self._viewer.simulated(event)
             case Problem(sentence=sentence):
                 self._problem = sentence
@@ -306,7 +306,7 @@ class Desk:
         if settings != self._settings_told:
             self._settings_told = settings
             render = [each for each in editors_of(settings[0]) if each.name not in FOR_FILES]
-            self._tell("settings", {"render": plain(render), "display": _editors(settings[1])})
+            self._tell("settings", {"render": as_json(render), "display": _editors(settings[1])})
         self._start_clock()
 
     def _start_clock(self) -> None:
@@ -332,7 +332,7 @@ class Desk:
     def _tell_opened(self) -> None:
         if self._opened is not None:
             aovs = [{"name": name, "meaning": aov.meaning} for name, aov in AOVS.items()]
-            self._tell("opened", {**plain(self._opened), "aovs": aovs})
+            self._tell("opened", {**as_json(self._opened), "aovs": aovs})
 
 
 def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
@@ -343,7 +343,7 @@ def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
 
 
 def _editors(instance: Any) -> Any:
-    return plain(editors_of(instance))
+    return as_json(editors_of(instance))
 
 
 def _status(document: Document) -> SimulationStatus:

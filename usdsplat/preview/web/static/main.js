@@ -148,7 +148,7 @@ function showPicked(picked) {
 /** Names and values of nested plain values, those that are None left out. */
 function flat(object) {
   return Object.entries(object).flatMap(([name, value]) => {
-    if (value === null || value === "") return [];
+    if (name === "type" || value === null || value === "") return []; // type: of the value, for us
     if (Array.isArray(value)) return [[name, value.map(short).join(", ")]];
     return typeof value === "object" ? flat(value) : [[name, short(value)]];
   });
