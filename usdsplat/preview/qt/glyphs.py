@@ -159,14 +159,9 @@ def _cross(painter: QPainter) -> None:
     painter.drawLine(QPointF(11.5, 4.5), QPointF(4.5, 11.5))
 
 
-def _plus(painter: QPainter) -> None:
-    _stroke(painter)
-    painter.drawLine(QPointF(8.0, 3.5), QPointF(8.0, 12.5))
-    painter.drawLine(QPointF(3.5, 8.0), QPointF(12.5, 8.0))
-
-
-def _dot(painter: QPainter) -> None:
-    painter.drawEllipse(QPointF(8.0, 8.0), 2.6, 2.6)
+def _tick(painter: QPainter) -> None:
+    _stroke(painter, 2.2)
+    painter.drawPolyline([QPointF(4.0, 8.4), QPointF(7.0, 11.4), QPointF(12.2, 5.0)])
 
 
 def _down(painter: QPainter) -> None:
@@ -214,8 +209,7 @@ _DRAWN: dict[str, Callable[[QPainter], None]] = {
     "eye": _eye,
     "eye shut": _eye_shut,
     "cross": _cross,
-    "plus": _plus,
-    "dot": _dot,
+    "tick": _tick,
     "down": _down,
     "right": _right,
 }

@@ -17,6 +17,8 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QSlider,
+    QStyle,
+    QStyleOptionButton,
     QWidget,
 )
 
@@ -65,7 +67,7 @@ class CheckWidget(ValueWidget):
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
-        self._box = QCheckBox()
+        self._box = TickBox()
         self._box.clicked.connect(lambda value: self.changed.emit(value, ""))
         self.row.addWidget(self._box)
         self.row.addStretch(1)
@@ -252,6 +254,20 @@ class ColorWidget(VectorWidget):
         parts = (color.redF(), color.greenF(), color.blueF())
         linear = [round(_linear(part), 5) for part in parts]
         self.changed.emit((*linear, *self.values()[3:]), "")
+
+
+class TickBox(QCheckBox):
+    """A box whose tick is seen: a style sheet has none but from a file."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        if self.isChecked():
+            option = QStyleOptionButton()
+            self.initStyleOption(option)
+            part = QStyle.SubElement.SE_CheckBoxIndicator
+            glyph("tick", "#ffffff").paint(
+                QPainter(self), self.style().subElementRect(part, option, self)
+            )
 
 
 class _CalmSlider(QSlider):

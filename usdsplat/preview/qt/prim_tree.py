@@ -89,7 +89,7 @@ class PrimTree(QWidget):
         header = view.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
-        for column, width in ((TYPE, 96), (VISIBLE, 26), (PURPOSE, 56)):
+        for column, width in ((TYPE, 96), (VISIBLE, 26), (PURPOSE, 66)):
             header.setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             header.resizeSection(column, width)
         view.clicked.connect(self._clicked)

@@ -7,7 +7,6 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
-    QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -22,7 +21,7 @@ from usdsplat.preview.knob_model import Editor, editors_of, with_value
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.desk import Desk
 from usdsplat.preview.qt.knob_panel import KnobPanel
-from usdsplat.preview.qt.knob_widgets import CalmComboBox
+from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.values import Look, Picture
 
@@ -53,7 +52,7 @@ class RenderPanel(QWidget):
         self.side.setExpanding(True)
         self.side.setDrawBase(False)
         self.side.currentChanged.connect(lambda index: self.follow())
-        self.compare = QCheckBox("Compare A | B")
+        self.compare = TickBox("Compare A | B")
         self.compare.setToolTip("Show B right of a line that can be dragged (Shift+W)")
         self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
         self.aov = CalmComboBox()
@@ -61,7 +60,7 @@ class RenderPanel(QWidget):
             self.aov.addItem(aov.name)
             self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
         self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
-        self.has_time = QCheckBox()
+        self.has_time = TickBox()
         self.has_time.setToolTip("A time of its own, instead of the timeline's")
         self.has_time.clicked.connect(self._toggle_time)
         self.time = NumberField("Time", none_label="the timeline's")

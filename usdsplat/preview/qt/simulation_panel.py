@@ -10,7 +10,6 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QListWidget,
@@ -103,7 +102,7 @@ class SimulationPanel(QWidget):
         if status.splats:
             facts.append(f"{status.splats:,} splats")
         if status.seconds:
-            facts.append(f"{status.seconds * 1000:.0f} ms a frame")
+            facts.append(f"{status.seconds * 1000:.0f} ms/frame")
         self._facts.setText("   ".join(facts))
         self._message.setText(status.message)
         self._message.setVisible(bool(status.message))
@@ -137,11 +136,8 @@ class SimulationPanel(QWidget):
             buttons.addWidget(button, 0, place)
             buttons.setColumnStretch(place, 1)
         rows.addLayout(buttons)
-        words = QHBoxLayout()
-        words.addWidget(self._state)
-        words.addStretch(1)
-        words.addWidget(self._facts)
-        rows.addLayout(words)
+        rows.addWidget(self._state)
+        rows.addWidget(self._facts)
         rows.addWidget(self._message)
         rows.addWidget(self.prims)
         rows.addWidget(self.search)

@@ -68,7 +68,7 @@ class TimelineBar(QWidget):
         """Show what the timeline is now."""
         timeline = self._desk.viewer.timeline
         self.ruler.show_range(timeline.start, timeline.end)
-        self.ruler.show_current(timeline.current)
+        self.ruler.show_current(timeline.current if timeline.end > timeline.start else None)
         self.frame.show_value(timeline.current)
         self.start.show_value(timeline.start)
         self.end.show_value(timeline.end)

@@ -84,6 +84,8 @@ class Window(QMainWindow):
         self.setCentralWidget(over(self._pages, self.problems))
         self._note = QLabel()
         self._path_note = QLabel()
+        self._path_note.setContentsMargins(0, 0, 10, 0)
+        self._note.setContentsMargins(6, 0, 0, 0)
         self._path_note.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.statusBar().addWidget(self._note, 1)
         self.statusBar().addPermanentWidget(self._path_note)
