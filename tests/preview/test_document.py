@@ -16,7 +16,7 @@ from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.pacing import Quality
-from usdsplat.preview.values import Look
+from usdsplat.preview.values import Look, StageChanged
 
 # --- one picture -----------------------------------------------------------------------
 
@@ -51,6 +51,21 @@ def test_display_and_selection_draw_nothing_anew(document, events, monkeypatch):
     assert two.image.mean() > one.image.mean()
     np.testing.assert_array_equal(three.image, one.image)
     assert (len(one.boxes), len(three.boxes)) == (0, 1)
+
+
+def test_what_changes_on_a_stage_is_told_once_before_its_picture(document, events, stage):
+    """Oracle: values, then prims, then nothing; many edits are one piece of news."""
+    drawn_by(document, STATE)
+    events.clear()
+    for name in ("A", "B"):
+        UsdGeom.Imageable(stage.GetPrimAtPath(f"/World/{name}")).MakeInvisible()
+    drawn_by(document, STATE)
+    assert isinstance(events[0], StageChanged)
+    assert not events[0].structure
+    UsdGeom.Xform.Define(stage, "/World/C")
+    drawn_by(document, STATE)
+    drawn_by(document, STATE)
+    assert [each.structure for each in events if isinstance(each, StageChanged)] == [False, True]
 
 
 def test_an_edit_of_the_stage_is_seen(document, events, stage):

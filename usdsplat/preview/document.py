@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pxr import Usd, UsdGeom
+from pxr import Tf, Usd, UsdGeom
 
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
@@ -24,7 +24,7 @@ from usdsplat.preview.drawing import Drawing, Shown
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Busy, Event, Opened, ViewState
+from usdsplat.preview.values import Busy, Event, Opened, StageChanged, ViewState
 
 SIMULATION = "SplatSim"
 """Type of the prims that simulate."""
@@ -68,6 +68,8 @@ class Document:
             lambda time: Engine(stage, device=device, threads=threads, time=time),
             up_axis=_up_axis(stage),
         )
+        self._change: StageChanged | None = None
+        self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
         display = Display(open_device(device, threads=threads))
         self._drawing = Drawing(self._scenes, display)
 
@@ -94,9 +96,14 @@ class Document:
     def draw(self, state: ViewState) -> bool:
         """Draw and publish a picture, unless the last one was this; whether a better one follows.
 
+        What has changed on the stage since is told first, once.
+
         Raises:
             UsdSplatError: If the state asks for what cannot be drawn.
         """
+        change, self._change = self._change, None
+        if change is not None:
+            self.publish(change)
         with self._telling():
             picture = self._drawing.draw(state, self.lock, self._outlines)
         if picture is None:
@@ -118,6 +125,7 @@ class Document:
 
     def close(self) -> None:
         """Let go of everything."""
+        self._notice.Revoke()
         if self.simulation is not None:
             self.simulation.close()
         self.simulation = None
@@ -128,6 +136,12 @@ class Document:
             self.engine.close()
 
     # --- private ---------------------------------------------------------------------------
+
+    def _note_change(self, notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> None:
+        """Remember it, in whatever thread edits the stage: a frame of a simulation is many."""
+        others = any(path.IsPrimPath() for path in notice.GetResyncedPaths())
+        before = self._change is not None and self._change.structure
+        self._change = StageChanged(structure=others or before)
 
     def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
         found = (self._outline(engine, path) for path in paths)
