@@ -174,8 +174,7 @@ class Engine:
         """
         self.sync()
         framing = framing or Framing()
-        if resolution is not None:
-            framing = replace(framing, resolution=resolution)
+        framing = replace(framing, resolution=resolution or framing.resolution)
         return View(camera=self._camera(camera, framing), framing=framing)
 
     def framing_camera(
@@ -192,7 +191,7 @@ class Engine:
                 bounds.append(scene.bounds())
         finally:
             self.set_time(before)
-        return self._framing_camera(union(subjects), union(bounds), framing or Framing())
+        return self._around(union(subjects), union(bounds), framing or Framing())
 
     def products(
         self,
@@ -361,19 +360,15 @@ class Engine:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _moments(
-        self, view: View, settings: RenderSettings, aovs: tuple[str, ...]
-    ) -> Moments | None:
-        """The scene and what `view` sees at other times, if any are shown; all that is not the
-        stage's stays."""
-        if not depends_on_time(settings, view.camera, aovs):
+    def _moments(self, view: View, how: RenderSettings, aovs: tuple[str, ...]) -> Moments | None:
+        """The scene and what `view` sees at other times, if any are shown."""
+        if not depends_on_time(how, view.camera, aovs):
             return None
-        prim = self._index.cameras.get(view.camera.path)
         return other_times(
             self._param.scene,
             view,
             frame=self.time,
-            spec=None if prim is None else prim.spec,
+            spec=getattr(self._index.cameras.get(view.camera.path), "spec", None),
             go=self._go,
             camera=lambda: self._camera(view.camera.path, view.framing),
         )
@@ -391,16 +386,14 @@ class Engine:
         hints = (hint for _, hint in self._index.sorting_hints())
         return (settings or RenderSettings()).resolved(hints)
 
-    def _framing_camera(
-        self, subject: Box | None, bounds: Box | None, framing: Framing
-    ) -> CameraSpec:
+    def _around(self, subject: Box | None, bounds: Box | None, framing: Framing) -> CameraSpec:
         up_axis = self._open().up_axis
         return frame_subject(subject, bounds, up_axis=up_axis, aspect=framing.aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:
             scene = self._param.scene
-            return self._framing_camera(scene.subject(), scene.bounds(), framing)
+            return self._around(scene.subject(), scene.bounds(), framing)
         spec = self._index.find_camera(path).spec
         if spec is None:
             raise self._open().problems[path, "camera"]
