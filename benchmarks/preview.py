@@ -114,11 +114,15 @@ def of_million() -> Callable[[Callable[[Event], None]], Document]:
     return opened
 
 
-def framed(session: Session, heard: Heard) -> FreeCamera:
-    """A camera before all of the stage, once a picture was drawn."""
+def first_picture(session: Session, heard: Heard) -> float:
+    """When the first final picture came."""
     first = ViewState(size=SIZE)
     session.look(first)
-    heard.wait_for_final(first)
+    return heard.wait_for_final(first)
+
+
+def framed(session: Session) -> FreeCamera:
+    """A camera before all of the stage."""
     boxes: list[object] = []
     there = threading.Event()
     session.ask(lambda document: document.bounds(), lambda box: (boxes.append(box), there.set()))
@@ -147,7 +151,7 @@ class Drive:
 
 def orbit(session: Session, heard: Heard, seconds: float, aov: str = "color") -> Drive:
     """Turn about the stage, and stop."""
-    camera = framed(session, heard)
+    camera = framed(session)
     state = ViewState(size=SIZE, camera=camera, look=Look(aov=aov), is_moving=True)
     asked: dict[int, float] = {}
     states: list[ViewState] = []
@@ -194,7 +198,7 @@ def orbit(session: Session, heard: Heard, seconds: float, aov: str = "color") ->
 def at_random(session: Session, heard: Heard, seconds: float, seed: int = 0) -> int:
     """Drive a session through all it can do; returns how many states were said."""
     rng = np.random.default_rng(seed)
-    camera = framed(session, heard)
+    camera = framed(session)
     state = ViewState(size=SIZE, camera=camera)
     until, count = time.perf_counter() + seconds, 0
     while time.perf_counter() < until:
@@ -285,8 +289,8 @@ def main(arguments: list[str] | None = None) -> None:
         began = time.perf_counter()
         session = Session(opened)
         session.listen(heard)
-        framed(session, heard)
-        print(f"{name}: first final picture after {time.perf_counter() - began:.2f} s", flush=True)
+        seconds = first_picture(session, heard) - began
+        print(f"{name}: first final picture after {seconds:.2f} s", flush=True)
         report.add(name, options.aov, orbit(session, heard, options.seconds, options.aov))
         session.close()
         for sentence in heard.problems:
