@@ -17,7 +17,7 @@ from usdsplat.preview.viewer import Viewer
 GLIDE = 0.25
 """How long the way of the camera to what was framed takes [s]."""
 PAUSE = 80
-"""Between two questions of one panel [ms]; a simulation changes the stage with each frame."""
+"""Between two questions of a panel [ms]; a simulation changes the stage with each frame."""
 
 
 class Desk(QObject):
@@ -115,12 +115,16 @@ class Question(QObject):
     Args:
         owner: Whose question; a widget that cannot be seen asks when it can be.
         ask: Asks, and calls what it is given when the answer has come or failed.
+        pause: Between two questions [ms].
     """
 
-    def __init__(self, owner: QObject, ask: Callable[[Callable[[], None]], None]) -> None:
+    def __init__(
+        self, owner: QObject, ask: Callable[[Callable[[], None]], None], *, pause: int = PAUSE
+    ) -> None:
         super().__init__(owner)
         self._owner = owner
         self._ask = ask
+        self._pause = pause
         self._is_asking = False
         self._is_wanted = False
         self._timer = QTimer(self)
@@ -133,7 +137,7 @@ class Question(QObject):
         """Ask soon, with what is so by then."""
         self._is_wanted = True
         if not self._is_asking and (at_once or not self._timer.isActive()):
-            self._timer.start(0 if at_once else PAUSE)
+            self._timer.start(0 if at_once else self._pause)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() == QEvent.Type.Show and self._is_wanted:

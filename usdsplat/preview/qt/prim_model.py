@@ -20,6 +20,8 @@ from usdsplat.preview.stage_model.prims import PrimRow
 
 NAME, TYPE, VISIBLE, PURPOSE = range(4)
 _TITLES = ("Prim", "Type", "", "Purpose")
+PAUSE = 250
+"""Between two looks at all that is open in the tree [ms]."""
 _Index = QModelIndex
 _ROOT = QModelIndex()
 
@@ -60,7 +62,7 @@ class PrimModel(QAbstractItemModel):
         self._root = _Node(None, None, 0)
         self._nodes = {0: self._root}
         self._numbers = count(1)
-        self._question = Question(self, self._ask_all)
+        self._question = Question(self, self._ask_all, pause=PAUSE)
         desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
 
     def refresh(self) -> None:

@@ -27,6 +27,7 @@ from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.stage_model import saving as stage_saving
 
 USD = "USD layers (*.usda *.usd *.usdc)"
+BAKES = "USD layers (*.usda)"
 PICTURES = "Pictures (*.png *.jpg *.exr)"
 
 

@@ -120,7 +120,7 @@ class SimulationPanel(QWidget):
         self._command("reset")
 
     def record_to(self, path: Path) -> None:
-        """Simulate to the end, and write a bake."""
+        """Simulate to the end, and write a bake; whoever chose the file chose to replace it."""
         self._desk.bridge.ask(partial(_record, path=path))
 
     # --- private ----------------------------------------------------------------------------
@@ -234,7 +234,7 @@ def _do(document: Document, *, name: str) -> None:
 
 
 def _record(document: Document, *, path: Path) -> None:
-    _simulation(document).record(path)
+    _simulation(document).record(path, force=True)
 
 
 def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:

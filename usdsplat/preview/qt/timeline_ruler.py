@@ -27,7 +27,8 @@ class TimelineRuler(QWidget):
         super().__init__(parent)
         self._range = (0.0, 0.0)
         self._current: float | None = None
-        self._cached: tuple[float, float] | None = None
+        self.cached: tuple[float, float] | None = None
+        """First and last frame that a simulation has made."""
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         self.setToolTip("Drag to scrub; with Ctrl between frames")
@@ -47,7 +48,7 @@ class TimelineRuler(QWidget):
 
     def show_cached(self, frames: tuple[float, float] | None) -> None:
         """First and last frame that a simulation has made."""
-        self._cached = frames
+        self.cached = frames
         self.update()
 
     def position(self, time: float) -> float:
@@ -92,9 +93,9 @@ class TimelineRuler(QWidget):
         self.scrubbed.emit(self.time_at(event.position().x(), whole=whole))
 
     def _paint_cached(self, painter: QPainter) -> None:
-        if self._cached is None:
+        if self.cached is None:
             return
-        left, right = (self.position(time) for time in self._cached)
+        left, right = (self.position(time) for time in self.cached)
         painter.fillRect(QRectF(left - 1.0, self.height() - 4.0, right - left + 2.0, 4.0), _MADE)
 
     def _paint_ticks(self, painter: QPainter) -> None:

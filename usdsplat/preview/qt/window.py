@@ -31,7 +31,7 @@ from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.message_bar import MessageBar, over
-from usdsplat.preview.qt.save_dialogs import USD, Saving, ask_name
+from usdsplat.preview.qt.save_dialogs import BAKES, Saving, ask_name
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
@@ -193,7 +193,7 @@ class Window(QMainWindow):
         """Ask for a file, and record the simulation to it."""
         if self.workspace is not None:
             record_to = self.workspace.simulation.record_to
-            ask_name(self, "Record to a bake", USD, "bake.usdc", record_to)
+            ask_name(self, "Record to a bake", BAKES, "bake.usda", record_to)
 
     def show_help(self) -> None:
         """Every key."""

@@ -1,0 +1,107 @@
+"""A simulation in a window: run, pause, step, turn a parameter, take it back, record, reset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pxr import Sdf
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit
+
+from tests.preview.qt import windows
+from tests.preview.qt.conftest import wait_until
+from tests.preview.qt.windows import LEFT, opened, press, type_into
+from tests.preview.simulating.hosts import shot
+from usdsplat.preview.qt.window import Window
+from usdsplat.preview.qt.workspace import Workspace
+
+LAST = 4
+
+
+@pytest.fixture
+def window(application: QApplication) -> Iterator[Window]:
+    window = windows.show(Window())
+    yield window
+    window.close()
+
+
+@pytest.fixture
+def workspace(window: Window, tmp_path: Path) -> Workspace:
+    stage = shot(tmp_path, {}, last=LAST)
+    return opened(window, Path(stage.GetRootLayer().realPath))
+
+
+def test_buttons_run_pause_step_and_reset_and_the_timeline_follows(workspace: Workspace) -> None:
+    """Oracle: the frames that were asked for, and the bar under the ruler."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    assert workspace.right.currentWidget() is panel
+    QTest.mouseClick(panel.step, LEFT)
+    wait_until(lambda: panel.status.frame is not None and panel.status.state == "paused")
+    first = panel.status.frame
+    QTest.mouseClick(panel.step, LEFT)
+    wait_until(lambda: panel.status.frame == first + 1 and panel.status.state == "paused")
+    assert panel.run.text() == "Run"
+    QTest.mouseClick(panel.run, LEFT)
+    wait_until(lambda: panel.status.frame == LAST)
+    wait_until(lambda: workspace.timeline.ruler.cached == (first, LAST))
+    QTest.mouseClick(panel.reset, LEFT)
+    wait_until(lambda: panel.status.state == "ready")
+    wait_until(lambda: workspace.timeline.ruler.cached is None)
+
+
+def test_a_parameter_is_turned_and_taken_back(window: Window, workspace: Workspace) -> None:
+    """Oracle: the editor's value, which is the stage's."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.prims.count())
+    field = panel.panel.row("sim:substeps").findChild(QLineEdit)
+    before = field.text()
+    type_into(field, "7")
+    wait_until(lambda: window.actions_by_name["undo"].isEnabled())
+    wait_until(lambda: field.text() == "7")
+    workspace.viewport.setFocus()
+    press(window, "Ctrl+Z")
+    wait_until(lambda: field.text() == before)
+
+
+def test_a_parameter_out_of_range_says_so_and_the_old_value_comes_back(
+    workspace: Workspace,
+) -> None:
+    """Oracle: the sentence of the knob."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.prims.count())
+    field = panel.panel.row("sim:substeps").findChild(QLineEdit)
+    before = field.text()
+    type_into(field, "-3")
+    wait_until(lambda: "-3" in workspace.problems.sentence)
+    workspace.viewport.setFocus()
+    wait_until(lambda: field.text() == before)
+
+
+def test_a_recording_is_a_bake(window: Window, workspace: Workspace, tmp_path: Path) -> None:
+    """Oracle: USD's own reading of the file."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    QTest.mouseClick(panel.record, LEFT)
+    wait_until(lambda: window.findChildren(QFileDialog))
+    dialog = window.findChild(QFileDialog)
+    dialog.findChild(QLineEdit).setText(str(tmp_path / "bake.usda"))
+    dialog.accept()
+    wait_until(lambda: (tmp_path / "bake.usda").exists())
+    wait_until(lambda: panel.status.state != "recording")
+    assert Sdf.Layer.FindOrOpen(str(tmp_path / "bake.usda"))
+    assert not workspace.problems.sentence
+
+
+def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:
+    """Oracle: the state that the simulation tells."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    workspace.viewport.setFocus(Qt.FocusReason.OtherFocusReason)
+    press(window, "Ctrl+Right")
+    wait_until(lambda: panel.status.frame is not None)
+    press(window, "Ctrl+Home")
+    wait_until(lambda: panel.status.state == "ready")
