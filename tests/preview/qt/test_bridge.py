@@ -28,7 +28,7 @@ class Quiet:
         self.publish = publish
         self.lock = threading.RLock()
         self.wake: Callable[[], None] = lambda: None
-        self.is_open = True
+        self.simulation = None
 
     def opened(self) -> Opened:
         return OPENED
@@ -37,7 +37,7 @@ class Quiet:
         return False
 
     def close(self) -> None:
-        self.is_open = False
+        """Nothing is held."""
 
 
 def picture(number: int) -> Picture:

@@ -11,7 +11,6 @@ from typing import Any
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
 from PySide6.QtWidgets import (
-    QApplication,
     QFileDialog,
     QLabel,
     QMainWindow,
@@ -26,6 +25,7 @@ from usdsplat.interchange.files import SUFFIXES
 from usdsplat.preview.document import Document
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt.acts import acts_of
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
@@ -210,60 +210,6 @@ class Window(QMainWindow):
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.open()
 
-    def _handlers(self) -> dict[str, Callable[[], Any]]:
-        """What each action does; those of a stage are only called while there is one."""
-
-        def here() -> Workspace:
-            assert self.workspace is not None
-            return self.workspace
-
-        def saving() -> Saving:
-            assert self.saving is not None
-            return self.saving
-
-        return {
-            "open": self.ask_open,
-            "new": lambda: self.new_requested.emit(None),
-            "reload": lambda: here().reload(),
-            "save_session": lambda: saving().session_layer(),
-            "save_camera_layer": lambda: saving().camera_layer(),
-            "screenshot": lambda: saving().screenshot(),
-            "flipbook": lambda: saving().flipbook(),
-            "close": self.close,
-            "quit": QApplication.closeAllWindows,
-            "undo": lambda: here().undo(),
-            "redo": lambda: here().redo(),
-            "find": lambda: here().tree.box.setFocus(),
-            "deselect": lambda: here().desk.viewer.select(()),
-            "frame_selected": lambda: here().frame_selected(),
-            "frame_all": lambda: here().desk.viewer.frame(()),
-            "free_camera": lambda: here().free_camera(),
-            "save_camera": lambda: here().save_camera(),
-            "add_bookmark": lambda: here().desk.viewer.add_bookmark(),
-            "hud": lambda: here().toggle_hud(),
-            "compare": lambda: here().toggle_compare(),
-            "previous_aov": lambda: here().next_aov(-1),
-            "next_aov": lambda: here().next_aov(1),
-            **{
-                channel: partial(lambda channel: here().toggle_channel(channel), channel)
-                for channel in ("red", "green", "blue", "alpha", "luminance")
-            },
-            "darker": lambda: here().expose(-0.5),
-            "brighter": lambda: here().expose(0.5),
-            "same_exposure": lambda: here().expose(None),
-            "play": lambda: here().timeline.toggle(),
-            "step_on": lambda: here().desk.viewer.advance(1),
-            "step_back": lambda: here().desk.viewer.advance(-1),
-            "to_start": lambda: here().timeline.to_start(),
-            "to_end": lambda: here().timeline.to_end(),
-            "sim_run": lambda: here().simulation.toggle(),
-            "sim_step": lambda: here().simulation.one_step(),
-            "sim_reset": lambda: here().simulation.to_start(),
-            "sim_record": self.record,
-            "help": self.show_help,
-            "about": self.about,
-        }
-
     # --- Qt's -------------------------------------------------------------------------------
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
@@ -287,13 +233,13 @@ class Window(QMainWindow):
     # --- private ----------------------------------------------------------------------------
 
     def _make_menus(self) -> None:
-        handlers = self._handlers()
+        acts = acts_of(self)
         menus = {name: self.menuBar().addMenu(name) for name in MENUS}
         for key in KEYS:
             menu = menus[key.menu]
             if key.begins:
                 menu.addSeparator()
-            action = self._make_action(key, handlers[key.name])
+            action = self._make_action(key, acts[key.name])
             self.actions_by_name[key.name] = action
             menu.addAction(action)
         self._purposes = {}

@@ -1,0 +1,70 @@
+"""What keys and menus do, by the names in their table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtWidgets import QApplication
+
+from usdsplat.preview.qt.save_dialogs import Saving
+from usdsplat.preview.qt.workspace import Workspace
+
+if TYPE_CHECKING:
+    from usdsplat.preview.qt.window import Window
+
+
+def acts_of(window: Window) -> dict[str, Callable[[], Any]]:
+    """What each action does in a window; most may only be called while a stage is open."""
+
+    def here() -> Workspace:
+        assert window.workspace is not None
+        return window.workspace
+
+    def saving() -> Saving:
+        assert window.saving is not None
+        return window.saving
+
+    return {
+        "open": window.ask_open,
+        "new": lambda: window.new_requested.emit(None),
+        "reload": lambda: here().reload(),
+        "save_session": lambda: saving().session_layer(),
+        "save_camera_layer": lambda: saving().camera_layer(),
+        "screenshot": lambda: saving().screenshot(),
+        "flipbook": lambda: saving().flipbook(),
+        "close": window.close,
+        "quit": QApplication.closeAllWindows,
+        "undo": lambda: here().undo(),
+        "redo": lambda: here().redo(),
+        "find": lambda: here().tree.box.setFocus(),
+        "deselect": lambda: here().desk.viewer.select(()),
+        "frame_selected": lambda: here().frame_selected(),
+        "frame_all": lambda: here().desk.viewer.frame(()),
+        "free_camera": lambda: here().free_camera(),
+        "save_camera": lambda: here().save_camera(),
+        "add_bookmark": lambda: here().desk.viewer.add_bookmark(),
+        "hud": lambda: here().toggle_hud(),
+        "compare": lambda: here().toggle_compare(),
+        "previous_aov": lambda: here().next_aov(-1),
+        "next_aov": lambda: here().next_aov(1),
+        **{
+            channel: partial(lambda channel: here().toggle_channel(channel), channel)
+            for channel in ("red", "green", "blue", "alpha", "luminance")
+        },
+        "darker": lambda: here().expose(-0.5),
+        "brighter": lambda: here().expose(0.5),
+        "same_exposure": lambda: here().expose(None),
+        "play": lambda: here().timeline.toggle(),
+        "step_on": lambda: here().desk.viewer.advance(1),
+        "step_back": lambda: here().desk.viewer.advance(-1),
+        "to_start": lambda: here().timeline.to_start(),
+        "to_end": lambda: here().timeline.to_end(),
+        "sim_run": lambda: here().simulation.toggle(),
+        "sim_step": lambda: here().simulation.one_step(),
+        "sim_reset": lambda: here().simulation.to_start(),
+        "sim_record": window.record,
+        "help": window.show_help,
+        "about": window.about,
+    }
