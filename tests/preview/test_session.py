@@ -180,11 +180,24 @@ def test_a_task_that_fails_says_so_to_who_asked_or_else_to_all(session, heard):
 
 
 def test_a_bug_does_not_end_the_session(session, heard, caplog):
-    """Oracle: a task after it is done; the terminal has the traceback."""
+    """Oracle: who asked hears of it, a task after it is done; the terminal has the traceback."""
     session.ask(lambda document: 1 / 0)
     heard.wait(lambda event: isinstance(event, Problem) and "bug" in event.sentence)
+    assert "bug" in answered(session, lambda document: 1 / 0)
     assert answered(session, lambda document: 7) == 7
     assert "ZeroDivisionError" in caplog.text
+
+
+def test_a_listener_with_a_bug_is_alone_with_it(heard, caplog):
+    """Oracle: who listens after it hears everything, and tasks are done."""
+    session = Session(lambda publish: Document(animated(), publish=publish))
+    session.listen(lambda event: 1 / 0)
+    session.listen(heard)
+    session.ask(lambda document: 1 / 0)
+    heard.wait(lambda event: isinstance(event, Problem))
+    assert any(isinstance(event, Opened) for event in heard)
+    assert answered(session, lambda document: 7) == 7
+    session.close(SOON)
 
 
 def test_what_cannot_be_opened_is_told(heard):

@@ -88,7 +88,8 @@ class Session:
     ) -> None:
         """Have something done with the document; `done` is called in the session's thread.
 
-        A UsdSplatError goes to `failed`, or without one becomes a `Problem`.
+        A UsdSplatError goes to `failed`, or without one becomes a `Problem`. So does a bug, so that
+        nobody waits for ever.
         """
         with self._changed:
             self._tasks.append((task, done, failed or self._complain))
@@ -162,8 +163,7 @@ class Session:
             try:
                 more = self.turn()
             except Exception:  # a bug must not take the window with it
-                LOG.exception("a bug in the preview")
-                self._publish(Problem(sentence="found a bug, expected none; see the terminal"))
+                self._complain(_bug())
                 more = False
             with self._changed:
                 while not (more or self._is_stale or self._tasks or self._is_closing):
@@ -211,6 +211,8 @@ class Session:
                 result = task(document)
         except UsdSplatError as error:
             failed(error)
+        except Exception:
+            failed(_bug())
         else:
             done(result)
 
@@ -238,7 +240,16 @@ class Session:
 
     def _tell(self, event: Event) -> None:
         for listener in self._listeners:
-            listener(event)
+            try:
+                listener(event)
+            except Exception:  # others want to hear it, and the session goes on
+                LOG.exception("a bug in who listens to the preview")
 
     def _complain(self, error: UsdSplatError) -> None:
         self._publish(Problem(sentence=str(error)))
+
+
+def _bug() -> UsdSplatError:
+    """What users hear of the exception that is being handled; the terminal gets its traceback."""
+    LOG.exception("a bug in the preview")
+    return UsdSplatError("preview", "a bug", "none; see the terminal")

@@ -95,18 +95,8 @@ class Bridge:
         self._asked += 1
         if question.key is not None:
             self._keys[question.key] = None
-
-        def task(document: Document) -> Any:
-            try:
-                return question.task(document)
-            except UsdSplatError:
-                raise
-            except Exception:  # the session tells of bugs; here it must not wait for ever
-                self._post(self._settled, question)
-                raise
-
         self._session.ask(
-            task,
+            question.task,
             lambda result: self._post(self._answered, question, question.done, result),
             lambda error: self._post(self._answered, question, self._failed(question), error),
         )
@@ -115,14 +105,11 @@ class Bridge:
         return question.failed or (lambda error: self._heard(Problem(sentence=str(error))))
 
     def _answered(self, question: Question, call: Callable[[Any], None], result: Any) -> None:
-        self._settled(question)
-        call(result)
-
-    def _settled(self, question: Question) -> None:
         self._asked -= 1
         following = None if question.key is None else self._keys.pop(question.key)
         if following is not None:
             self._send(following)
+        call(result)
 
     def _deliver_picture(self) -> None:
         with self._lock:
