@@ -76,9 +76,12 @@ class Heard:
             self.changed.notify_all()
 
     def wait(self, is_there: Callable[[], bool]) -> None:
+        def is_over() -> bool:
+            return is_there() or (bool(self.problems) and not self.is_open)
+
         with self.changed:
-            if not self.changed.wait_for(is_there, PATIENCE):
-                raise TimeoutError("found no answer of the session, expected one")
+            if not self.changed.wait_for(is_over, PATIENCE) or not is_there():
+                raise SystemExit(" ".join(self.problems) or "the session does not answer")
 
     def wait_for_final(self, state: ViewState) -> float:
         """When the final picture of a state came."""
