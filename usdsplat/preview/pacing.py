@@ -4,8 +4,8 @@ While the view moves, a picture is drawn at a part of the viewport's resolution,
 the splats where even that is too slow, so that it takes about a thirtieth of a second. When the
 view rests it is drawn in full, with a step between where that takes long.
 
-A picture takes what is done once for each splat and what is done for each pixel; both follow from
-the last pictures' times by median, so that one that was held up counts for nothing. A finer scale
+A picture takes what is done once for each splat and what is done for pixels; both follow from the
+last pictures' times by median, so that one that was held up counts for nothing. A finer scale
 is taken up only after it has been affordable for a while, and one that was given up again is tried
 later each time: quality does not flicker.
 """
@@ -14,12 +14,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-SCALES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
-"""Pixels of the viewport to a side of a drawn one."""
+SCALES = (1.0, 1.5, 2.0, 3.0)
+"""Pixels of the viewport to a side of a drawn one, with all splats."""
+BUDGETS = tuple(int(2.0 ** (0.5 * i)) for i in range(50, 31, -1))
+"""Most splats, at the last of `SCALES`: larger pixels still would look worse than fewer splats."""
+MUCH_LESS = 0.85
+"""Part of the splats that a budget must be below."""
+COARSEST = (4.0, 6.0)
+"""Scales where no more splats can be left out."""
+STEADY = 0.2
+"""Part of what pixels take that no scale saves: as measured, the rest goes with 1 / scale."""
 MOVING_MS = 30.0
 """What a picture may take while the view moves."""
 RESTING_MS = 150.0
@@ -34,20 +42,12 @@ PATIENCE, MOST_PATIENCE = 0.5, 8.0
 """Seconds for which a finer scale must have been affordable."""
 REMEMBERED = 5
 """Pictures that times are taken from."""
-SPLAT_NS, PIXEL_NS = 60.0, 100.0
+SPLAT_NS, PIXEL_NS = 90.0, 50.0
 """What is expected before anything was drawn."""
 DOUBTED = 2
 """Pictures that it takes to give that up."""
-SHARE = 0.6
-"""Part of the time that splats may take before some of them are left out."""
-LEAST_SPLATS = 50_000
-WIDE = 1.5
-"""By which factor what can be afforded must change before another part of the splats is drawn."""
 REGRET = 3.0
 """Seconds within which a finer scale that had to be given up was a mistake."""
-
-Took = Callable[[float], float]
-"""What a picture at a scale will take."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,20 +91,19 @@ class Pacer:
     def __init__(self) -> None:
         self._splat_ns: deque[float] = deque([SPLAT_NS] * DOUBTED, REMEMBERED)
         self._pixel_ns: deque[float] = deque([PIXEL_NS] * DOUBTED, REMEMBERED)
-        self._scale: float | None = None
+        self._held: Quality | None = None
         """Of the movement that goes on; None at rest."""
         self._easy_since: float | None = None
         self._raised_at = -math.inf
         self._patience = PATIENCE
-        self._splats: int | None = None
 
     # --- what pictures took ----------------------------------------------------------------
 
     def drew(self, quality: Quality, load: Load, *, fixed: float, rest: float) -> None:
         """Learn from a picture: what was done once for each splat took `fixed`, all else `rest`."""
         splats, pixels = _work(quality, load)
-        self._splat_ns.append(1e6 * fixed / max(splats, 1))
-        self._pixel_ns.append(1e6 * rest / max(pixels, 1))
+        self._splat_ns.append(1e6 * fixed / max(splats, 1.0))
+        self._pixel_ns.append(1e6 * rest / max(pixels, 1.0))
 
     def expected(self, quality: Quality, load: Load) -> float:
         """What a picture will take."""
@@ -115,25 +114,18 @@ class Pacer:
 
     def moving(self, now: float, load: Load) -> Quality:
         """Return how to draw the next picture of a movement; `now` is any clock's [s]."""
-        begins = self._scale is None
-        if begins:
+        choices = _choices(load)
+        held = self._held
+        if held is None:
             self._easy_since, self._patience, self._raised_at = None, PATIENCE, -math.inf
-            self._splats = None
-        self._splats = self._affordable_splats(load.splats)
-
-        def took(scale: float) -> float:
-            return self.expected(self._moving_at(scale, load), load)
-
-        if self._scale is None:
-            self._scale = _finest(took, MOVING_MS)
-        elif took(self._scale) > SLACK * MOVING_MS:
-            coarser = max(_finest(took, MOVING_MS), self._scale)
-            if coarser > self._scale and now - self._raised_at < REGRET:
-                self._patience = min(2.0 * self._patience, MOST_PATIENCE)
-            self._scale, self._easy_since = coarser, None
-        elif self._scale > SCALES[0]:
-            self._scale = self._maybe_finer(now, self._scale, took)
-        return self._moving_at(self._scale, load)
+            self._held = self._best(choices, MOVING_MS, load)
+        elif held not in choices:  # splats or pixels have come or gone
+            self._held, self._easy_since = self._best(choices, MOVING_MS, load), None
+        elif self.expected(held, load) > SLACK * MOVING_MS:
+            self._give_up(now, held, choices, load)
+        elif held != choices[0]:
+            self._maybe_raise(now, choices[choices.index(held) - 1], load)
+        return self._held or FULL
 
     def resting(self, shown: Quality | None, load: Load) -> Quality:
         """Return how to draw the next picture at rest; `FULL` unless that takes long.
@@ -141,52 +133,52 @@ class Pacer:
         Args:
             shown: How the picture was drawn that shows the same already; None if there is none.
         """
-        self._scale = None
+        self._held = None
         if self.expected(FULL, load) <= RESTING_MS:
             return FULL
-        alone = load.samples == 1
-        scale = _finest(
-            lambda scale: self.expected(Quality(scale=scale, averages=alone), load), MIDDLE_MS
-        )
-        middle = Quality(scale=scale, averages=alone)
+        whole = [each for each in _choices(load) if each.splats is None]
+        middle = self._best(whole, MIDDLE_MS, load)
         return FULL if shown is not None and shown.is_at_least(middle) else middle
 
     # --- private ---------------------------------------------------------------------------
 
-    def _moving_at(self, scale: float, load: Load) -> Quality:
-        return Quality(scale=scale, splats=self._splats, averages=load.samples == 1)
+    def _best(self, choices: Sequence[Quality], limit: float, load: Load) -> Quality:
+        """The first that is affordable, or the last."""
+        found = (each for each in choices if self.expected(each, load) <= limit)
+        return next(found, choices[-1])
 
-    def _maybe_finer(self, now: float, scale: float, took: Took) -> float:
-        """The scale itself, or the next finer one when it has been affordable for long enough."""
-        finer = SCALES[SCALES.index(scale) - 1]
-        if took(finer) > EASE * MOVING_MS:
+    def _give_up(self, now: float, held: Quality, choices: list[Quality], load: Load) -> None:
+        """Go on with less, and be slower to ask for more again if that was a mistake."""
+        worse = choices[choices.index(held) + 1 :]
+        if not worse:
+            return
+        if now - self._raised_at < REGRET:
+            self._patience = min(2.0 * self._patience, MOST_PATIENCE)
+        self._held, self._easy_since = self._best(worse, MOVING_MS, load), None
+
+    def _maybe_raise(self, now: float, better: Quality, load: Load) -> None:
+        """Go on with more when it has been affordable for long enough."""
+        if self.expected(better, load) > EASE * MOVING_MS:
             self._easy_since = None
         elif self._easy_since is None:
             self._easy_since = now
         elif now - self._easy_since >= self._patience:
-            self._easy_since, self._raised_at = None, now
-            return finer
-        return scale
-
-    def _affordable_splats(self, splats: int) -> int | None:
-        """Most splats, in steps that are not taken back and forth; None for all."""
-        most = SHARE * MOVING_MS * 1e6 / max(median(self._splat_ns), 1e-3)
-        held = self._splats
-        if most >= (splats if held is None else WIDE * splats):
-            return None
-        if held is not None and held / WIDE < most < held * WIDE:
-            return held
-        wanted = max(int(most), LEAST_SPLATS)
-        return wanted if wanted < splats else None
+            self._held, self._easy_since, self._raised_at = better, None, now
 
 
-def _work(quality: Quality, load: Load) -> tuple[int, float]:
-    """Splats and pixels of a picture, counted for each of its samples."""
+def _choices(load: Load) -> list[Quality]:
+    """How pictures of a movement may be drawn, the best first."""
+    alone = load.samples == 1
+    found = [Quality(scale=scale, averages=alone) for scale in SCALES]
+    fewer = [count for count in BUDGETS if count < MUCH_LESS * load.splats]
+    found += [Quality(scale=SCALES[-1], splats=count, averages=alone) for count in fewer]
+    least = fewer[-1] if fewer else None
+    return found + [Quality(scale=scale, splats=least, averages=alone) for scale in COARSEST]
+
+
+def _work(quality: Quality, load: Load) -> tuple[float, float]:
+    """Splats of a picture, and pixels of a full one that its own take as long as."""
     samples = load.samples if quality.averages else 1
-    splats = min(load.splats, quality.splats or load.splats)
-    return samples * splats, samples * load.pixels / quality.scale**2
-
-
-def _finest(took: Took, limit: float) -> float:
-    """The finest scale within a limit, or the coarsest."""
-    return next((scale for scale in SCALES if took(scale) <= limit), SCALES[-1])
+    part = min(1.0, quality.splats / load.splats) if quality.splats and load.splats else 1.0
+    pixels = STEADY * part + (1.0 - STEADY) * math.sqrt(part) / quality.scale
+    return samples * part * load.splats, samples * load.pixels * pixels
