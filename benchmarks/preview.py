@@ -229,20 +229,20 @@ def at_random(session: Session, heard: Heard, seconds: float, seed: int = 0) -> 
 
 
 def soak(name: str, seconds: float) -> None:
-    """Drive at random twice: one half settles buffers and kernels, the other must be flat."""
+    """Drive at random in four parts that ask for the same; memory after each must end up flat."""
     heard = Heard()
     session = Session(of_capture(name))
     session.listen(heard)
-    at_random(session, heard, 0.5 * seconds)
-    gc.collect()
-    before = resident_megabytes()
-    count = at_random(session, heard, 0.5 * seconds, seed=1)
-    gc.collect()
-    after = resident_megabytes()
+    count, held = 0, []
+    for _ in range(4):
+        count += at_random(session, heard, 0.25 * seconds)
+        session.look(ViewState(size=SIZE))
+        gc.collect()
+        held.append(f"{resident_megabytes():.0f}")
     session.close()
     print(
-        f"soak {name}, {seconds:g} s: {before:.0f} MB half way, {after:.0f} MB at the end "
-        f"({after - before:+.0f}); {count} states, {len(heard.problems)} problems"
+        f"soak {name}, {seconds:g} s: {', '.join(held)} MB after each quarter; "
+        f"{count} states, {len(heard.problems)} problems"
     )
     for sentence, times in Counter(heard.problems).items():
         print(f"  {times} x {sentence}")
