@@ -14,7 +14,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.preview.document import Document
 from usdsplat.preview.session import Session
-from usdsplat.preview.values import Look, Opened, Picture, Problem
+from usdsplat.preview.values import Look, Opened, Picture, Problem, StageChanged
 
 SOON = 600.0
 """Seconds within which anything happens, kernels compiled."""
@@ -35,6 +35,9 @@ class Heard(Shown):
     def wait(self, is_there) -> None:
         with self._changed:
             assert self._changed.wait_for(lambda: any(map(is_there, self)), SOON)
+
+    def count_of(self, kind: type) -> int:
+        return sum(isinstance(event, kind) for event in self)
 
     def wait_for_final(self, state) -> Picture:
         def is_it(event):
@@ -198,6 +201,35 @@ def test_a_listener_with_a_bug_is_alone_with_it(heard, caplog):
     assert any(isinstance(event, Opened) for event in heard)
     assert answered(session, lambda document: 7) == 7
     session.close(SOON)
+
+
+def test_edits_are_told_and_undoing_them_too_but_not_the_frames_of_a_simulation(session, heard):
+    """Oracle: one `StageChanged` for a task that edits, none for one that does not, nor for what
+    another thread writes with the lock."""
+    session.look(STATE)
+    heard.wait_for_final(STATE)
+
+    def changes() -> list[bool]:
+        return [event.structure for event in heard if isinstance(event, StageChanged)]
+
+    def told(task) -> list[bool]:
+        before = len(changes())
+        answered(session, task)
+        heard.wait(lambda event: heard.count_of(StageChanged) > before)
+        return changes()[before:]
+
+    path = "/World/A"
+    assert len(told(lambda document: document.edits.set_visible(path, False))) == 1
+    assert len(told(lambda document: document.edits.undo())) == 1
+    assert told(lambda document: document.edits.set_active(path, False)) == [True]
+    before = changes()
+    document = answered(session, lambda document: document)
+    with document.lock:
+        number = len(heard.pictures)
+        document.stage.GetPrimAtPath("/World/B").SetActive(False)
+    session.wake()
+    heard.wait(lambda event: len(heard.pictures) > number)
+    assert changes() == before
 
 
 def test_what_cannot_be_opened_is_told(heard):

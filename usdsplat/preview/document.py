@@ -68,6 +68,7 @@ class Document:
             lambda time: Engine(stage, device=device, threads=threads, time=time),
             up_axis=_up_axis(stage),
         )
+        self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
         display = Display(open_device(device, threads=threads))
@@ -81,8 +82,8 @@ class Document:
     def opened(self) -> Opened:
         """What a window should know first."""
         stage = self.stage
-        has_range = stage.HasAuthoredTimeCodeRange()
         with self.lock, self._telling():
+            has_range = stage.HasAuthoredTimeCodeRange()
             return Opened(
                 name=self.path.name if self.path else stage.GetRootLayer().GetDisplayName(),
                 start=stage.GetStartTimeCode() if has_range else 0.0,
@@ -96,7 +97,7 @@ class Document:
     def draw(self, state: ViewState) -> bool:
         """Draw and publish a picture, unless the last one was this; whether a better one follows.
 
-        What has changed on the stage since is told first, once.
+        What has been edited on the stage since is told first, once.
 
         Raises:
             UsdSplatError: If the state asks for what cannot be drawn.
@@ -138,7 +139,10 @@ class Document:
     # --- private ---------------------------------------------------------------------------
 
     def _note_change(self, notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> None:
-        """Remember it, in whatever thread edits the stage: a frame of a simulation is many."""
+        """Remember it. A simulation writes in a thread of its own: its frames are no edits, and
+        panels would do nothing else but ask again."""
+        if threading.get_ident() != self._thread:
+            return
         others = any(path.IsPrimPath() for path in notice.GetResyncedPaths())
         before = self._change is not None and self._change.structure
         self._change = StageChanged(structure=others or before)

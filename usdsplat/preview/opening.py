@@ -11,7 +11,7 @@ from usdsplat.interchange.files import composition_remarks, is_usd, layer_files
 from usdsplat.preview.document import Document
 from usdsplat.preview.simulating.runner import Runner
 from usdsplat.preview.sources import Sources, files_of_capture
-from usdsplat.preview.values import Busy, Event, Problem, StageChanged
+from usdsplat.preview.values import Busy, Event, Problem
 
 
 class _Telling:
@@ -129,7 +129,6 @@ def reload(document: Document) -> tuple[str, ...]:
         if sources is not None:
             sources.forget()
             sources.note(layer_files(document.stage))
-    document.publish(StageChanged(structure=True))
     return tuple(path.name for path in changed)
 
 
