@@ -55,6 +55,7 @@ def test_the_page_and_its_files_and_its_socket_are_served_with_the_token() -> No
         f"http://127.0.0.1:8000/{TOKEN}/",
         "*",
         "/\u00e9/",
+        "/\udce9/",
     ],
 )
 @pytest.mark.parametrize("origins", [(), (f"http://{OWN}",)])

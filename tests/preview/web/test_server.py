@@ -264,6 +264,7 @@ def test_what_a_page_does_is_seen(host: Host) -> None:
         ('{"type": "set_aov", "name": "beauty"}', "expected one of color"),
         ('{"type": "set_setting", "name": "sh_degree", "value": 9}', "0 to 4"),
         ('{"type": "set_setting", "name": "__class__", "value": 9}', "__class__"),
+        ('{"type": "set_setting", "name": "ocio_config", "value": "/etc/passwd"}', "ocio:// name"),
         ('{"type": "set_display", "name": "gamma", "value": [[{}]]}', "gamma"),
         ('{"type": "set_range", "start": 5, "end": 1}', "range: found 5 to 1"),
         ('{"type": "simulate", "action": "run"}', "simulation: found none on the stage"),

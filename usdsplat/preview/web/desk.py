@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
+from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
@@ -142,7 +143,9 @@ class Desk:
             case m.SetAov(name=name):
                 self._set_aov(name)
             case m.SetSetting(name=name, value=value):
-                viewer.set_look(settings=with_value(viewer.state.look.settings, name, value))
+                settings = with_value(viewer.state.look.settings, name, value)
+                _check_names_no_file(settings)
+                viewer.set_look(settings=settings)
             case m.SetDisplay(name=name, value=value):
                 display = with_value(viewer.state.display, name, value)
                 viewer.set_display(**{name: getattr(display, name)})
@@ -340,6 +343,13 @@ def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
     simulation = document.simulation
     status = SimulationStatus(state="none") if simulation is None else simulation.status
     return document.opened(), status
+
+
+def _check_names_no_file(settings: RenderSettings) -> None:
+    """Refuse to read what a page chooses from this machine's disks."""
+    config = settings.ocio_config
+    if config and not config.startswith("ocio://"):
+        raise UsageError("ocio_config", repr(config), "an ocio:// name; files are for $OCIO")
 
 
 def _editors(instance: Any) -> Any:

@@ -94,7 +94,7 @@ class Guard:
                 sentence=f"method: found {method}, expected GET",
             )
         token, _, name = path.partition("?")[0].removeprefix("/").partition("/")
-        if not hmac.compare_digest(token.encode(), self._token):
+        if not hmac.compare_digest(token.encode(errors="replace"), self._token):
             return _refused("URL: found none or another token, expected the terminal's URL")
         origins = list(headers.get_all("Origin"))
         if origins not in ([], [f"http://{hosts[0]}"]) or (name == SOCKET and not origins):
