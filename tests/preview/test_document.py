@@ -14,6 +14,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.pacing import Quality
 from usdsplat.preview.values import Look, StageChanged
@@ -147,6 +148,27 @@ def test_a_coarse_picture_is_the_full_one_with_larger_pixels(document, events, p
     error = abs(blown - fine).mean()
     shifted = abs(blown - np.roll(fine, round(2 * scale), axis=1)).mean()
     assert error < 6 and error < 0.7 * shifted
+
+
+def test_depths_that_were_shown_in_full_while_the_view_moved_are_shown_anew_at_rest(
+    document, events, stage, paced
+):
+    """Oracle: a document that never moved; while it moves nothing is called final."""
+    paced(Quality())
+    state = replace(STATE, look=Look(aov="Z"))
+    drawn_by(document, state)
+    UsdGeom.Xformable(stage.GetPrimAtPath("/World/A")).AddTranslateOp(opSuffix="far").Set(
+        Gf.Vec3d(0, 0, -0.5)
+    )
+    drawn_by(document, replace(state, is_moving=True))
+    drawn_by(document, state)
+    assert [picture.is_final for picture in events.pictures] == [True, False, True]
+    fresh = Document(stage, publish=events.append)
+    drawn_by(fresh, state)
+    fresh.close()
+    _, moving, resting, expected = (picture.image for picture in events.pictures)
+    assert (moving != expected).any()
+    np.testing.assert_array_equal(resting, expected)
 
 
 def test_a_step_between_comes_before_a_full_picture_that_takes_long(document, events, paced):

@@ -137,7 +137,7 @@ class Drawing:
             quality = self._quality(state, wanted, scenes)
             jobs = [_job(state, scene, quality) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
-            if wanted == self._wanted and not reads_stage and self._is_shown(quality):
+            if wanted == self._wanted and not reads_stage and self._is_shown(state, quality):
                 return None
             synced = time.perf_counter()
             if not reads_stage:
@@ -167,7 +167,7 @@ class Drawing:
             camera=scenes[0].camera,
             number=self._number,
             scale=quality.scale,
-            is_final=quality == FULL,
+            is_final=quality == FULL and not state.is_moving,
             splats=stats[0].visible,
             total=stats[0].total,
             milliseconds=milliseconds,
@@ -192,8 +192,11 @@ class Drawing:
         is_same = self.shown is not None and wanted == self._wanted
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
-    def _is_shown(self, quality: Quality) -> bool:
-        return self.shown is not None and self.shown.quality.is_at_least(quality)
+    def _is_shown(self, state: ViewState, quality: Quality) -> bool:
+        """Whether the last picture is as good; at rest, none of a movement is: its ranges lag."""
+        if self.shown is None or (self.shown.picture.state.is_moving and not state.is_moving):
+            return False
+        return self.shown.quality.is_at_least(quality)
 
     def _render(self, jobs: list[_Job]) -> bool:
         """Draw what is not drawn yet; whether all of it had to be."""

@@ -6,7 +6,6 @@ import base64
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -85,9 +84,7 @@ class Seat:
             number = int(shown.get("number", -1))
             if number > after and shown["final"] == "true":
                 picture, asked = self.picture(number), self.session._state
-                # what was final while it moved is not drawn again
-                is_last = asked in (picture.state, replace(picture.state, is_moving=False))
-                if is_last and not asked.is_moving and (accept is None or accept(picture)):
+                if asked == picture.state and (accept is None or accept(picture)):
                     return number
             self.page.wait_for_timeout(20)
         raise AssertionError(f"no such picture; the last one is of {self.session._state}")
