@@ -36,7 +36,7 @@ MIDDLE_MS = 100.0
 """What the picture between may take."""
 SLACK = 1.15
 """How far past what it may take a picture goes before it becomes coarser."""
-EASE = 0.75
+EASE = 0.8
 """A finer scale must take less than this part of what it may."""
 PATIENCE, MOST_PATIENCE = 0.5, 8.0
 """Seconds for which a finer scale must have been affordable."""
@@ -46,6 +46,10 @@ SPLAT_NS, PIXEL_NS = 90.0, 50.0
 """What is expected before anything was drawn."""
 DOUBTED = 2
 """Pictures that it takes to give that up."""
+JUMP = 0.3
+"""By which part work must change to tell what no saving of work saves."""
+BELIEF = 0.5
+"""How far one such change is believed."""
 REGRET = 3.0
 """Seconds within which a finer scale that had to be given up was a mistake."""
 
@@ -82,6 +86,39 @@ class Quality:
 FULL = Quality()
 
 
+class Cost:
+    """What work takes [ms]: so much for each piece of it, and something however little it is.
+
+    The first follows from the last pictures by median. The second shows where the amount of work
+    jumps from one picture to the next, for there the view is still nearly the same.
+
+    Args:
+        guess: What a piece is believed to take before there were pictures.
+    """
+
+    def __init__(self, guess: float) -> None:
+        self._seen: deque[tuple[float, float]] = deque([(1.0, guess)] * DOUBTED, REMEMBERED)
+        self._start: float | None = None
+
+    def learn(self, work: float, took: float) -> None:
+        """Take in one picture."""
+        work = max(work, 1.0)
+        before, _ = self._seen[-1]
+        if before > 1.0 and abs(work - before) > JUMP * before:
+            was = median(ms for amount, ms in self._seen if amount == before)
+            start = (was * work - took * before) / (work - before)
+            start = min(max(start, 0.0), was, took)
+            self._start = (
+                start if self._start is None else self._start + BELIEF * (start - self._start)
+            )
+        self._seen.append((work, took))
+
+    def of(self, work: float) -> float:
+        """What some work will take."""
+        start = self._start or 0.0
+        return start + work * median(max(took - start, 0.0) / amount for amount, took in self._seen)
+
+
 class Pacer:
     """Chooses the quality of each picture of one viewport. Times are in milliseconds.
 
@@ -89,8 +126,7 @@ class Pacer:
     """
 
     def __init__(self) -> None:
-        self._splat_ns: deque[float] = deque([SPLAT_NS] * DOUBTED, REMEMBERED)
-        self._pixel_ns: deque[float] = deque([PIXEL_NS] * DOUBTED, REMEMBERED)
+        self._splats, self._pixels = Cost(1e-6 * SPLAT_NS), Cost(1e-6 * PIXEL_NS)
         self._held: Quality | None = None
         """Of the movement that goes on; None at rest."""
         self._easy_since: float | None = None
@@ -102,13 +138,13 @@ class Pacer:
     def drew(self, quality: Quality, load: Load, *, fixed: float, rest: float) -> None:
         """Learn from a picture: what was done once for each splat took `fixed`, all else `rest`."""
         splats, pixels = _work(quality, load)
-        self._splat_ns.append(1e6 * fixed / max(splats, 1.0))
-        self._pixel_ns.append(1e6 * rest / max(pixels, 1.0))
+        self._splats.learn(splats, fixed)
+        self._pixels.learn(pixels, rest)
 
     def expected(self, quality: Quality, load: Load) -> float:
         """What a picture will take."""
         splats, pixels = _work(quality, load)
-        return 1e-6 * (splats * median(self._splat_ns) + pixels * median(self._pixel_ns))
+        return self._splats.of(splats) + self._pixels.of(pixels)
 
     # --- what comes next -------------------------------------------------------------------
 
