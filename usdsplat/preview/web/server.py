@@ -237,7 +237,7 @@ def _response(status: HTTPStatus, file: File) -> Response:
 
 async def _write(socket: ServerConnection, page: Page) -> None:
     """Tell a page what waits for it, for as long as it is there."""
-    with contextlib.suppress(ConnectionClosed):
+    try:
         while True:
             news, picture = await page.outbox.taken()
             for text in news:
@@ -245,3 +245,8 @@ async def _write(socket: ServerConnection, page: Page) -> None:
             if picture is not None:
                 # encoding takes as long as drawing a small picture, and releases the GIL
                 await socket.send(await asyncio.to_thread(frame, picture))
+    except ConnectionClosed:
+        pass
+    except Exception:  # a page that is told nothing any more had better come again
+        LOG.exception("a bug in the web view")
+        await socket.close(1011)
