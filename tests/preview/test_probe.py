@@ -91,6 +91,13 @@ def test_picking_is_exact_however_coarse_the_picture_is(opened, paced):
     assert {each.element for each in full if each} == {0, 1, 2}
 
 
+def test_what_came_to_the_stage_since_the_picture_counts(opened, stage):
+    """Oracle: the path, although another prim is the first by now."""
+    schema.author(stage, "/Another", replace(balls(), positions=PLACES.astype(np.float32) + 100))
+    assert pick(opened, *pixel(PLACES[0])).path == "/World/Balls"
+    assert probe(opened, *pixel(PLACES[0])).path == "/World/Balls"
+
+
 def test_what_is_near_the_pointer_is_picked_and_what_is_far_is_not(opened):
     """Oracle: the full picture's ids, and distances in pixels."""
     with Engine(opened.stage) as engine:

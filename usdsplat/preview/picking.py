@@ -70,7 +70,7 @@ def pick(document: Document, x: float, y: float) -> Picked | None:
     if at is None:
         return None
     number, index, element = (int(reading.arrays[name][at]) for name in AOVS[:3])
-    path = reading.side.scene.prims[number]
+    path = reading.prims[number]
     splat = _splat(reading.side.scene.engine.render_scene, path, index, element)
     return Picked(
         path=path,

@@ -64,7 +64,7 @@ def probe(document: Document, x: float, y: float) -> Probed | None:
         channels=aov.channels,
         rendered=(red, green, blue, alpha),
         position=vector(at["P"]) if number >= 0 else None,
-        path=reading.side.scene.prims[number] if number >= 0 else "",
+        path=reading.prims[number] if number >= 0 else "",
         element=int(at["elementId"]),
     )
 

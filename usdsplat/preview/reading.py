@@ -24,6 +24,8 @@ class Reading:
     """The side of a comparison that the pixel is on."""
     arrays: Mapping[str, Pixels]
     """Hydra's name of an AOV -> its pixels; shape (rows, columns) or (rows, columns, channels)."""
+    prims: tuple[str, ...]
+    """Paths that primId counts, by now: the stage may be other than in the last picture."""
     x: int
     y: int
     """The pixel, from the viewport's top left."""
@@ -64,7 +66,15 @@ def read(
         engine.set_time(side.scene.time)
     bands = [band.arrays for band in engine.render(view, settings, aovs)]
     arrays = {name: np.concatenate([band[name] for band in bands]) for name in aovs}
-    return Reading(side=side, arrays=arrays, x=column, y=row, row=row - y0, column=column - x0)
+    return Reading(
+        side=side,
+        arrays=arrays,
+        prims=engine.drawn_paths(),
+        x=column,
+        y=row,
+        row=row - y0,
+        column=column - x0,
+    )
 
 
 def vector(numbers: Pixels) -> Vector:
