@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pxr import Sdf, Usd
 
-from tests.preview.simulating.hosts import running, shot
+from tests.preview.simulating.hosts import PATIENCE, running, shot
 from tests.sim.stage.scenes import LIVELY
 from tests.sim.stage.stages import simulation_of
+from usdsplat.preview.simulating.job import Job
 from usdsplat.sim.stage.authoring import author
+from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.overrides import override
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import simulate
+from usdsplat.sim.state import Frame
 
 LAST = 8
 
@@ -98,6 +103,42 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         record = read_record(Sdf.Layer.FindOrOpen(str(target)))
         assert record is not None
         assert record["completedFrames"] == LAST
+
+
+def test_a_recording_begins_when_the_one_before_writes_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: all bytes of a bake that nobody disturbed, and whether the first was over when the
+    second one's files were opened; nobody waited for it."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    writing, may_write = threading.Event(), threading.Event()
+    jobs: list[Job] = []
+    were_over: list[bool] = []
+    write, begin = Bake.write, Bake.open
+
+    def slow(bake: Bake, path: str, frame: Frame) -> None:
+        writing.set()
+        assert may_write.wait(PATIENCE)
+        write(bake, path, frame)
+
+    def noted(*arguments: Any, **options: Any) -> Bake:
+        were_over.extend(job.is_over for job in jobs)
+        return begin(*arguments, **options)
+
+    monkeypatch.setattr(Bake, "write", slow)
+    monkeypatch.setattr(Bake, "open", noted)
+    with running(stage) as (host, runner):
+        runner.record(target)
+        assert writing.wait(PATIENCE)
+        jobs += runner._jobs
+        runner.record(target, force=True)
+        assert runner.is_recording
+        may_write.set()
+        host.wait(lambda event: "frames of" in event.message)
+        assert were_over == [True]
+        assert files(target) == expected
 
 
 def test_a_held_recording_goes_on(tmp_path: Path) -> None:

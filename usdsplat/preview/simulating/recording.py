@@ -25,6 +25,7 @@ class Recording(Job):
         changed: Called when there is something new to say.
         target, frames, resume, force: As `simulate` takes them; None takes the stage's range.
         without: Layers of the session that do not count, by identifier.
+        after: Recordings that were stopped; they may still be writing, to the same files perhaps.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class Recording(Job):
         resume: bool,
         force: bool,
         without: Sequence[str],
+        after: Sequence[Job],
     ) -> None:
         super().__init__(host, device, changed)
         self.target = target
@@ -48,11 +50,14 @@ class Recording(Job):
         self._frames, self._resume, self._force = frames, resume, force
         self._left: Sequence[float] = ()
         self._last = 0.0
+        self._after = after
         # Here, where the caller has the lock: what is recorded is what the user sees.
         self._stage = twin(host.stage, without)
 
     def work(self) -> None:
         """Implements `Job.work`."""
+        for each in self._after:
+            each.join()
         frames = self._frames if self._frames is not None else _range(self._stage)
         self.end = frames[-1]
         self._left = frames

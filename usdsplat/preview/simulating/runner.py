@@ -99,6 +99,11 @@ class Runner:
             message=failed or (recording.message if recording else live.message),
         )
 
+    @property
+    def is_recording(self) -> bool:
+        """Whether a bake has begun and is not over, held or not."""
+        return self._recording is not None and not self._recording.is_over
+
     def run(self) -> None:
         """Begin, or go on; after the last frame or a failure begin anew."""
         self._go_on(float("inf"))
@@ -157,6 +162,7 @@ class Runner:
                 resume=resume,
                 force=force,
                 without=[layer.identifier] if layer else [],
+                after=[each for each in self._jobs if isinstance(each, Recording)],
             )
         self._recording = recording
         self._start(recording)
@@ -191,9 +197,7 @@ class Runner:
 
     def _current(self) -> Job | None:
         """What `run` and `pause` are about."""
-        if self._recording is not None and not self._recording.is_over:
-            return self._recording
-        return self._live
+        return self._recording if self.is_recording else self._live
 
     def _start(self, job: Job) -> None:
         self._jobs = [each for each in self._jobs if not each.is_over]
