@@ -245,3 +245,15 @@ def test_a_document_can_simulate_what_is_on_its_stage(tmp_path, opened):
     assert (with_nothing.stage, with_nothing.path) == (stage, None)
     assert with_nothing.simulation.status.state == "none"
     with_nothing.close()
+
+
+def test_nothing_is_read_again_beneath_a_recording(tmp_path, opened):
+    """Oracle: the sentence, while a recording is held; after a reset it is read."""
+    document, _ = opened(save_shot(tmp_path, {}, count=5))
+    with document.lock:  # so that it is held before it has begun
+        document.simulation.record(tmp_path / "bake.usda", frames=[1.0, 2.0])
+        document.simulation.pause()
+    with pytest.raises(UsageError, match="being recorded"):
+        reload(document)
+    document.simulation.reset()
+    assert reload(document) == ()

@@ -113,8 +113,11 @@ def reload(document: Document) -> tuple[str, ...]:
     A capture is imported anew onto the same stage.
 
     Raises:
+        UsageError: If a simulation is being recorded, which reads the same layers.
         UsdSplatError: If a file cannot be read; everything stays as it was.
     """
+    if document.simulation is not None and document.simulation.is_recording:
+        raise UsageError("reload", "a simulation that is being recorded", "its end, or a Reset")
     sources = document.sources
     changed = _changed(document)
     if sources is not None and sources.is_capture:
