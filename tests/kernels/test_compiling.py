@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numba
@@ -27,6 +28,27 @@ def test_each_compilation_is_heard_of_once():
     assert heard == ["doubled", "doubled"]
     assert doubled(1j) == 2j
     assert heard == ["doubled", "doubled"]
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
+def test_what_another_thread_compiles_is_its_own_business():
+    """Oracle: two windows, of which one compiles, and only that one hears of it."""
+
+    @numba.njit
+    def tripled(x):
+        return 3 * x
+
+    here, there = [], []
+
+    def compiles():
+        with on_compile(there.append):
+            tripled(1)
+
+    with on_compile(here.append):
+        thread = threading.Thread(target=compiles)
+        thread.start()
+        thread.join()
+    assert (here, there) == ([], ["tripled"])
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,9 +15,11 @@ class _Listener(event.Listener):
 
     def __init__(self, callback: Callable[[str], None]) -> None:
         self._callback = callback
+        self._thread = threading.get_ident()
 
     def on_start(self, event: Any) -> None:
-        self._callback(event.data["dispatcher"].py_func.__name__)
+        if threading.get_ident() == self._thread:  # Numba tells everybody of everything
+            self._callback(event.data["dispatcher"].py_func.__name__)
 
     def on_end(self, event: Any) -> None:
         pass
@@ -24,7 +27,8 @@ class _Listener(event.Listener):
 
 @contextmanager
 def on_compile(callback: Callable[[str], None]) -> Iterator[None]:
-    """While the context lasts, call `callback` with the name of each function to be compiled."""
+    """While the context lasts, call `callback` with the name of each function that is compiled in
+    this thread, before it is."""
     with event.install_listener("numba:compile", _Listener(callback)):
         yield
 
