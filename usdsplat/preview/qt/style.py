@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication, QStyleFactory
 
@@ -26,7 +25,6 @@ ROW = 22
 GAP = 6
 LABELS = 118
 """Width of the labels of a panel [pixel]."""
-ICON = QSize(16, 16)
 
 _SHEET = """
 QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 3px; }}
