@@ -101,6 +101,7 @@ class Saving(QObject):
     def write_flipbook(self, path: Path, frames: tuple[float, ...]) -> None:
         """Write frames, with a bar that can be stopped."""
         progress = _Progress(path.name, len(frames), self._window)
+        self._desk.destroyed.connect(progress.deleteLater)  # another stage, or none any more
         reporter = _Reporter(partial(self._desk.bridge.call, progress.setValue))
         state = self._desk.viewer.state
 
@@ -202,6 +203,7 @@ class _Progress(QProgressDialog):
         self.setAutoClose(False)
         self.setAutoReset(False)
         self.canceled.connect(self.stopped.set)
+        self.destroyed.connect(self.stopped.set)
 
 
 class _Reporter:
