@@ -398,6 +398,7 @@ def test_the_numbers_say_what_was_drawn(bench: Bench) -> None:
         splats=182404,
         total=1204331,
         scale=2.0,
+        is_final=False,
         milliseconds={"sort": 1.25, "blend": 8.0, "total": 9.5},
         megabytes=812.4,
         warnings=("one",),

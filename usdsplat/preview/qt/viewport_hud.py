@@ -35,7 +35,7 @@ def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
         ("fps", "–" if rate is None else f"{rate:.0f}"),
         ("draw", f"{total:.1f} ms"),
         *(("  " + name, f"{times[name]:.1f}") for name in times if name in longest),
-        ("quality", "full" if picture.scale == 1.0 else f"1 : {picture.scale:g}"),
+        ("quality", "full" if picture.is_final else f"1 : {picture.scale:g}"),
         ("size", f"{width} × {height}"),
         ("splats", splats),
         ("frame", "default" if state.time is None else f"{state.time:g}"),
