@@ -206,3 +206,13 @@ def test_quality_compares_by_its_worst():
     assert not Quality(splats=10).is_at_least(FULL)
     assert FULL.is_at_least(Quality(splats=10))
     assert not Quality(averages=False).is_at_least(FULL)
+
+
+def test_where_nothing_is_affordable_quality_is_not_given_away_for_nothing():
+    """Oracle: what cannot be saved takes 100 ms, all that can be 10 ms: no picture is worth it."""
+    load = Load(pixels=960 * 720, splats=1000)
+    pacer = Pacer()
+    for number in range(12):
+        quality = pacer.moving(0.1 * number, load)
+        pacer.drew(quality, load, fixed=100.0, rest=10.0 / quality.scale)
+    assert quality == FULL

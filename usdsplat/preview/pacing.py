@@ -28,12 +28,15 @@ COARSEST = (4.0, 6.0)
 """Scales where no more splats can be left out."""
 STEADY = 0.2
 """Part of what pixels take that no scale saves: as measured, the rest goes with 1 / scale."""
-MOVING_MS = 30.0
+MOVING_MS = 35.0
 """What a picture may take while the view moves."""
 RESTING_MS = 150.0
 """What the full picture may take to be drawn at once when the view rests."""
 MIDDLE_MS = 100.0
 """What the picture between may take."""
+WORTH = 1.3
+"""Times the least possible that a picture may take where nothing is affordable: coarser ones would
+save too little to be seen so."""
 SLACK = 1.15
 """How far past what it may take a picture goes before it becomes coarser."""
 EASE = 0.8
@@ -179,18 +182,20 @@ class Pacer:
     # --- private ---------------------------------------------------------------------------
 
     def _best(self, choices: Sequence[Quality], limit: float, load: Load) -> Quality:
-        """The first that is affordable, or the last."""
-        found = (each for each in choices if self.expected(each, load) <= limit)
-        return next(found, choices[-1])
+        """The first that is affordable; where none is, the first that takes little more than the
+        last."""
+        least = self.expected(choices[-1], load)
+        limit = limit if least <= limit else WORTH * least
+        return next(each for each in choices if self.expected(each, load) <= limit)
 
     def _give_up(self, now: float, held: Quality, choices: list[Quality], load: Load) -> None:
         """Go on with less, and be slower to ask for more again if that was a mistake."""
-        worse = choices[choices.index(held) + 1 :]
-        if not worse:
+        best = self._best(choices, MOVING_MS, load)
+        if choices.index(best) <= choices.index(held):
             return
         if now - self._raised_at < REGRET:
             self._patience = min(2.0 * self._patience, MOST_PATIENCE)
-        self._held, self._easy_since = self._best(worse, MOVING_MS, load), None
+        self._held, self._easy_since = best, None
 
     def _maybe_raise(self, now: float, better: Quality, load: Load) -> None:
         """Go on with more when it has been affordable for long enough."""
