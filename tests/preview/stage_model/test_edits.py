@@ -393,3 +393,16 @@ def test_a_simulation_below_the_session_stays_when_edits_are_taken_back():
     edits.undo()
     assert stage.GetAttributeAtPath("/World/Ball.radius").Get() == 8.0
     assert frames.ExportToString() == text
+
+
+def test_undoing_what_a_child_says_leaves_its_parent_as_somebody_else_made_it():
+    """Oracle: a person's expectation: a step takes back itself, and nothing of others."""
+    stage = rich()
+    edits = Edits(stage)
+    edits.set_visible("/World", True)  # the session says something of the parent before
+    edits.set_value("/World/Ball.radius", 3.0)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        stage.GetPrimAtPath("/World").SetActive(False)
+    edits.undo()
+    assert not stage.GetPrimAtPath("/World").IsActive()
+    assert stage.GetSessionLayer().GetAttributeAtPath("/World/Ball.radius") is None

@@ -42,7 +42,9 @@ def save_camera(
     """
     check_camera(spec)
     path = _free(edits.stage, camera_path(name))
-    with edits.step(f"Save {path.name}", str(path)):
+    above = [edits.stage.GetPrimAtPath(each) for each in path.GetPrefixes()[:-1]]
+    made = [str(prim.GetPath()) for prim in above if prim and not prim.IsDefined()]
+    with edits.step(f"Save {path.name}", *made, str(path)):  # to define one defines those above
         author_camera(edits.stage, path, spec, time=time)
     return str(path)
 

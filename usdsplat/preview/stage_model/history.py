@@ -17,7 +17,7 @@ _MOST = 500
 
 
 class Snapshot:
-    """What a layer says at some paths and, of prims, above them; children are not looked at.
+    """What a layer says at some paths, and whether it says anything of prims above them.
 
     Args:
         layer: Is not changed.
@@ -47,7 +47,7 @@ class Snapshot:
                 _copy(layer, self._stash, path)
                 self._copied.append(path)
                 seen.add(path)
-            else:
+            elif path in self.paths:
                 self._fields[path] = _fields(spec)
         self._copied = _in_order(layer, self._copied)
 
