@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tests.preview.documents import STATE, alone, drawn_by
+from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.document import Document
+from usdsplat.preview.probe import probe
 from usdsplat.preview.values import Look
 
 
@@ -77,3 +80,31 @@ def test_the_engine_of_a_comparison_is_closed_when_it_ends(stage, events, monkey
         assert len(alive) == count
     document.close()
     assert not alive
+
+
+def test_a_playhead_that_crosses_the_time_of_a_comparison_opens_nothing_anew(
+    document, events, monkeypatch
+):
+    """Oracle: engines that were opened, counted, and the right halves, which are all alike."""
+    opened = []
+    open_ = Engine.__init__
+    monkeypatch.setattr(
+        Engine, "__init__", lambda self, *a, **o: (opened.append(1), open_(self, *a, **o))[1]
+    )
+    for time in (1.0, 6.0, 2.0):
+        drawn_by(document, replace(STATE, time=time, other=Look(time=6.0)))
+    assert len(opened) == 1
+    first, *others = (picture.image[:, 32:] for picture in events.pictures)
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+
+
+def test_nobody_reads_pixels_with_an_engine_that_is_closed(document):
+    """Oracle: a person's expectation; the picture that ends the comparison cannot be drawn."""
+    drawn_by(document, replace(STATE, time=1.0, other=Look(time=6.0), wipe=0.0))
+    assert probe(document, 10, 10) is not None
+    with pytest.raises(UsdSplatError):
+        document.draw(replace(STATE, camera="/Nowhere"))
+    assert probe(document, 10, 10) is None
+    drawn_by(document, STATE)
+    assert probe(document, 10, 10) is not None

@@ -130,7 +130,10 @@ class Drawing:
         began = time.perf_counter()
         with ExitStack() as holding:
             holding.enter_context(lock)
-            scenes = self._scenes.synced(state)
+            try:
+                scenes = self._scenes.synced(state)
+            finally:
+                self._forget_closed()
             found = outlines(scenes[0].engine, state.selected)
             warnings = scenes[0].engine.warnings
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
@@ -181,6 +184,11 @@ class Drawing:
         return picture
 
     # --- private ---------------------------------------------------------------------------
+
+    def _forget_closed(self) -> None:
+        """Nobody shall read what was shown with an engine that has been closed since."""
+        if self.shown and not all(self._scenes.has(side.scene) for side in self.shown.sides):
+            self.shown = None
 
     def _quality(
         self, state: ViewState, wanted: tuple[Any, ...], scenes: tuple[Scene, ...]

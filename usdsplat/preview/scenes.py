@@ -23,6 +23,8 @@ class Scene:
     """One look at an engine that has been synced."""
 
     engine: Engine
+    number: int
+    """Of the engine: no two have the same, one after the other either."""
     look: Look
     time: float | None
     """[time code]"""
@@ -37,7 +39,7 @@ class Scene:
     @property
     def place(self) -> tuple[Any, ...]:
         """Equal while what is there, and what sees it, are the same."""
-        return id(self.engine), self.version, self.time, self.camera
+        return self.number, self.version, self.time, self.camera
 
     @property
     def subject(self) -> Box | None:
@@ -64,6 +66,7 @@ class Scenes:
         self._engine = engine
         self._open = open_engine
         self._other: Engine | None = None
+        self._count = 0
         self._up_axis = up_axis
         self._reach: dict[Engine, Reach] = {}
         self._framed: tuple[tuple[Any, ...], CameraSpec] | None = None
@@ -74,6 +77,10 @@ class Scenes:
             self._other.close()
             self._reach.pop(self._other, None)
             self._other = None
+
+    def has(self, scene: Scene) -> bool:
+        """Whether the engine of a scene is still open."""
+        return scene.engine in (self._engine, self._other)
 
     def synced(self, state: ViewState) -> tuple[Scene, ...]:
         """Bring the engines to what a state looks at; return a scene, or both of a comparison.
@@ -86,11 +93,11 @@ class Scenes:
             self.close()
             return (self._scene(state, state.look, self._engine),)
         if _kept(state, state.look) == _kept(state, state.other):
-            self.close()
-            other = self._engine
+            other = self._engine  # the other one stays: a playhead only crosses its time
         else:
             if self._other is None:
                 self._other = self._open(_time(state, state.other))
+                self._count += 1
             other = self._other
         return (
             self._scene(state, state.look, self._engine),
@@ -107,6 +114,7 @@ class Scenes:
         layout = scene.draw_list()
         return Scene(
             engine=engine,
+            number=0 if engine is self._engine else self._count,
             look=look,
             time=engine.time,
             camera=self._camera(state, engine),
