@@ -108,9 +108,10 @@ function showHud(header) {
   const count = (number) => number.toLocaleString("en");
   const { total, ...stages } = header.milliseconds;
   at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats`;
-  const scale = header.scale > 1 ? ` · ${header.width} × ${header.height}, 1/${short(header.scale)}` : ` · ${header.width} × ${header.height}`;
+  const quality = header.is_final ? "full" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
+  const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
-  at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${scale}`;
+  at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${size}`;
   at("speed").title = Object.entries(stages).map(([name, ms]) => `${name} ${ms} ms`).join("\n");
   at("machine").textContent = `${header.device} · ${count(Math.round(header.megabytes))} MB`;
   at("warnings").replaceChildren(...header.warnings.slice(0, 4).map((text) => made("li", { textContent: text })));
