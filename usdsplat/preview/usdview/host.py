@@ -21,7 +21,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import document_of
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.bridge import Bridge
-from usdsplat.preview.qt.save_dialogs import USD, ask_name
+from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.usdview.following import Following
@@ -188,7 +188,7 @@ class Host(QObject):
         """Ask for a file, and record the simulation to it."""
         if self._view is not None and self._view.workspace is not None:
             simulation = self._view.workspace.simulation
-            ask_name(simulation, "Record to a bake", USD, "bake.usdc", simulation.record_to)
+            ask_name(simulation, "Record to a bake", BAKES, "bake.usda", simulation.record_to)
 
     def _end(self) -> None:
         """Let go of the stage, and of everything that was drawn of it."""
