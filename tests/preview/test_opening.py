@@ -257,3 +257,17 @@ def test_nothing_is_read_again_beneath_a_recording(tmp_path, opened):
         reload(document)
     document.simulation.reset()
     assert reload(document) == ()
+
+
+def test_what_frames_everything_frames_anew_after_a_reload(opened, capture):
+    """Oracle: the capture is another; a document that is opened now frames it so."""
+    document, _ = opened(capture)
+    document.draw(ViewState(size=(40, 30)))
+    before = document.shown.picture.camera
+    formats.write(random_cloud(2, n=10), capture.with_name("next.ply"))
+    write(capture, capture.with_name("next.ply").read_bytes())
+    reload(document)
+    document.draw(ViewState(size=(40, 30)))
+    fresh, _ = opened(capture)
+    fresh.draw(ViewState(size=(40, 30)))
+    assert document.shown.picture.camera == fresh.shown.picture.camera != before

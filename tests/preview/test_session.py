@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
@@ -12,9 +13,10 @@ from pxr import Sdf, Usd, UsdGeom
 from tests.preview.documents import STATE, Shown, alone, animated
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
+from usdsplat.preview.compiling import COMPILING
 from usdsplat.preview.document import Document
 from usdsplat.preview.session import Session
-from usdsplat.preview.values import Look, Opened, Picture, Problem, StageChanged
+from usdsplat.preview.values import Busy, Look, Opened, Picture, Problem, StageChanged
 
 SOON = 600.0
 """Seconds within which anything happens, kernels compiled."""
@@ -365,3 +367,14 @@ def test_two_sessions_draw_what_each_draws_alone():
     for one, two in zip(found, expected, strict=True):
         for image, own in zip(one, two, strict=True):
             np.testing.assert_array_equal(image, own)
+
+
+def test_a_task_that_compiles_says_so(stage):
+    """Oracle: the task calls a function that nobody has compiled yet."""
+    heard, done = Heard(), threading.Event()
+    session = Session(lambda publish: Document(stage, publish=publish))
+    session.listen(heard)
+    session.ask(lambda document: numba.njit(lambda x: x + 2)(1), lambda found: done.set())
+    assert done.wait(SOON)
+    session.close()
+    assert heard[heard.index(COMPILING) + 1] == Busy(what="")

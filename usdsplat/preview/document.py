@@ -7,8 +7,7 @@ simulation, which takes `lock` for as long as it reads or writes it.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,15 @@ from pxr import Tf, Usd, UsdGeom
 
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
-from usdsplat.kernels.compiling import on_compile
 from usdsplat.kernels.device import open_device
 from usdsplat.preview import boxes
+from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
 from usdsplat.preview.drawing import Drawing, Shown
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Busy, Event, Opened, StageChanged, ViewState
+from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
 
 SIMULATION = "SplatSim"
 """Type of the prims that simulate."""
@@ -82,7 +81,7 @@ class Document:
     def opened(self) -> Opened:
         """What a window should know first."""
         stage = self.stage
-        with self.lock, self._telling():
+        with self.lock, telling(self.publish):
             has_range = stage.HasAuthoredTimeCodeRange()
             return Opened(
                 name=self.path.name if self.path else stage.GetRootLayer().GetDisplayName(),
@@ -105,7 +104,7 @@ class Document:
         change, self._change = self._change, None
         if change is not None:
             self.publish(change)
-        with self._telling():
+        with telling(self.publish):
             picture = self._drawing.draw(state, self.lock, self._outlines)
         if picture is None:
             return False
@@ -123,6 +122,10 @@ class Document:
                 return self.engine.render_scene.subject()
             corners = [corner for path in paths for corner in self._outline(self.engine, path)]
         return boxes.around(corners)
+
+    def frame_anew(self) -> None:
+        """Let the camera that frames everything look where everything is now."""
+        self._scenes.frame_anew()
 
     def close(self) -> None:
         """Let go of everything."""
@@ -168,23 +171,6 @@ class Document:
             return ()
         points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
         return tuple((point[0], point[1], point[2]) for point in points)
-
-    @contextmanager
-    def _telling(self) -> Iterator[None]:
-        """Say so while kernels are being compiled."""
-        names: list[str] = []
-
-        def compiling(name: str) -> None:
-            if not names:
-                self.publish(Busy(what="compiling kernels, once for this machine"))
-            names.append(name)
-
-        try:
-            with on_compile(compiling):
-                yield
-        finally:
-            if names:
-                self.publish(Busy(what=""))
 
 
 def _up_axis(stage: Usd.Stage) -> Any:

@@ -147,7 +147,7 @@ class Drawing:
                 holding.close()
             self._wanted = None
             with compile_time() as compiled:
-                is_new = self._render(jobs)
+                new = self._render(jobs)
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
         ]
@@ -155,8 +155,8 @@ class Drawing:
         image = self._composed(state, sides, quality)
         ended = time.perf_counter()
         stats = [each.stats for each in self._drawn.values()]
-        milliseconds = _added(each.wall_ms for each in stats)
-        if is_new and not compiled():
+        milliseconds = _added(each.wall_ms for each in new)
+        if len(new) == len(stats) and not compiled():
             self._learn(quality, milliseconds, 1e3 * (ended - drawn), _load(state, scenes))
         milliseconds |= {
             "sync": 1e3 * (synced - began),
@@ -206,23 +206,23 @@ class Drawing:
             return False
         return self.shown.quality.is_at_least(quality)
 
-    def _render(self, jobs: list[_Job]) -> bool:
-        """Draw what is not drawn yet; whether all of it had to be."""
+    def _render(self, jobs: list[_Job]) -> list[FrameStats]:
+        """Draw what is not drawn yet; what that took."""
         asked: dict[tuple[Any, ...], tuple[_Job, tuple[str, ...]]] = {}
         for job in jobs:
             before = asked[job.key][1] if job.key in asked else ()
             asked[job.key] = job, tuple(dict.fromkeys((*before, *job.aovs)))
         known, self._drawn = self._drawn, {}
-        count = 0
+        new = []
         for key, (job, aovs) in asked.items():
             have = known.get(key)
             if have is None or not set(aovs) <= have.arrays.keys() or job.reads_stage:
                 engine = job.scene.engine
                 arrays = engine.picture(job.view, job.settings, aovs, sync=False)
                 have = _Drawn(arrays, engine.stats)
-                count += 1
+                new.append(have.stats)
             self._drawn[key] = have
-        return count == len(asked)
+        return new
 
     def _composed(self, state: ViewState, sides: list[Side], quality: Quality) -> Image:
         """Both sides of a comparison beside each other, or the only one."""

@@ -110,7 +110,7 @@ def document_of(
 def reload(document: Document) -> tuple[str, ...]:
     """Read again what has changed on disk; a user's edits stay. Returns the names of the files.
 
-    A capture is imported anew onto the same stage.
+    A capture is imported anew onto the same stage. A camera that frames everything frames anew.
 
     Raises:
         UsageError: If a simulation is being recorded, which reads the same layers.
@@ -132,6 +132,7 @@ def reload(document: Document) -> tuple[str, ...]:
         if sources is not None:
             sources.forget()
             sources.note(layer_files(document.stage))
+    document.frame_anew()
     return tuple(path.name for path in changed)
 
 

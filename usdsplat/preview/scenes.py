@@ -82,6 +82,10 @@ class Scenes:
         """Whether the engine of a scene is still open."""
         return scene.engine in (self._engine, self._other)
 
+    def frame_anew(self) -> None:
+        """Let the camera that frames everything look where everything is now."""
+        self._framed = None
+
     def synced(self, state: ViewState) -> tuple[Scene, ...]:
         """Bring the engines to what a state looks at; return a scene, or both of a comparison.
 

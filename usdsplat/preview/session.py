@@ -19,6 +19,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.compiling import telling
 from usdsplat.preview.document import Document
 from usdsplat.preview.values import Event, Problem, ViewState
 
@@ -207,7 +208,7 @@ class Session:
         failed: Callable[[UsdSplatError], None],
     ) -> None:
         try:
-            with document.lock:
+            with telling(document.publish), document.lock:
                 result = task(document)
         except UsdSplatError as error:
             failed(error)

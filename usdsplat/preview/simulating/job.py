@@ -12,6 +12,7 @@ from pxr import Usd
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.preview.compiling import telling
 from usdsplat.preview.simulating.gate import Gate, GatedDevice, Reading, Stopped
 from usdsplat.preview.values import Event
 
@@ -41,7 +42,8 @@ class Job(ABC):
         self.failure = ""
         """Why it does not go on, a sentence."""
         self.is_over = False
-        self._host, self._changed = host, changed
+        self._host, self._tell = host, changed
+        self._compiled: Callable[[], None] = lambda: None
         self._reading = Reading(host.lock, self.gate)
         self._device = GatedDevice(device, self.gate)
         self._thread = threading.Thread(target=self._run, name="usdsplat simulation", daemon=True)
@@ -60,7 +62,8 @@ class Job(ABC):
 
     def _run(self) -> None:
         try:
-            self.work()
+            with telling(self._host.publish) as self._compiled:
+                self.work()
         except Stopped:
             self.is_over = True
             return
@@ -71,3 +74,8 @@ class Job(ABC):
             self.failure = "simulation: found a bug, expected none; see the terminal"
         self.is_over = True
         self._changed()
+
+    def _changed(self) -> None:
+        """There is something new to say."""
+        self._compiled()
+        self._tell()
