@@ -13,6 +13,7 @@ from tests.preview.simulating.hosts import PATIENCE, running, shot
 from tests.sim.stage.scenes import LIVELY
 from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.simulating.job import Job
+from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.overrides import override
@@ -176,3 +177,30 @@ def test_what_cannot_be_recorded_is_a_sentence(tmp_path, frames, name, sentence)
         assert sentence in host.until("failed").message
         runner.step()
         assert host.reached(1.0).message == ""
+
+
+def test_a_recording_reads_the_stage_under_its_lock_alone(tmp_path: Path, monkeypatch) -> None:
+    """Oracle: whether another thread could take the lock while the stage was read."""
+    stage = shot(tmp_path, {}, last=2)
+    target, alone = place(stage, "preview"), []
+    with running(stage) as (host, runner):
+
+        def watched(read):
+            def reading(*args, **options):
+                thread = threading.Thread(target=take)
+                thread.start()
+                thread.join()
+                return read(*args, **options)
+
+            return reading
+
+        def take() -> None:
+            alone.append(not host.lock.acquire(blocking=False))
+            if not alone[-1]:
+                host.lock.release()
+
+        monkeypatch.setattr(simulating, "parameter_hash", watched(simulating.parameter_hash))
+        monkeypatch.setattr(simulating.Bake, "open", watched(Bake.open))
+        runner.record(target)
+        host.wait(lambda event: "frames of" in event.message)
+    assert alone == [True, True]

@@ -7,6 +7,7 @@ import importlib.metadata
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from pxr import Ar, Sdf, Usd, Vt
 from usdsplat import __version__
 from usdsplat.core.errors import StageError
 from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """The dictionary in customData and customLayerData, "usdsplat:bake" as USD spells it."""
@@ -119,25 +121,32 @@ def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
     return total.hexdigest()
 
 
-def input_hash(stage: Usd.Stage, without: Iterable[str] = ()) -> tuple[str, ...]:
+def input_hash(
+    stage: Usd.Stage,
+    without: Iterable[str] = (),
+    *,
+    reading: AbstractContextManager[Any] = UNGUARDED,
+) -> tuple[str, ...]:
     """SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
 
     Args:
         stage: Its layers that are on disk count as files, edits in memory as text.
         without: Identifiers of layers that do not count.
+        reading: Entered while the stage is read; files, which may be large, are read without.
     """
-    root = Path(stage.GetRootLayer().realPath or ".").parent
     files: set[Path] = set()
     lines = []
     skipped = set(without)
-    for layer in stage.GetUsedLayers():
-        if layer.identifier in skipped:
-            continue
-        if layer.realPath and not layer.dirty:
-            files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
-        elif not layer.empty:
-            digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
-            lines.append((layer.GetDisplayName(), digest))
+    with reading:
+        root = Path(stage.GetRootLayer().realPath or ".").parent
+        for layer in stage.GetUsedLayers():
+            if layer.identifier in skipped:
+                continue
+            if layer.realPath and not layer.dirty:
+                files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
+            elif not layer.empty:
+                digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
+                lines.append((layer.GetDisplayName(), digest))
     for path in files:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()

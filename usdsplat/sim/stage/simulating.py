@@ -233,7 +233,7 @@ def simulate(
         force: Replace a bake that is there.
         progress: Told about each frame.
         remark: Told a sentence about what is left out.
-        reading: Entered while the solver reads the stage, as in `Simulation`.
+        reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated, written or resumed.
@@ -263,16 +263,17 @@ def _simulate(
     began = time.perf_counter()
     simulation = Simulation(stage, frames, device=machine, lap=clock.lap, reading=reading)
     parameters = _common(simulation, frames[0])
-    made_of = _provenance(stage, simulation, frames, parameters, machine)
-    bake = Bake.open(
-        stage,
-        target,
-        baked_fields(simulation),
-        frames,
-        parameters.bake,
-        made_of,
-        resume=resume,
-    )
+    made_of = _provenance(stage, frames, parameters, machine, reading)
+    with reading:
+        bake = Bake.open(
+            stage,
+            target,
+            baked_fields(simulation),
+            frames,
+            parameters.bake,
+            made_of,
+            resume=resume,
+        )
     spent: list[float] = []
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
@@ -340,16 +341,19 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
 
 def _provenance(
     stage: Usd.Stage,
-    simulation: Simulation,
     frames: Sequence[float],
     parameters: Parameters,
     device: CpuDevice,
+    reading: AbstractContextManager[Any],
 ) -> Provenance:
     sim = parameters.sim
-    rate = stage.GetTimeCodesPerSecond()
+    with reading:
+        rate = stage.GetTimeCodesPerSecond()
+        opinions = parameter_hash(stage, frames)
+        edits = stage.GetSessionLayer().identifier
     return Provenance(
-        param_hash=parameter_hash(stage, frames),
-        input_hash=input_hash(stage, without=[stage.GetSessionLayer().identifier]),
+        param_hash=opinions,
+        input_hash=input_hash(stage, without=[edits], reading=reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
