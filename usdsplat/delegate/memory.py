@@ -160,11 +160,21 @@ def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, 
 
 def resident() -> int:
     """Bytes of this process that are in memory now; 0 where the system does not say."""
+    return _said("/proc/self/status", "VmRSS")
+
+
+def free() -> int:
+    """Bytes that programs can still take before others have to give way; 0 where nobody says."""
+    return _said("/proc/meminfo", "MemAvailable")
+
+
+def _said(file: str, name: str) -> int:
+    """A size that Linux says in kibibytes, in bytes; 0 where it does not."""
     try:
-        text = Path("/proc/self/status").read_text()
+        text = Path(file).read_text()
     except OSError:
         return 0
-    line = next((line for line in text.splitlines() if line.startswith("VmRSS")), "VmRSS: 0")
+    line = next((line for line in text.splitlines() if line.startswith(name)), "none: 0")
     return 1024 * int(line.split()[1])
 
 

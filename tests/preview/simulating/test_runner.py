@@ -244,3 +244,10 @@ def test_a_stage_without_a_simulation_says_so() -> None:
         assert runner.status.state == "none"
         runner.run()
         assert "found no SplatSim prim" in host.until("failed").message
+
+
+@pytest.mark.parametrize(("free", "expected"), [(0, 2e9), (1e9, 0.25e9), (64e9, 2e9)])
+def test_frames_take_a_quarter_of_the_free_memory_at_most(monkeypatch, free, expected) -> None:
+    """Oracle: the numbers; 0 is a system that does not say."""
+    monkeypatch.setattr(live_layer, "free", lambda: free)
+    assert live_layer.budget_now() == expected

@@ -40,7 +40,7 @@ class LiveRun(Job):
         device: CpuDevice,
         changed: Callable[[], None],
         *,
-        budget: float,
+        budget: float | None,
         is_paced: bool,
     ) -> None:
         super().__init__(host, device, changed)

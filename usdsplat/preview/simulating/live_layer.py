@@ -18,6 +18,7 @@ import numpy.typing as npt
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat import schema
+from usdsplat.delegate.memory import free
 from usdsplat.schema import tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.parameters import BakeParameters
@@ -30,7 +31,9 @@ Array = npt.NDArray[Any]
 _Type = Sdf.ValueTypeNames
 
 BUDGET = 2_000_000_000
-"""Memory that frames may take [byte]."""
+"""Memory that frames may take [byte], where as much is free."""
+SHARE = 0.25
+"""Of the free memory, that they may take at most."""
 LARGE = 64_000_000
 """Harmonics that take more are stored as half [byte]."""
 _PARAMETERS = BakeParameters(mode="dense", velocities=False)
@@ -63,16 +66,18 @@ class LiveLayer:
     Args:
         stage: Whose session layer gets the new sublayer. It is empty so far, and changes nothing.
         fields: What is simulated.
-        budget: Memory that frames may take [byte]. Two frames are kept in any case.
+        budget: Memory that frames may take [byte]; None is `budget_now`. Two frames are kept in any
+            case.
 
     Raises:
         StageError: If a field cannot be written.
     """
 
     def __init__(
-        self, stage: Usd.Stage, fields: Sequence[BakedField], *, budget: float = BUDGET
+        self, stage: Usd.Stage, fields: Sequence[BakedField], *, budget: float | None = None
     ) -> None:
-        self._stage, self._budget = stage, budget
+        self._stage = stage
+        self._budget = budget_now() if budget is None else budget
         self._plans = {field.path: _plan(stage, field) for field in fields}
         self._sampled = {
             field.path: frozenset(field.writes)
@@ -83,7 +88,8 @@ class LiveLayer:
         self._counted = {field.path: not field.is_fixed for field in fields}
         self._last: dict[tuple[str, str], tuple[Array, Any]] = {}
         self._times: deque[float] = deque()
-        self._sizes: deque[float] = deque()
+        self._sizes: deque[int] = deque()
+        self._size = 0
         self._layer = Sdf.Layer.CreateAnonymous("live.usda")
         self._layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()
         stage.GetSessionLayer().subLayerPaths.insert(0, self._layer.identifier)
@@ -99,9 +105,9 @@ class LiveLayer:
         return (self._times[0], self._times[-1]) if self._times else None
 
     @property
-    def size(self) -> float:
+    def size(self) -> int:
         """Memory that all frames take [byte]."""
-        return sum(self._sizes)
+        return self._size
 
     def made(self, path: str, frame: Frame) -> list[Value]:
         """A field's frame in USD's words; needs no lock, and takes the time."""
@@ -133,7 +139,8 @@ class LiveLayer:
                 self._layer.SetTimeSample(f"{each.path}.{each.name}", time, each.value)
         self._times.append(time)
         self._sizes.append(sum(each.bytes for each in values))
-        while self.size > self._budget and len(self._times) > 2:
+        self._size += self._sizes[-1]
+        while self._size > self._budget and len(self._times) > 2:
             self._forget()
 
     def remove(self) -> None:
@@ -187,9 +194,15 @@ class LiveLayer:
     def _forget(self) -> None:
         """Drop the oldest frame."""
         time = self._times.popleft()
-        self._sizes.popleft()
+        self._size -= self._sizes.popleft()
         for path in sampled(self._layer):
             self._layer.EraseTimeSample(path, time)
+
+
+def budget_now() -> float:
+    """`BUDGET`, or a part of the memory that is free where that is less."""
+    known = free()
+    return min(BUDGET, SHARE * known) if known else BUDGET
 
 
 def _plan(stage: Usd.Stage, field: BakedField) -> Plan:

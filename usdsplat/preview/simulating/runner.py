@@ -18,7 +18,6 @@ from typing import Literal
 from usdsplat.kernels.device import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
-from usdsplat.preview.simulating.live_layer import BUDGET
 from usdsplat.preview.simulating.recording import Recording
 from usdsplat.preview.values import SimulationStatus
 from usdsplat.sim.stage.recipe import find_simulations
@@ -42,6 +41,7 @@ class Runner:
         document: Whose stage is simulated.
         device, threads: As `open_device` takes them.
         budget: Memory that frames on the stage may take [byte]; beyond it the oldest are forgotten.
+            None is 2 GB, or a quarter of what is free when a run begins, if that is less.
         is_paced: Whether a run goes no faster than the stage plays.
 
     Raises:
@@ -55,7 +55,7 @@ class Runner:
         *,
         device: str = "auto",
         threads: int | None = None,
-        budget: float = BUDGET,
+        budget: float | None = None,
         is_paced: bool = True,
     ) -> None:
         self._document = document
