@@ -49,6 +49,7 @@ class FakeDocument:
 
     def __init__(self) -> None:
         self.box: Box | None = BOX
+        self.says = OPENED
         self.asked: list[tuple[str, ...]] = []
         self.edits = FakeEdits()
         self.problems: list[Any] = []
@@ -56,6 +57,10 @@ class FakeDocument:
         self.stage = Usd.Stage.CreateInMemory()
         UsdGeom.Sphere.Define(self.stage, "/Ball").AddTranslateOp().Set((0.5, 0.0, 0.0))
         self.stage.DefinePrim("/Look", "Material")
+
+    def opened(self) -> Opened:
+        """As `Document.opened`."""
+        return self.says
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
         """As `Document.bounds`."""

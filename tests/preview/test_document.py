@@ -55,7 +55,7 @@ def test_display_and_selection_draw_nothing_anew(document, events, monkeypatch):
 
 
 def test_what_changes_on_a_stage_is_told_once_before_its_picture(document, events, stage):
-    """Oracle: values, then prims, then nothing; many edits are one piece of news."""
+    """Oracle: values, then prims, nothing, then the range; many edits are one piece of news."""
     drawn_by(document, STATE)
     events.clear()
     for name in ("A", "B"):
@@ -66,7 +66,13 @@ def test_what_changes_on_a_stage_is_told_once_before_its_picture(document, event
     UsdGeom.Xform.Define(stage, "/World/C")
     drawn_by(document, STATE)
     drawn_by(document, STATE)
-    assert [each.structure for each in events if isinstance(each, StageChanged)] == [False, True]
+    stage.SetEndTimeCode(stage.GetEndTimeCode() + 1)
+    drawn_by(document, STATE)
+    assert [each.structure for each in events if isinstance(each, StageChanged)] == [
+        False,
+        True,
+        True,
+    ]
 
 
 def test_an_edit_of_the_stage_is_seen(document, events, stage):

@@ -7,6 +7,7 @@ import pytest
 from tests.preview.fakes import FakeSession, begun
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.specs import IDENTITY, Matrix
+from usdsplat.preview.values import StageChanged
 from usdsplat.preview.viewer import Viewer
 
 
@@ -30,7 +31,7 @@ def test_the_place_of_the_last_selected_prim_is_known() -> None:
     assert viewer.placement.path == "/Ball"
     assert viewer.placement.matrix == pytest.approx(at(0.5))
     session.document.stage.GetPrimAtPath("/Ball").GetAttribute("xformOp:translate").Set((2, 0, 0))
-    viewer.stage_changed()
+    viewer.stage_changed(StageChanged(structure=False))
     assert viewer.placement.matrix == pytest.approx(at(2.0))
 
 
@@ -70,7 +71,7 @@ def test_only_the_newest_place_waits_for_an_edit_that_goes_on() -> None:
     for x in range(1, 9):
         viewer.place(at(float(x)))
     assert len(session.waiting) == 1
-    viewer.stage_changed()
+    viewer.stage_changed(StageChanged(structure=False))
     session.let()
     session.let()
     assert [matrix for _, matrix, *_ in session.document.edits.moves] == [at(1.0), at(8.0)]
@@ -82,7 +83,7 @@ def test_an_answer_about_another_prim_is_forgotten() -> None:
     """Oracle: a person's expectation: handles are on what is selected."""
     viewer, session = with_ball()
     session.is_held_back = True
-    viewer.stage_changed()
+    viewer.stage_changed(StageChanged(structure=False))
     viewer.select(())
     session.let()
     assert viewer.placement is None

@@ -10,7 +10,7 @@ import pytest
 from tests.preview.fakes import BOX, OPENED, FakeSession, begun, camera_of, picture_of
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.camera import FreeCamera
-from usdsplat.preview.values import Look
+from usdsplat.preview.values import Look, StageChanged
 from usdsplat.preview.viewer import FLIGHT, Viewer
 
 
@@ -194,3 +194,21 @@ def test_a_setting_that_cannot_be_leaves_the_view_as_it_was() -> None:
     with pytest.raises(UsageError):
         viewer.set_display(gamma=0.0)
     assert len(session.states) == told
+
+
+def test_other_prims_bring_other_cameras_and_a_range_only_where_the_stage_has_another() -> None:
+    """Oracle: a person's expectation: what was chosen on the timeline stays, unless the stage says
+    something new."""
+    viewer, session = begun()
+    viewer.timeline.set_range(5.0, 10.0)
+    viewer.set_time(7.0)
+    session.document.says = replace(OPENED, cameras=("/Camera", "/Shot"), has_simulation=True)
+    viewer.stage_changed(StageChanged(structure=False))
+    assert viewer.cameras == ("/Camera",)
+    viewer.stage_changed(StageChanged(structure=True))
+    assert viewer.cameras == ("/Camera", "/Shot") and viewer.has_simulation
+    assert (viewer.timeline.start, viewer.timeline.end, viewer.state.time) == (5.0, 10.0, 7.0)
+    session.document.says = replace(OPENED, end=6.0)
+    viewer.stage_changed(StageChanged(structure=True))
+    assert (viewer.timeline.start, viewer.timeline.end, viewer.state.time) == (1.0, 6.0, 6.0)
+    assert not viewer.has_simulation

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pxr import Tf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
@@ -103,6 +103,8 @@ class Document:
         """
         change, self._change = self._change, None
         if change is not None:
+            if change.structure and self.simulation is not None:
+                self.simulation.look()
             self.publish(change)
         with telling(self.publish):
             picture = self._drawing.draw(state, self.lock, self._outlines)
@@ -146,9 +148,10 @@ class Document:
         panels would do nothing else but ask again."""
         if threading.get_ident() != self._thread:
             return
-        others = any(path.IsPrimPath() for path in notice.GetResyncedPaths())
+        others = any(path.IsAbsoluteRootOrPrimPath() for path in notice.GetResyncedPaths())
+        ranges = Sdf.Path.absoluteRootPath in notice.GetChangedInfoOnlyPaths()
         before = self._change is not None and self._change.structure
-        self._change = StageChanged(structure=others or before)
+        self._change = StageChanged(structure=others or ranges or before)
 
     def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
         found = (self._outline(engine, path) for path in paths)

@@ -131,7 +131,7 @@ class StageChanged:
     """Something on the stage is other than before."""
 
     structure: bool
-    """Whether there may be other prims than before."""
+    """Whether there may be other prims, or another range, than before: `Document.opened` says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,21 +1,16 @@
 """What one user looks at and does with it: a view's state, its timeline and its bookmarks.
 
 A window or a socket holds one, in its own thread, and tells it what happens; it tells the session
-what shall be seen:
+what shall be seen.
 
-    viewer = Viewer(bridge, changed=update_the_panels)
-    viewer.opened(event)
-    viewer.orbit(0.1, 0.0)
-    viewer.end_move()
-
-What goes on by itself - playing, flying, gliding to what was framed - needs a clock: whoever has
-one calls `tick` while `is_ticking`.
+What goes on by itself, such as playing, needs a clock: who has one calls `tick` while `is_ticking`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 from usdsplat.core.knobs import checked
@@ -32,6 +27,7 @@ from usdsplat.preview.values import (
     Opened,
     Picture,
     SimulationStatus,
+    StageChanged,
     ViewState,
 )
 
@@ -69,6 +65,9 @@ class Viewer:
         self.bookmarks: tuple[Bookmark, ...] = ()
         self.cameras: tuple[str, ...] = ()
         """Paths of the stage's."""
+        self.has_simulation = False
+        """Whether there is something on the stage that can be simulated."""
+        self._range = (0.0, 0.0)  # the stage's own; the timeline may have another
         self.up_axis: UpAxis = "Y"
         self.box: Box | None = None
         """Of what there is to see; None until it is known, and where there is nothing."""
@@ -98,17 +97,17 @@ class Viewer:
 
     def opened(self, event: Opened) -> None:
         """Begin with a stage: all of it is framed, at its first time; how it is shown stays."""
-        has_range = event.end > event.start
         self.timeline = Timeline(
             start=event.start, end=event.end, rate=event.rate, current=event.start
         )
         self.cameras, self.up_axis = event.cameras, event.up_axis
+        self.has_simulation, self._range = event.has_simulation, (event.start, event.end)
         self.bookmarks, self.box, self._seen = (), None, None
         self._glide, self.flight = None, (0.0, 0.0, 0.0)
-        self._session.ask(lambda document: document.bounds(), self._keep_box)
+        self._session.ask(lambda document: document.bounds(), partial(setattr, self, "box"))
         self._see(
             camera=None,
-            time=event.start if has_range else None,
+            time=event.start if event.end > event.start else None,
             look=replace(self.state.look, time=None),
             other=None,
             selected=(),
@@ -121,9 +120,11 @@ class Viewer:
         if picture.state.camera == self.state.camera:
             self._seen = picture.camera
 
-    def stage_changed(self) -> None:
-        """Look again where the selected prim is."""
+    def stage_changed(self, event: StageChanged) -> None:
+        """Look again where the selected prim is, and what else there is if there is other."""
         self._follow()
+        if event.structure:
+            self._session.ask(lambda document: document.opened(), self._renew)
 
     def simulated(self, status: SimulationStatus) -> None:
         """Follow a simulation that runs, and have the frames that it made on the timeline."""
@@ -357,6 +358,16 @@ class Viewer:
         for listener in self._listeners:
             listener()
 
+    def _renew(self, event: Opened) -> None:
+        """The same stage has other cameras, simulations or another range, perhaps."""
+        self.cameras, self.has_simulation = event.cameras, event.has_simulation
+        before, self._range = self._range, (event.start, event.end)
+        if self._range != before:
+            self.timeline.set_range(event.start, max(event.start, event.end))
+            self._see(time=self.timeline.current if event.end > event.start else None)
+        else:
+            self._changed()
+
     def _follow(self) -> None:
         path = self.state.selected[-1] if self.state.selected else ""
         self._placing.follow(path, self.state.time)
@@ -381,9 +392,6 @@ class Viewer:
             self._changed()
         else:
             self._see(camera=there)
-
-    def _keep_box(self, box: Box | None) -> None:
-        self.box = box
 
     def _middle(self) -> Vector:
         if self.box is None:

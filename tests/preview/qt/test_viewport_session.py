@@ -47,7 +47,7 @@ class Room:
         self.viewport.resize(320, 240)
         self.bridge.opened.connect(self.viewer.opened)
         self.bridge.picture.connect(self._show)
-        self.bridge.stage_changed.connect(lambda event: self.viewer.stage_changed())
+        self.bridge.stage_changed.connect(self.viewer.stage_changed)
         self.bridge.problem.connect(self.problems.append)
         self.viewport.pick_requested.connect(
             lambda x, y: self.bridge.ask(lambda document: pick(document, x, y), self.picked.append)

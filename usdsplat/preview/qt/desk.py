@@ -11,7 +11,7 @@ from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Picture, Problem
+from usdsplat.preview.values import Picture, Problem, StageChanged
 from usdsplat.preview.viewer import Viewer
 
 GLIDE = 0.25
@@ -89,9 +89,9 @@ class Desk(QObject):
         """Show a sentence as the session's own problems are shown."""
         self.bridge.problem.emit(Problem(sentence=sentence))
 
-    def _stage_changed(self) -> None:
+    def _stage_changed(self, event: StageChanged) -> None:
         self._history.refresh()
-        self.viewer.stage_changed()
+        self.viewer.stage_changed(event)
 
     def _keep(self, picture: Picture) -> None:
         self.picture = picture

@@ -299,6 +299,7 @@ class Window(QMainWindow):
         for purpose, action in self._purposes.items():
             action.setChecked(purpose in state.purposes)
         self._path_note.setText(self.workspace.desk.selected)
+        self._enable_simulation()
 
     def _show_history(self, undoable: str | None, redoable: str | None) -> None:
         for name, word, step in (("undo", "Undo", undoable), ("redo", "Redo", redoable)):
@@ -310,7 +311,11 @@ class Window(QMainWindow):
         for name, action in self.actions_by_name.items():
             if name not in ("undo", "redo"):
                 action.setEnabled(self.workspace is not None or name in ALWAYS)
-        has_simulation = self.workspace is not None and self.workspace.opened.has_simulation
+        self._enable_simulation()
+
+    def _enable_simulation(self) -> None:
+        workspace = self.workspace
+        has_simulation = workspace is not None and workspace.desk.viewer.has_simulation
         for name in ("sim_run", "sim_step", "sim_reset", "sim_record"):
             self.actions_by_name[name].setEnabled(has_simulation)
 

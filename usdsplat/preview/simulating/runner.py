@@ -167,6 +167,13 @@ class Runner:
         self._recording = recording
         self._start(recording)
 
+    def look(self) -> None:
+        """See whether the stage has simulations now; its prims are other than before."""
+        before = self._exists
+        self._look()
+        if self._exists != before:
+            self._tell()
+
     def close(self) -> None:
         """End everything, and wait until it has ended; the stage is as it was."""
         self._end_recording()

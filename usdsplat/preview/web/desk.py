@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
@@ -255,6 +256,7 @@ class Desk:
                 self._ask_parameters()
                 self._bridge.ask(_status, self._heard)
             case StageChanged():
+                self._viewer.stage_changed(event)
                 # of a simulation's own frames there are many, and none of them is a parameter
                 if self._status.state not in ("running", "recording"):
                     self._ask_parameters()
@@ -289,6 +291,13 @@ class Desk:
         """Something of the viewer is other than before."""
         viewer = self._viewer
         state, timeline = viewer.state, viewer.timeline
+        if self._opened is not None:
+            said = replace(
+                self._opened, cameras=viewer.cameras, has_simulation=viewer.has_simulation
+            )
+            if said != self._opened:
+                self._opened = said
+                self._tell_opened()
         self._tell(
             "state",
             {
