@@ -17,7 +17,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview import movie
 from usdsplat.preview.document import Document
-from usdsplat.preview.saving import flipbook, save_image, save_view
+from usdsplat.preview.saving import Flipbook, flipbook, save_image, save_view
 from usdsplat.preview.values import DisplaySettings, Look, ViewState
 
 SIZE = (40, 30)
@@ -147,6 +147,22 @@ def test_a_flipbook_ends_when_it_is_cancelled_and_keeps_what_is_whole(tmp_path, 
     frames = (1.0, 2.0, 3.0)
     files = flipbook(document, STATE, frames, tmp_path / "f.#.png", cancelled=lambda: next(asked))
     assert sorted(os.listdir(tmp_path)) == [file.name for file in files] == ["f.1.png", "f.2.png"]
+
+
+def test_others_have_turns_between_the_frames_of_a_flipbook(tmp_path, document, events):
+    """Oracle: a flipbook alone; and the viewport's listeners see their own picture, in full."""
+    frames, document.publish = (1.0, 2.0), events.append
+    alone = [pixels(file) for file in flipbook(document, STATE, frames, tmp_path / "a.#.png")]
+    assert not events.pictures
+    book = Flipbook(STATE, frames, tmp_path / "b.#.png")
+    while book.turn(document):
+        while document.draw(replace(STATE, time=2.0)):
+            pass
+        assert events.pictures[-1].is_final
+        assert len(events.pictures) >= len(book.files)
+    for file, expected in zip(book.files, alone, strict=True):
+        np.testing.assert_array_equal(pixels(file), expected)
+    assert {picture.state.time for picture in events.pictures} == {2.0}
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,21 @@ class Document:
             return False
         self.publish(picture)
         return not (picture.is_final or state.is_moving)
+
+    def still(self, state: ViewState) -> Shown:
+        """Return the best picture of a state; nobody is shown it.
+
+        Raises:
+            UsdSplatError: If the state asks for what cannot be drawn.
+        """
+        still = replace(state, is_moving=False)
+        with self._telling():
+            while (picture := self._drawing.draw(still, self.lock, self._outlines)) is not None:
+                if picture.is_final:
+                    break
+        assert self.shown is not None
+        self._drawing.forget()
+        return self.shown
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
         """Where to look, in the world at the time that is shown; None if nothing is there.

@@ -116,6 +116,10 @@ class Drawing:
         self._drawn.clear()
         self.shown = self._wanted = None
 
+    def forget(self) -> None:
+        """Have the next picture made in any case: nobody has seen the last one."""
+        self._wanted = None
+
     def draw(self, state: ViewState, lock: threading.RLock, outlines: Outlines) -> Picture | None:
         """Return the next picture; None if the last one is as good.
 

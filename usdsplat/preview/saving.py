@@ -7,7 +7,8 @@ exposure, channel, wipe and background; EXR holds what a compositor wants, linea
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,11 +71,8 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
     path = Path(path)
     if path.suffix.lower() not in (*FORMATS, ".exr"):
         raise _unknown(path, (*FORMATS, ".exr"))
-    shown = _drawn(document, state)
-    if path.suffix.lower() == ".exr":
-        _save_exr(document, shown.sides[0], path)
-        return path
-    return save_image(shown.picture.image, path)
+    _save(document, document.still(state), path)
+    return path
 
 
 def flipbook(
@@ -86,12 +84,12 @@ def flipbook(
     progress: Progress = silent,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> tuple[Path, ...]:
-    """Draw every frame in full, and write a picture of each, or one movie; a task for a session.
+    """Draw every frame in full, and write a picture of each, or one movie.
 
-    Frames that a simulation has made are those that are drawn, for they lie on the stage.
+    As a task for a session it takes as long as all frames: `Flipbook` lets others have turns.
 
     Args:
-        document: Drawn with. Its listeners see each frame as it is drawn.
+        document: Drawn with. Its listeners are not shown the frames.
         state: What is seen, but for the time.
         frames: Time codes, in their order.
         path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
@@ -108,46 +106,79 @@ def flipbook(
         OutputError: If a file cannot be written, or a movie is asked for where there is no ffmpeg.
         UsdSplatError: If a frame cannot be drawn.
     """
-    path = Path(path)
-    if not frames:
-        raise UsageError("frames", "none", "one or more")
-    if path.suffix.lower() in movie.SUFFIXES:
-        return _movie(document, state, frames, path, progress, cancelled)
-    if path.suffix.lower() not in (*FORMATS, ".exr"):
-        raise _unknown(path, (*FORMATS, ".exr", *movie.SUFFIXES))
-    written: list[Path] = []
-    for frame, target in zip(frames, frame_paths(path, frames), strict=True):
-        if cancelled():
-            break
-        written.append(save_view(document, _at(state, frame), target))
-        progress.step(path.name, len(written), len(frames))
-    return tuple(written)
+    book = Flipbook(state, frames, path, progress=progress, cancelled=cancelled)
+    while book.turn(document):
+        pass
+    return book.files
 
 
-def _movie(
-    document: Document,
-    state: ViewState,
-    frames: Sequence[float],
-    path: Path,
-    progress: Progress,
-    cancelled: Callable[[], bool],
-) -> tuple[Path, ...]:
-    """`flipbook` into one file."""
+class Flipbook:
+    """A `flipbook` frame by frame: each turn is a task for a session, and others come between.
 
-    class Cancelled(Exception):
-        """Leaves the movie without a file."""
+    What is not finished when the last reference to it goes leaves no movie.
 
-    rate = document.stage.GetTimeCodesPerSecond()
-    try:
-        with movie.Movie(path, state.size, rate) as target:
-            for i, frame in enumerate(frames):
-                if cancelled():
-                    raise Cancelled
-                target.write(_drawn(document, _at(state, frame)).picture.image)
-                progress.step(path.name, i + 1, len(frames))
-    except Cancelled:
-        return ()
-    return (path,)
+    Args:
+        state, frames, path, progress, cancelled: As `flipbook` takes them.
+    """
+
+    def __init__(
+        self,
+        state: ViewState,
+        frames: Sequence[float],
+        path: Path | str,
+        *,
+        progress: Progress = silent,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.files: tuple[Path, ...] = ()
+        """That were written."""
+        self._state, self._frames, self._path = state, frames, Path(path)
+        self._progress, self._cancelled = progress, cancelled
+        self._turns: Iterator[None] | None = None
+
+    def turn(self, document: Document) -> bool:
+        """Draw and write the next frame; whether there is more to do. Raises what `flipbook` does.
+
+        Args:
+            document: The same one each time.
+        """
+        if self._turns is None:
+            self._turns = self._begun(document)
+        return next(self._turns, self) is not self
+
+    def _begun(self, document: Document) -> Iterator[None]:
+        suffix = self._path.suffix.lower()
+        if not self._frames:
+            raise UsageError("frames", "none", "one or more")
+        if suffix in movie.SUFFIXES:
+            return self._movie(document)
+        if suffix not in (*FORMATS, ".exr"):
+            raise _unknown(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
+        return self._pictures(document, frame_paths(self._path, self._frames))
+
+    def _pictures(self, document: Document, targets: Sequence[Path]) -> Iterator[None]:
+        for frame, target in zip(self._frames, targets, strict=True):
+            if self._cancelled():
+                return
+            _save(document, document.still(_at(self._state, frame)), target)
+            self.files = (*self.files, target)
+            self._progress.step(self._path.name, len(self.files), len(self._frames))
+            yield
+
+    def _movie(self, document: Document) -> Iterator[None]:
+        class Cancelled(Exception):
+            """Leaves the movie without a file."""
+
+        rate = document.stage.GetTimeCodesPerSecond()
+        with suppress(Cancelled):
+            with movie.Movie(self._path, self._state.size, rate) as target:
+                for i, frame in enumerate(self._frames):
+                    if self._cancelled():
+                        raise Cancelled
+                    target.write(document.still(_at(self._state, frame)).picture.image)
+                    self._progress.step(self._path.name, i + 1, len(self._frames))
+                    yield
+            self.files = (self._path,)
 
 
 def _at(state: ViewState, frame: float) -> ViewState:
@@ -155,13 +186,12 @@ def _at(state: ViewState, frame: float) -> ViewState:
     return replace(state, time=frame)
 
 
-def _drawn(document: Document, state: ViewState) -> Shown:
-    """The best picture of a state."""
-    still = replace(state, is_moving=False)
-    while document.draw(still):
-        pass
-    assert document.shown is not None
-    return document.shown
+def _save(document: Document, shown: Shown, path: Path) -> None:
+    """Write a picture, as the suffix says."""
+    if path.suffix.lower() == ".exr":
+        _save_exr(document, shown.sides[0], path)
+    else:
+        save_image(shown.picture.image, path)
 
 
 def _save_exr(document: Document, side: Side, path: Path) -> None:

@@ -109,22 +109,22 @@ class Saving(QObject):
             progress.deleteLater()
             self._desk.complain(str(error))
 
-        def done(files: tuple[Path, ...]) -> None:
+        book = saving.Flipbook(
+            state, frames, path, progress=reporter, cancelled=progress.stopped.is_set
+        )
+
+        def done(has_more: bool) -> None:
+            if has_more:
+                ask()
+                return
             progress.deleteLater()
-            if files:
-                self._said(f"Wrote {files[0].name}{_more(files)}")
+            if book.files:
+                self._said(f"Wrote {book.files[0].name}{_more(book.files)}")
 
-        def task(document: Document) -> tuple[Path, ...]:
-            return saving.flipbook(
-                document,
-                state,
-                frames,
-                path,
-                progress=reporter,
-                cancelled=progress.stopped.is_set,
-            )
+        def ask() -> None:
+            self._desk.bridge.ask(book.turn, done, failed)  # frame by frame: others have turns
 
-        self._desk.bridge.ask(task, done, failed)
+        ask()
 
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
         self._desk.bridge.ask(task, lambda result: self._said(f"Wrote {path.name}"))
