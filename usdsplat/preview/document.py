@@ -121,7 +121,7 @@ class Document:
             UsdSplatError: If the state asks for what cannot be drawn.
         """
         still = replace(state, is_moving=False)
-        with self._telling():
+        with telling(self.publish):
             while (picture := self._drawing.draw(still, self.lock, self._outlines)) is not None:
                 if picture.is_final:
                     break

@@ -193,12 +193,8 @@ class Desk:
             self._heard(Problem(sentence=str(error)))
             self._ask_parameters()  # the page shows what was refused
 
-        self._bridge.ask(
-            task,
-            lambda done: self._ask_parameters(),
-            refused,
-            key=f"set {path} {name}",
-        )
+        # done, the stage has changed, of which the page hears
+        self._bridge.ask(task, failed=refused, key=f"set {path} {name}")
 
     def _edit(self, task: Callable[[Document], str | None], word: str) -> None:
         self._bridge.ask(
@@ -257,9 +253,7 @@ class Desk:
                 self._bridge.ask(_status, self._heard)
             case StageChanged():
                 self._viewer.stage_changed(event)
-                # of a simulation's own frames there are many, and none of them is a parameter
-                if self._status.state not in ("running", "recording"):
-                    self._ask_parameters()
+                self._ask_parameters()
             case SimulationStatus():
                 self._status = event
                 self._tell("simulation", as_json(event))
