@@ -9,7 +9,7 @@ import pytest
 from pxr import Sdf
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMessageBox
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
@@ -17,6 +17,7 @@ from tests.preview.qt.windows import LEFT, opened, press, type_into
 from tests.preview.simulating.hosts import shot
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.sim.stage.provenance import nested
 
 LAST = 4
 
@@ -88,12 +89,40 @@ def test_a_recording_is_a_bake(window: Window, workspace: Workspace, tmp_path: P
     QTest.mouseClick(panel.record, LEFT)
     wait_until(lambda: window.findChildren(QFileDialog))
     dialog = window.findChild(QFileDialog)
+    assert dialog.defaultSuffix() == "usda"
     dialog.findChild(QLineEdit).setText(str(tmp_path / "bake.usda"))
     dialog.accept()
     wait_until(lambda: (tmp_path / "bake.usda").exists())
     wait_until(lambda: panel.status.state != "recording")
     assert Sdf.Layer.FindOrOpen(str(tmp_path / "bake.usda"))
     assert not workspace.problems.sentence
+
+
+@pytest.mark.parametrize(
+    ("is_stopped", "buttons"),
+    [(True, {"Resume", "Replace", "Cancel"}), (False, {"Replace", "Cancel"})],
+)
+def test_what_becomes_of_a_bake_that_is_there_is_asked(
+    workspace: Workspace, tmp_path: Path, is_stopped: bool, buttons: set[str]
+) -> None:
+    """Oracle: the answers that a person would want, and what the runner was asked for."""
+    panel, target = workspace.simulation, tmp_path / "bake.usda"
+    asked: list[dict[str, object]] = []
+    layer = Sdf.Layer.CreateNew(str(target))
+    layer.customLayerData = nested({"checkpoint": "there" if is_stopped else ""})
+    layer.Save()
+    workspace.bridge.ask(
+        lambda document: setattr(
+            document.simulation, "record", lambda path, **options: asked.append(options)
+        )
+    )
+    panel.record_to(target)
+    wait_until(lambda: panel.findChildren(QMessageBox))
+    box = panel.findChild(QMessageBox)
+    assert {button.text().replace("&", "") for button in box.buttons()} == buttons
+    QTest.mouseClick(box.defaultButton(), LEFT)
+    wait_until(lambda: bool(asked) or not is_stopped)
+    assert asked == ([{"resume": True, "force": False}] if is_stopped else [])
 
 
 def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:

@@ -13,6 +13,7 @@ from tests.preview.simulating.hosts import PATIENCE, running, shot
 from tests.sim.stage.scenes import LIVELY
 from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.simulating.job import Job
+from usdsplat.preview.simulating.recording import can_resume
 from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.bake import Bake
@@ -97,13 +98,15 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         runner.reset()
         status = runner.status
         assert status.state == "ready"
-        assert "it can be resumed" in status.message
+        assert "record to it again to resume" in status.message
+        assert can_resume(target)
         runner.record(target, resume=True)
         host.wait(lambda event: "frames of" in event.message)
         assert files(target) == expected
         record = read_record(Sdf.Layer.FindOrOpen(str(target)))
         assert record is not None
         assert record["completedFrames"] == LAST
+        assert not can_resume(target)
 
 
 def test_a_recording_begins_when_the_one_before_writes_no_more(

@@ -64,7 +64,7 @@ def acts_of(window: Window) -> dict[str, Callable[[], Any]]:
         "sim_run": lambda: here().simulation.toggle(),
         "sim_step": lambda: here().simulation.one_step(),
         "sim_reset": lambda: here().simulation.to_start(),
-        "sim_record": window.record,
+        "sim_record": lambda: here().simulation.ask_record(),
         "help": window.show_help,
         "about": window.about,
     }

@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QFileDialog,
     QGridLayout,
     QLabel,
     QLineEdit,
     QListWidget,
+    QMessageBox,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -25,6 +27,8 @@ from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.render_panel import scrolling
+from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
+from usdsplat.preview.simulating.recording import can_resume
 from usdsplat.preview.stage_model import parameters
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.parameters import ParameterPrim
@@ -45,8 +49,6 @@ _WORDS = {
 class SimulationPanel(QWidget):
     """Drives the document's simulation; its prims' parameters are edits of the session layer."""
 
-    record_requested = Signal()
-
     def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._desk = desk
@@ -56,7 +58,7 @@ class SimulationPanel(QWidget):
         self.run = _button("play", "Run", self.toggle)
         self.step = _button("step on", "Step", lambda: self._command("step"))
         self.reset = _button("reset", "Reset", lambda: self._command("reset"))
-        self.record = _button("record", "Record", self.record_requested.emit)
+        self.record = _button("record", "Record", self.ask_record)
         self.record.setIcon(glyph("record", style.WRONG.name()))
         self.record.setToolTip("Simulate on to the end, and write a bake")
         self._state = QLabel()
@@ -119,11 +121,38 @@ class SimulationPanel(QWidget):
         """Forget what was simulated."""
         self._command("reset")
 
+    def ask_record(self) -> None:
+        """Ask for a file, and record to it."""
+        dialog = ask_name(self, "Record to a bake", BAKES, "bake.usda", self.record_to)
+        dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
+
     def record_to(self, path: Path) -> None:
-        """Simulate to the end, and write a bake; whoever chose the file chose to replace it."""
-        self._desk.bridge.ask(partial(_record, path=path))
+        """Simulate to the end, and write a bake; ask first what becomes of a file there."""
+        if not path.exists():
+            self._record(path, resume=False)
+            return
+        self._desk.bridge.ask(
+            lambda document: can_resume(path), partial(self._ask_what_becomes_of, path)
+        )
 
     # --- private ----------------------------------------------------------------------------
+
+    def _ask_what_becomes_of(self, path: Path, goes_on: bool) -> None:
+        words = "is a recording that was stopped" if goes_on else "exists"
+        box = QMessageBox(QMessageBox.Icon.Question, "Record", f"{path.name} {words}.", parent=self)
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        cancel = box.addButton(QMessageBox.StandardButton.Cancel)
+        replace = box.addButton("Replace", QMessageBox.ButtonRole.DestructiveRole)
+        replace.clicked.connect(lambda: self._record(path, resume=False))
+        box.setDefaultButton(cancel)
+        if goes_on:
+            resume = box.addButton("Resume", QMessageBox.ButtonRole.AcceptRole)
+            resume.clicked.connect(lambda: self._record(path, resume=True))
+            box.setDefaultButton(resume)
+        box.open()
+
+    def _record(self, path: Path, *, resume: bool) -> None:
+        self._desk.bridge.ask(partial(_record, path=path, resume=resume))
 
     def _lay_out(self) -> None:
         head = QWidget()
@@ -233,8 +262,8 @@ def _do(document: Document, *, name: str) -> None:
     }[name]()
 
 
-def _record(document: Document, *, path: Path) -> None:
-    _simulation(document).record(path, force=True)
+def _record(document: Document, *, path: Path, resume: bool) -> None:
+    _simulation(document).record(path, resume=resume, force=not resume)
 
 
 def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:

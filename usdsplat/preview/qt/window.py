@@ -31,7 +31,7 @@ from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.message_bar import MessageBar, over
-from usdsplat.preview.qt.save_dialogs import BAKES, Saving, ask_name
+from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
@@ -131,7 +131,6 @@ class Window(QMainWindow):
         self.workspace = workspace
         self.saving = Saving(workspace.desk, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
-        workspace.record_requested.connect(self.record)
         workspace.desk.history_changed.connect(self._show_history)
         workspace.desk.view_changed.connect(self._follow)
         workspace.desk.bridge.picture.connect(lambda picture: self._show_warnings(picture.warnings))
@@ -188,12 +187,6 @@ class Window(QMainWindow):
         dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         dialog.fileSelected.connect(lambda name: self.open(Path(name)))
         dialog.open()
-
-    def record(self) -> None:
-        """Ask for a file, and record the simulation to it."""
-        if self.workspace is not None:
-            record_to = self.workspace.simulation.record_to
-            ask_name(self, "Record to a bake", BAKES, "bake.usda", record_to)
 
     def show_help(self) -> None:
         """Every key."""

@@ -46,7 +46,6 @@ class Workspace(QWidget):
     """
 
     device_chosen = Signal(str)
-    record_requested = Signal()
 
     def __init__(
         self, bridge: Bridge, opened: Opened, *, device: str, parent: QWidget | None = None
@@ -172,7 +171,6 @@ class Workspace(QWidget):
         self.tree.frame_requested.connect(lambda path: desk.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         self.render_panel.device_chosen.connect(self.device_chosen)
-        self.simulation.record_requested.connect(self.record_requested)
 
     def _lay_out(self) -> None:
         self.left = QSplitter(Qt.Orientation.Vertical)

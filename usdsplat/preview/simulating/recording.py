@@ -13,6 +13,7 @@ from usdsplat.images.frames import LIMIT
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
+from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import simulate
 
 
@@ -90,7 +91,17 @@ class Recording(Job):
     def stopped(self) -> str:
         """What is left where it is stopped now, a sentence."""
         done = "before its first frame" if self.frame is None else f"after frame {self.frame:g}"
-        return f"{self.target}: stopped {done}; it can be resumed"
+        return f"{self.target}: stopped {done}; record to it again to resume"
+
+
+def can_resume(target: Path) -> bool:
+    """Whether a bake at a file was stopped after its first checkpoint, and can go on from it."""
+    try:
+        layer = Sdf.Layer.OpenAsAnonymous(str(target), metadataOnly=True)
+    except RuntimeError:  # how pxr says that a file cannot be read
+        return False
+    record = read_record(layer)
+    return record is not None and bool(record.get("checkpoint"))
 
 
 def twin(stage: Usd.Stage, without: Sequence[str]) -> Usd.Stage:

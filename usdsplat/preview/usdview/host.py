@@ -21,7 +21,6 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import document_of
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.bridge import Bridge
-from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.usdview.following import Following
@@ -178,17 +177,10 @@ class Host(QObject):
             return
         workspace = view.workspace = Workspace(view.bridge, event, device=self._device)
         workspace.device_chosen.connect(self.use_device)
-        workspace.record_requested.connect(self._record)
         workspace.viewport.installEventFilter(self)
         view.following = Following(self._api, workspace.desk.viewer)
         for name in self._docks:
             self._fill(name, view.panel(name))
-
-    def _record(self) -> None:
-        """Ask for a file, and record the simulation to it."""
-        if self._view is not None and self._view.workspace is not None:
-            simulation = self._view.workspace.simulation
-            ask_name(simulation, "Record to a bake", BAKES, "bake.usda", simulation.record_to)
 
     def _end(self) -> None:
         """Let go of the stage, and of everything that was drawn of it."""
