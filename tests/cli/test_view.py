@@ -6,7 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import pytest
 
@@ -120,3 +124,36 @@ def test_a_page_is_served_until_ctrl_c(capture):
             process.send_signal(signal.SIGINT)
         assert process.wait(60) == 130
         assert (process.stdout.read(), process.stderr.read()) == ("", "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals and modes of Unix")
+def test_a_browser_is_led_to_the_page_by_a_file_that_nobody_else_reads(capture, tmp_path):
+    """Oracle: what `ps` shows of a browser's arguments has no key in it; the file has, for its
+    owner alone, and is gone in the end."""
+    told = tmp_path / "told"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {told}.part\nmv {told}.part {told}\n')
+    browser.chmod(0o755)
+    command = [sys.executable, "-m", "usdsplat", "view", str(capture), "--web"]
+    environment = {**os.environ, "BROWSER": f"{browser} %s"}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        try:
+            deadline = time.monotonic() + 60
+            while not told.exists():
+                assert time.monotonic() < deadline
+            argument = told.read_text().strip()
+            path = Path(url2pathname(urlsplit(argument).path))
+            assert urlsplit(url).path.strip("/") not in argument
+            assert url in path.read_text()
+            assert (path.stat().st_mode & 0o777, path.parent.stat().st_mode & 0o777) == (
+                0o600,
+                0o700,
+            )
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 130
+        assert not path.parent.exists()

@@ -25,10 +25,12 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -131,12 +133,14 @@ def _serve(open_document: Callable[..., Document], options: Options) -> int:
 
     web = options.browser
 
+    session = Session(lambda publish: open_document(publish=publish))
+    folder = tempfile.TemporaryDirectory(prefix="usdsplat-")  # nobody else may look into it
+
     def ready(url: str) -> None:
         print(url, flush=True)
         if not web.no_open:
-            webbrowser.open(url)
+            webbrowser.open(_way_to(url, Path(folder.name)).as_uri())
 
-    session = Session(lambda publish: open_document(publish=publish))
     try:
         server = serve(
             session,
@@ -154,8 +158,25 @@ def _serve(open_document: Callable[..., Document], options: Options) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     finally:
+        folder.cleanup()
         session.close()
     return 0
+
+
+def _way_to(url: str, folder: Path) -> Path:
+    """A file that leads a browser to an address, for other users can read what it is started with.
+
+    Only who started this can read the file, which is gone in the end.
+    """
+    path = folder / "open.html"
+    address = escape(url, quote=True)
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(
+            '<!doctype html><meta charset="utf-8"><title>usdsplat</title>'
+            f'<meta http-equiv="refresh" content="0; url={address}">'
+            f'<a href="{address}">usdsplat</a>\n'
+        )
+    return path
 
 
 def _check_web(options: Options) -> None:
