@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview.document import Document
+from usdsplat.preview.placement import Newest
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Picture, Problem, StageChanged
@@ -39,6 +40,8 @@ class Desk(QObject):
         self.viewer = Viewer(bridge, changed=self.view_changed.emit, glide=GLIDE)
         self.picture: Picture | None = None
         """The last one that came."""
+        self._drags: dict[str, Newest] = {}
+        """Drags that the stage has not caught up with, by name."""
         self._history = Question(self, self._ask_history)
         bridge.picture.connect(self._keep)
         bridge.simulation.connect(self.viewer.simulated)
@@ -60,23 +63,37 @@ class Desk(QObject):
         step: Callable[[Edits], object],
         *,
         failed: Callable[[], None] = lambda: None,
+        drag: str = "",
     ) -> None:
         """Have a step done to the stage; what cannot be done becomes a problem.
 
         Args:
             step: Given the document's edits, in the session's thread.
             failed: Called after a problem, such as to show the old value again.
+            drag: Names a drag, of whose steps only the last one that waits is done; "" for a step
+                alone.
         """
 
-        def task(document: Document) -> tuple[str | None, str | None]:
-            step(document.edits)
+        def task(document: Document) -> tuple[str | None, str | None] | UsdSplatError:
+            try:
+                step(document.edits)
+            except UsdSplatError as error:
+                return error
             return document.edits.undoable, document.edits.redoable
 
-        def complain(error: UsdSplatError) -> None:
-            self.complain(str(error))
-            failed()
+        def done(result: tuple[str | None, str | None] | UsdSplatError) -> None:
+            if drag in self._drags and not self._drags[drag].is_busy:
+                del self._drags[drag]
+            if isinstance(result, UsdSplatError):
+                self.complain(str(result))
+                failed()
+            else:
+                self.history_changed.emit(*result)
 
-        self.bridge.ask(task, lambda names: self.history_changed.emit(*names), complain)
+        if drag:
+            self._drags.setdefault(drag, Newest(self.bridge)).ask(task, done)
+        else:
+            self.bridge.ask(task, done)
 
     def attempt(self, act: Callable[[], object]) -> None:
         """Do something to the viewer; what cannot be done becomes a problem."""

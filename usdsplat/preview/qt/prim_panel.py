@@ -97,7 +97,8 @@ class PrimPanel(QTabWidget):
         path = f"{self._desk.selected}.{row.name}"
         time = self._desk.time if row.samples else None
         step = partial(_set_value, path=path, value=value, time=time, merge=merge or None)
-        self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True))
+        drag = f"{path} {merge}" if merge else ""
+        self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
         self._question.refresh()
 
     def _show_menu(self, place: QPoint) -> None:

@@ -236,7 +236,8 @@ class SimulationPanel(QWidget):
         prim = self._chosen()
         if prim is not None:
             step = partial(_set, path=prim.path, name=name, value=value, merge=merge or None)
-            self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True))
+            drag = f"{prim.path} {name} {merge}" if merge else ""
+            self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
             self._question.refresh()
 
 
