@@ -149,7 +149,7 @@ class Session:
         try:
             more = self._document.draw(state)
         except UsdSplatError as error:
-            self._complain(error)
+            self._publish(Problem(sentence=str(error), of_picture=True))
             more = False
         return more or self.has_work
 

@@ -157,6 +157,8 @@ class Problem:
     """What could not be done, a sentence; the last good picture stays."""
 
     sentence: str
+    of_picture: bool = False
+    """Whether a picture could not be drawn: the next one takes it back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

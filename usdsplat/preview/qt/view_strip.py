@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QMenu, QPushButton, QWidget
 
 from usdsplat.images.aovs import AOVS
@@ -42,6 +43,7 @@ class ViewStrip(QWidget):
         line = QHBoxLayout(self)
         line.setContentsMargins(8, 4, 8, 4)
         line.setSpacing(6)
+        labels = []
         for word, widget in (
             ("Camera", self.camera),
             ("AOV", self.aov),
@@ -52,12 +54,26 @@ class ViewStrip(QWidget):
                 label = QLabel(word)
                 label.setProperty("role", "quiet")
                 line.addWidget(label)
+                labels.append(label)
             line.addWidget(widget)
             line.addSpacing(style.GAP)
         line.addStretch(1)
         line.addWidget(marks)
+        self._spare: tuple[QWidget, ...] = (*labels, self.exposure, self.channel, marks)
+        """What goes first where there is not room for everything."""
         desk.view_changed.connect(self.follow)
         self.follow()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep what there is room for."""
+        super().resizeEvent(event)
+        line = self.layout()
+        for each in self._spare:
+            each.show()
+        for each in self._spare:
+            if line is None or line.minimumSize().width() <= self.width():
+                break
+            each.hide()
 
     def follow(self) -> None:
         """Show what is so now."""

@@ -26,7 +26,7 @@ from usdsplat.preview.qt.view_strip import ViewStrip
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.stage_model import cameras
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Opened
+from usdsplat.preview.values import Opened, Problem
 
 LOOK_AT_FILES = 2000
 """How often files are looked at for changes [ms]."""
@@ -58,6 +58,7 @@ class Workspace(QWidget):
         self.bookmarks = QMenu("Bookmarks", self)
         self.bookmarks.aboutToShow.connect(self._fill_bookmarks)
         self.problems = MessageBar(is_problem=True)
+        self._of_picture = ""
         self.notices = MessageBar(is_problem=False)
         self.strip = ViewStrip(desk, bookmarks=self.bookmarks)
         self.viewport = Viewport(desk.viewer)
@@ -167,7 +168,8 @@ class Workspace(QWidget):
     def _connect(self) -> None:
         bridge, desk = self.bridge, self.desk
         bridge.picture.connect(self.viewport.show_picture)
-        bridge.problem.connect(lambda problem: self.problems.say(problem.sentence))
+        bridge.picture.connect(lambda picture: self._take_back())
+        bridge.problem.connect(self._say)
         self.tree.frame_requested.connect(lambda path: desk.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         self.render_panel.device_chosen.connect(self.device_chosen)
@@ -235,6 +237,16 @@ class Workspace(QWidget):
                 self.desk.viewer.aim(picked.position)
 
         self.bridge.ask(lambda document: pick(document, x, y), found)
+
+    def _say(self, problem: Problem) -> None:
+        self.problems.say(problem.sentence)
+        self._of_picture = problem.sentence if problem.of_picture else ""
+
+    def _take_back(self) -> None:
+        """A picture has come: what was wrong with the one before is over."""
+        if self._of_picture and self.problems.sentence == self._of_picture:
+            self.problems.clear()
+        self._of_picture = ""
 
     def _failed(self, sentence: str) -> None:
         self.notices.clear()
