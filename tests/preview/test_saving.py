@@ -230,3 +230,23 @@ def test_a_cancelled_movie_is_none(tmp_path, document):
     target = tmp_path / "f.mov"
     assert flipbook(document, STATE, frames, target, cancelled=lambda: next(asked)) == ()
     assert (len(reels[0].frames), reels[0].is_whole) == (1, False)
+
+
+def test_what_the_stage_reads_is_never_replaced(tmp_path, document):
+    """Oracle: the sentence, and the layer as it was."""
+    from pxr import Sdf
+
+    layer = tmp_path / "frames.0001.png.usda"
+    Sdf.Layer.CreateNew(str(layer)).Save()
+    before = layer.read_bytes()
+    target = tmp_path / "frames.0001.png"
+    os.link(layer, target)
+    document.stage.GetRootLayer().subLayerPaths.append(str(layer))
+    for write in (
+        lambda: save_view(document, ViewState(), target),
+        lambda: flipbook(document, ViewState(), (1.0, 2.0), tmp_path / "frames.####.png"),
+    ):
+        with pytest.raises(OutputError, match="a file that is being read, expected another name"):
+            write()
+    assert target.read_bytes() == before
+    assert not (tmp_path / "frames.0002.png").exists()

@@ -24,9 +24,11 @@ from usdsplat.images.camera import camera_metadata
 from usdsplat.images.frames import frame_paths
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.interchange.files import check_not_input, layer_files
 from usdsplat.preview import movie
 from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Shown, Side
+from usdsplat.preview.sources import files_of_capture
 from usdsplat.preview.values import Image, ViewState
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -65,12 +67,13 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
 
     Raises:
         UnknownFormatError: If the suffix is another.
-        OutputError: If the file cannot be written.
+        OutputError: If the file cannot be written, or is one that the stage reads.
         UsdSplatError: If the state cannot be drawn.
     """
     path = Path(path)
     if path.suffix.lower() not in (*FORMATS, ".exr"):
         raise _unknown(path, (*FORMATS, ".exr"))
+    _check_not_read(document, (path,))
     _save(document, document.still(state), path)
     return path
 
@@ -112,6 +115,15 @@ def flipbook(
     return book.files
 
 
+def targets(path: Path, frames: Sequence[float]) -> tuple[Path, ...]:
+    """The files that a flipbook writes.
+
+    Raises:
+        UsageError: If the name has no place for the frames.
+    """
+    return (path,) if path.suffix.lower() in movie.SUFFIXES else frame_paths(path, frames)
+
+
 class Flipbook:
     """A `flipbook` frame by frame: each turn is a task for a session, and others come between.
 
@@ -150,14 +162,16 @@ class Flipbook:
         suffix = self._path.suffix.lower()
         if not self._frames:
             raise UsageError("frames", "none", "one or more")
+        if suffix not in (*FORMATS, ".exr", *movie.SUFFIXES):
+            raise _unknown(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
+        files = targets(self._path, self._frames)
+        _check_not_read(document, files)
         if suffix in movie.SUFFIXES:
             return self._movie(document)
-        if suffix not in (*FORMATS, ".exr"):
-            raise _unknown(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
-        return self._pictures(document, frame_paths(self._path, self._frames))
+        return self._pictures(document, files)
 
-    def _pictures(self, document: Document, targets: Sequence[Path]) -> Iterator[None]:
-        for frame, target in zip(self._frames, targets, strict=True):
+    def _pictures(self, document: Document, files: Sequence[Path]) -> Iterator[None]:
+        for frame, target in zip(self._frames, files, strict=True):
             if self._cancelled():
                 return
             _save(document, document.still(_at(self._state, frame)), target)
@@ -179,6 +193,15 @@ class Flipbook:
                     self._progress.step(self._path.name, i + 1, len(self._frames))
                     yield
             self.files = (self._path,)
+
+
+def _check_not_read(document: Document, files: Sequence[Path]) -> None:
+    """Refuse to replace the layers of the stage, or the capture that it is of."""
+    read = layer_files(document.stage)
+    if document.sources is not None and document.sources.is_capture:
+        read += files_of_capture(document.sources.path)
+    for path in files:
+        check_not_input(path, read)
 
 
 def _at(state: ViewState, frame: float) -> ViewState:

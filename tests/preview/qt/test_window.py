@@ -11,7 +11,15 @@ from pxr import Sdf, Usd, UsdGeom
 from PySide6.QtCore import QEvent, QMimeData, QObject, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QFileDialog, QLineEdit, QSlider, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QComboBox,
+    QFileDialog,
+    QLineEdit,
+    QMessageBox,
+    QSlider,
+    QWidget,
+)
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
@@ -320,6 +328,20 @@ def test_a_flipbook_of_some_frames(window: Window, workspace: Workspace, tmp_pat
     wanted = [f"a.{frame:04}.png" for frame in (1, 2, 3)]
     wait_until(lambda: sorted(path.name for path in tmp_path.iterdir()) == wanted)
     wait_until(lambda: "and 2 more" in window.note)
+
+    (tmp_path / "a.0001.png").write_text("old")
+    press(window, "Ctrl+Shift+F")
+    wait_until(lambda: len(window.findChildren(FlipbookDialog)) == 1)
+    dialog = window.findChild(FlipbookDialog)
+    dialog.name.setText(str(tmp_path / "a.####.png"))
+    dialog.last.show_value(1)
+    dialog.buttons.accepted.emit()
+    (box,) = dialog.findChildren(QMessageBox)
+    assert box.text() == "a.0001.png exists."
+    assert (tmp_path / "a.0001.png").read_text() == "old"
+    replace = next(button for button in box.buttons() if button.text() == "Replace")
+    QTest.mouseClick(replace, LEFT)
+    wait_until(lambda: (tmp_path / "a.0001.png").read_bytes() != b"old")
 
 
 def test_a_dropped_file_opens_here(window: Window, workspace: Workspace, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QFormLayout,
     QLineEdit,
+    QMessageBox,
     QProgressDialog,
     QWidget,
 )
@@ -185,9 +186,31 @@ class FlipbookDialog(QDialog):
 
     def _browse(self) -> None:
         filters = f"{PICTURES};;Movies (*.mp4 *.mov)"
-        ask_name(self, "Flipbook", filters, self.name.text(), lambda to: self.name.setText(str(to)))
+        dialog = ask_name(
+            self, "Flipbook", filters, self.name.text(), lambda to: self.name.setText(str(to))
+        )
+        dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)  # that is asked when all is known
 
     def _accept(self) -> None:
+        """Ask once, if frames are there."""
+        try:
+            files = saving.targets(Path(self.name.text()), self.frames())
+        except UsdSplatError as error:
+            self._complain(str(error))
+            return
+        there = [path for path in files if path.exists()]
+        if not there:
+            self._choose()
+            return
+        words = f"{there[0].name}{_more(tuple(there))} exist{'' if len(there) > 1 else 's'}."
+        box = QMessageBox(QMessageBox.Icon.Question, "Flipbook", words, parent=self)
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        replace = box.addButton("Replace", QMessageBox.ButtonRole.DestructiveRole)
+        replace.clicked.connect(self._choose)
+        box.setDefaultButton(box.addButton(QMessageBox.StandardButton.Cancel))
+        box.open()
+
+    def _choose(self) -> None:
         self.chosen.emit(Path(self.name.text()), self.frames())
         self.accept()
 
