@@ -35,6 +35,8 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.simulation
 	$(BIN)/python -m benchmarks.simulated_frame
 	$(BIN)/python -m benchmarks.bakes
+	$(BIN)/python -m benchmarks.preview --million
+	$(BIN)/python -m benchmarks.preview_ui
 
 clean:
 	rm -rf $(VENV) demo
