@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("PySide6.QtCore")  # the stand-in for usdview has its signals
+# the stand-in for usdview has its signals
+pytest.importorskip("PySide6.QtCore", exc_type=ImportError)
 
 from pxr import Gf, Usd
 

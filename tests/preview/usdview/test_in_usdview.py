@@ -11,7 +11,7 @@ import pytest
 
 from usdsplat.cli.main import main
 
-pytest.importorskip("PySide6.QtWidgets")
+pytest.importorskip("PySide6.QtWidgets", exc_type=ImportError)
 
 
 @pytest.fixture(scope="module")
