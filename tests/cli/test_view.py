@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
@@ -107,13 +109,35 @@ def test_an_address_that_others_reach_has_to_be_wanted(run, capture):
     assert len(err.splitlines()) == 1
 
 
+LISTENING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background has none
+from usdsplat.cli.main import main
+sys.exit(main())
+"""
+
+
+@contextmanager
+def viewing(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of the command, which hears Ctrl-C and does not outlive the test."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", LISTENING, "view", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 def test_a_page_is_served_until_ctrl_c(capture):
     """Oracle: what a browser gets at the address that was printed; 128 + SIGINT, and no word."""
-    command = [sys.executable, "-m", "usdsplat", "view", str(capture), "--web", "--no-open"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with viewing(str(capture), "--web", "--no-open") as process:
         assert process.stdout is not None and process.stderr is not None
         url = process.stdout.readline().strip()
         try:
@@ -134,11 +158,7 @@ def test_a_browser_is_led_to_the_page_by_a_file_that_nobody_else_reads(capture, 
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {told}.part\nmv {told}.part {told}\n')
     browser.chmod(0o755)
-    command = [sys.executable, "-m", "usdsplat", "view", str(capture), "--web"]
-    environment = {**os.environ, "BROWSER": f"{browser} %s"}
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
-    ) as process:
+    with viewing(str(capture), "--web", BROWSER=f"{browser} %s") as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
         try:
