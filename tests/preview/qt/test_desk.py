@@ -30,6 +30,7 @@ def desk(application: QApplication) -> Iterator[Desk]:
         opened=lambda: OPENED,
         simulation=None,
         wake=None,
+        publish=lambda event: None,
         close=lambda: None,
     )
     session = Session(lambda publish: document)  # type: ignore[arg-type, return-value]
