@@ -114,6 +114,7 @@ def room(application: QApplication) -> Iterator[Room]:
 def test_a_drag_turns_the_picture_about_what_was_framed(room: Room) -> None:
     """Oracle: the middle of everything stays where it was seen, and the picture is another."""
     before = room.settle()
+    wait_until(lambda: room.viewer.box is not None)
     box = room.viewer.box
     assert box is not None
     x, y, z = 0.5 * (box[0] + box[1])
