@@ -234,7 +234,8 @@ def _remembered(state: State, key: str, first: float | np.float32) -> F32:
 def _take(state: State, rows: npt.NDArray[np.integer]) -> None:
     """Make rows of all arrays the state's own; `sh` stays `rest_sh` where it was."""
     shared = state.sh is state.rest_sh
-    arrays = {name: a[rows] for name, a in state.per_splat() if not (shared and name == "sh")}
+    # `take` lets other threads run meanwhile, indexing does not
+    arrays = {n: a.take(rows, axis=0) for n, a in state.per_splat() if not (shared and n == "sh")}
     if shared:
         arrays["sh"] = arrays["rest_sh"]
     state.replace_rows(arrays)
