@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.delegate.rendering import lens, picture, random_cloud, scene_of, view_of
+from tests.delegate.rendering import lens, picture, random_cloud, scene_of, settings_of, view_of
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.renderer import Renderer
 from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.kernels.device import open_device
 
 MODES = ("points", "ellipses", "normals")
 SIZE, FOCAL, DEPTH = 200, 200.0, 4.0
@@ -83,6 +85,17 @@ def test_what_never_covers_a_fifth_has_no_ellipse():
     """Oracle: the threshold."""
     color = drawn(splats([(0, 0, 0)], opacity=0.19), display_mode="ellipses")["color"]
     assert not color.any()
+
+
+def test_splats_are_counted_once_with_their_rims():
+    """Oracle: three splats, of which one is too faint for an ellipse."""
+    cloud = splats([(0, 0, 0), (0.3, 0, 0), (0, 0.3, 0)])
+    cloud = replace(cloud, opacities=np.array([0.8, 0.1, 0.8], np.float32))
+    renderer, scene = Renderer(open_device()), scene_of((cloud, np.eye(4)))
+    for mode, count in (("splats", 3), ("points", 3), ("ellipses", 2)):
+        for _ in renderer.render(scene, head_on(), settings_of(display_mode=mode), ("color",)):
+            pass
+        assert (renderer.stats.visible, renderer.stats.total) == (count, 3)
 
 
 def test_normals_are_those_of_the_aov():

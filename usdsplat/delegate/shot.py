@@ -77,7 +77,8 @@ class Shot:
         if mode != "splats":
             scale = view.framing.pixel_scale
             seen = displayed(self.device, self.scratch, seen, mode, scale)
-            self.stats.visible = len(seen.order)
+            if mode == "ellipses":  # each is there twice, once as its rim
+                self.stats.visible = len(seen.order) // 2
             self.clock.lap("display")
         return Prepared(screen, seen, surfaces)
 
