@@ -25,9 +25,7 @@ from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
-
-SIMULATION = "SplatSim"
-"""Type of the prims that simulate."""
+from usdsplat.sim.stage.collections import find_simulations
 
 
 class Document:
@@ -91,7 +89,7 @@ class Document:
                 rate=stage.GetTimeCodesPerSecond(),
                 up_axis=_up_axis(stage),
                 cameras=tuple(self.engine.cameras()),
-                has_simulation=any(prim.GetTypeName() == SIMULATION for prim in stage.Traverse()),
+                has_simulation=bool(find_simulations(stage)),
             )
 
     def draw(self, state: ViewState) -> bool:
