@@ -52,8 +52,6 @@ class FakeDocument:
         self.says = OPENED
         self.asked: list[tuple[str, ...]] = []
         self.edits = FakeEdits()
-        self.problems: list[Any] = []
-        self.publish = self.problems.append
         self.stage = Usd.Stage.CreateInMemory()
         UsdGeom.Sphere.Define(self.stage, "/Ball").AddTranslateOp().Set((0.5, 0.0, 0.0))
         self.stage.DefinePrim("/Look", "Material")
@@ -72,11 +70,12 @@ class FakeSession(Session):
     """Remembers states; does tasks at once, or, held back, when it is let."""
 
     def __init__(self) -> None:
-        super().__init__(lambda publish: None, own_thread=False)  # type: ignore[arg-type]
+        super().__init__(lambda publish: None, own_thread=False)
         self.document = FakeDocument()
         self.states: list[ViewState] = []
-        self.waiting: list[tuple[Callable[[Any], Any], Callable[[Any], None]]] = []
+        self.waiting: list[tuple[Any, Any, Any]] = []
         self.is_held_back = False
+        self.problems: list[str] = []
 
     def look(self, state: ViewState) -> None:
         """Remember what shall be seen."""
@@ -89,16 +88,24 @@ class FakeSession(Session):
         failed: Callable[[UsdSplatError], None] | None = None,
     ) -> None:
         """Do it, or keep it for `let`."""
-        assert failed is None
-        self.waiting.append((task, done))
+        self.waiting.append((task, done, failed or self.complain))
         if not self.is_held_back:
             self.let()
+
+    def complain(self, error: UsdSplatError) -> None:
+        """Remember the sentence."""
+        self.problems.append(str(error))
 
     def let(self) -> None:
         """Do what waits."""
         waiting, self.waiting = self.waiting, []
-        for task, done in waiting:
-            done(task(self.document))
+        for task, done, failed in waiting:
+            try:
+                result = task(self.document)
+            except UsdSplatError as error:
+                failed(error)
+            else:
+                done(result)
 
 
 def picture_of(state: ViewState, **values: Any) -> Picture:
@@ -117,7 +124,7 @@ def picture_of(state: ViewState, **values: Any) -> Picture:
 def begun(**options: object) -> tuple[Viewer, FakeSession]:
     """A viewer that has seen a first picture."""
     session = FakeSession()
-    viewer = Viewer(session, **options)  # type: ignore[arg-type]
+    viewer = Viewer(session, **options)
     viewer.resize(800, 400)
     viewer.opened(OPENED)
     viewer.shown(picture_of(viewer.state))

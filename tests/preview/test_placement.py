@@ -94,9 +94,7 @@ def test_a_prim_that_cannot_be_edited_is_a_problem_and_the_next_drag_goes_on() -
     viewer, session = with_ball()
     session.document.edits.error = StageError("/Ball", "an instance", "a prim of its own")
     viewer.place(at(1.0))
-    assert [str(problem.sentence) for problem in session.document.problems] == [
-        "/Ball: found an instance, expected a prim of its own"
-    ]
+    assert session.problems == ["/Ball: found an instance, expected a prim of its own"]
     session.document.edits.error = None
     viewer.place(at(2.0))
     assert len(session.document.edits.moves) == 1

@@ -22,6 +22,7 @@ import numpy as np
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.framing import conform
+from usdsplat.delegate.memory import resident
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import depends_on_time
@@ -30,7 +31,6 @@ from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
-from usdsplat.preview.process import resident_megabytes
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.values import Image, Look, Picture, ViewState
 
@@ -178,7 +178,7 @@ class Drawing:
             splats=stats[0].visible,
             total=stats[0].total,
             milliseconds=milliseconds,
-            megabytes=resident_megabytes(),
+            megabytes=1e-6 * resident(),
             device=scenes[0].engine.device,
             boxes=found,
             warnings=warnings,

@@ -8,22 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.specs import Matrix
+from usdsplat.preview.newest import Asks, Newest
 from usdsplat.preview.stage_model.placing import transform
-from usdsplat.preview.values import Problem, ViewState
-
-
-class Asks(Protocol):
-    """A session, or a bridge to one that calls `done` in the thread that asked."""
-
-    def look(self, state: ViewState, /) -> None:
-        """Say what shall be seen."""
-
-    def ask(self, task: Callable[[Any], Any], done: Callable[[Any], None], /) -> None:
-        """Have something done with the document."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,36 +22,6 @@ class Placement:
     path: str
     matrix: Matrix
     """Local to world, 16 numbers, row-major, for column vectors."""
-
-
-class Newest:
-    """Asks one thing at a time; of those that wait meanwhile the last one wins."""
-
-    def __init__(self, session: Asks) -> None:
-        self._session = session
-        self._is_asking = False
-        self._next: tuple[Callable[[Any], Any], Callable[[Any], None]] | None = None
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether an answer is to come."""
-        return self._is_asking
-
-    def ask(self, task: Callable[[Any], Any], done: Callable[[Any], None]) -> None:
-        """Have it done, now or after what is being done. The task must not raise."""
-        if self._is_asking:
-            self._next = task, done
-            return
-
-        def answered(result: Any) -> None:
-            self._is_asking = False
-            waiting, self._next = self._next, None
-            if waiting is not None:
-                self.ask(*waiting)
-            done(result)
-
-        self._is_asking = True
-        self._session.ask(task, answered)
 
 
 class Placing:
@@ -99,13 +58,10 @@ class Placing:
             return
         self.placement = Placement(path=path, matrix=matrix)
 
-        def task(document: Any) -> None:
-            try:
-                document.edits.set_transform(path, matrix, time=time, merge=key)
-            except UsdSplatError as error:
-                document.publish(Problem(sentence=str(error)))
-
-        self._moves.ask(task, lambda done: None)
+        self._moves.ask(
+            lambda document: document.edits.set_transform(path, matrix, time=time, merge=key),
+            lambda done: None,
+        )
         self._changed()
 
     def _keep(self, found: Placement | None) -> None:

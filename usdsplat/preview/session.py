@@ -93,8 +93,12 @@ class Session:
         nobody waits for ever.
         """
         with self._changed:
-            self._tasks.append((task, done, failed or self._complain))
+            self._tasks.append((task, done, failed or self.complain))
             self._wake()
+
+    def complain(self, error: UsdSplatError) -> None:
+        """Have an error told as a `Problem`."""
+        self._publish(Problem(sentence=str(error)))
 
     def wake(self) -> None:
         """Say that the stage may have changed."""
@@ -164,7 +168,7 @@ class Session:
             try:
                 more = self.turn()
             except Exception:  # a bug must not take the window with it
-                self._complain(_bug())
+                self.complain(_bug())
                 more = False
             with self._changed:
                 while not (more or self._is_stale or self._tasks or self._is_closing):
@@ -176,7 +180,7 @@ class Session:
             document = self._open(self._publish)
         except UsdSplatError as error:
             self._has_failed = True
-            self._complain(error)
+            self.complain(error)
             return
         except Exception:
             self._has_failed = True
@@ -245,9 +249,6 @@ class Session:
                 listener(event)
             except Exception:  # others want to hear it, and the session goes on
                 LOG.exception("a bug in who listens to the preview")
-
-    def _complain(self, error: UsdSplatError) -> None:
-        self._publish(Problem(sentence=str(error)))
 
 
 def _bug() -> UsdSplatError:

@@ -102,7 +102,7 @@ class Picture:
     milliseconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage, "total" among them."""
     megabytes: float = 0.0
-    """What the process holds."""
+    """What the process holds; 0 where the system does not say."""
     device: str = "cpu"
     boxes: tuple[Corners, ...] = ()
     """Of the selected prims that are somewhere, in the order of `state.selected`."""

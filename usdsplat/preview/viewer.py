@@ -19,7 +19,8 @@ from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import CameraSpec, Matrix
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
-from usdsplat.preview.placement import Asks, Placement, Placing
+from usdsplat.preview.newest import Asks
+from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import (
     DisplaySettings,

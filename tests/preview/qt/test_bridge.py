@@ -47,7 +47,7 @@ def picture(number: int) -> Picture:
 
 @pytest.fixture
 def session(application: QApplication) -> Iterator[Session]:
-    session = Session(Quiet)  # type: ignore[arg-type]
+    session = Session(Quiet)
     yield session
     session.close()
 
@@ -96,7 +96,7 @@ def test_the_latest_picture_wins_and_all_other_news_arrive(session: Session) -> 
             document.publish(Busy(what=str(number)))
         published.set()
 
-    bridge.ask(publish)  # type: ignore[arg-type]
+    bridge.ask(publish)
     assert published.wait(30)  # this thread delivers nothing meanwhile
     wait_until(lambda: len(notes) == 20)
     assert pictures == [19]
@@ -115,7 +115,7 @@ def test_nothing_arrives_after_a_window_has_closed(session: Session) -> None:
         return 1
 
     bridge.picture.connect(late.append)
-    bridge.ask(slow, late.append)  # type: ignore[arg-type]
+    bridge.ask(slow, late.append)
     assert begun.wait(30)
     bridge.close()
     bridge.deleteLater()
@@ -137,7 +137,7 @@ def test_news_already_under_way_are_dropped_when_the_window_closes(session: Sess
 
     bridge.picture.connect(late.append)
     bridge.busy.connect(late.append)
-    bridge.ask(publish, late.append)  # type: ignore[arg-type]
+    bridge.ask(publish, late.append)
     assert sent.wait(30)
     bridge.close()
     watcher.ask(lambda document: None, lambda result: over.append(result))

@@ -33,7 +33,7 @@ def desk(application: QApplication) -> Iterator[Desk]:
         publish=lambda event: None,
         close=lambda: None,
     )
-    session = Session(lambda publish: document)  # type: ignore[arg-type, return-value]
+    session = Session(lambda publish: document)
     yield Desk(Bridge(session))
     session.close()
 

@@ -89,7 +89,7 @@ class Room:
         QTest.mouseRelease(self.viewport, LEFT, modifiers, end)
 
     def _open(self, publish: object) -> Document:
-        document = Document(self.stage, publish=publish)  # type: ignore[arg-type]
+        document = Document(self.stage, publish=publish)
         document.edits = Edits(self.stage)
         return document
 

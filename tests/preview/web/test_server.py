@@ -92,7 +92,7 @@ def test_what_is_no_request_gets_no_page_and_leaves_no_trace(
 def test_the_socket_does_not_open_for_others(host: Host, origin: str | None) -> None:
     """Oracle: 403 before the handshake."""
     with pytest.raises(InvalidStatus) as caught:
-        connect(f"ws://{host.address}{host.path}socket", origin=origin)  # type: ignore[arg-type]
+        connect(f"ws://{host.address}{host.path}socket", origin=origin)
     assert caught.value.response.status_code == 403
 
 

@@ -88,10 +88,12 @@ class Bridge(QObject):
         self.session.ask(
             task,
             lambda result: self.call(done, result) if done else None,
-            lambda error: (
-                self.call(failed, error) if failed else self._heard(Problem(sentence=str(error)))
-            ),
+            lambda error: self.call(failed or self.complain, error),
         )
+
+    def complain(self, error: UsdSplatError) -> None:
+        """Have an error told as a `problem`."""
+        self._heard(Problem(sentence=str(error)))
 
     def call(self, call: Callable[[Any], None], value: Any) -> None:
         """Have something called in the window's thread, from any; dropped once it is closed."""

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview.document import Document
-from usdsplat.preview.placement import Newest
+from usdsplat.preview.newest import Newest
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Picture, Problem, StageChanged
@@ -74,26 +74,20 @@ class Desk(QObject):
                 alone.
         """
 
-        def task(document: Document) -> tuple[str | None, str | None] | UsdSplatError:
-            try:
-                step(document.edits)
-            except UsdSplatError as error:
-                return error
+        def task(document: Document) -> tuple[str | None, str | None]:
+            step(document.edits)
             return document.edits.undoable, document.edits.redoable
 
-        def done(result: tuple[str | None, str | None] | UsdSplatError) -> None:
-            if drag in self._drags and not self._drags[drag].is_busy:
-                del self._drags[drag]
-            if isinstance(result, UsdSplatError):
-                self.complain(str(result))
-                failed()
-            else:
-                self.history_changed.emit(*result)
+        def done(names: tuple[str | None, str | None]) -> None:
+            self.history_changed.emit(*names)
 
-        if drag:
-            self._drags.setdefault(drag, Newest(self.bridge)).ask(task, done)
-        else:
-            self.bridge.ask(task, done)
+        def refused(error: UsdSplatError) -> None:
+            self.bridge.complain(error)
+            failed()
+
+        self._drags = {name: each for name, each in self._drags.items() if each.is_busy}
+        asks = self._drags.setdefault(drag, Newest(self.bridge)) if drag else self.bridge
+        asks.ask(task, done, refused)
 
     def attempt(self, act: Callable[[], object]) -> None:
         """Do something to the viewer; what cannot be done becomes a problem."""

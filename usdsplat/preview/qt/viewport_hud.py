@@ -39,7 +39,7 @@ def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
         ("size", f"{width} × {height}"),
         ("splats", splats),
         ("frame", "default" if state.time is None else f"{state.time:g}"),
-        ("memory", f"{_grouped(round(picture.megabytes))} MB"),
+        ("memory", f"{_grouped(round(picture.megabytes))} MB" if picture.megabytes else "–"),
         ("device", picture.device),
         *([("warnings", str(warnings))] if warnings else []),
     ]

@@ -9,11 +9,11 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview.document import Document
+from usdsplat.preview.newest import Newest
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Event, Picture, Problem, ViewState
 
@@ -21,16 +21,6 @@ T = TypeVar("T")
 
 MOST = 64
 """Questions that may wait for their answers."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Question:
-    """What is asked of a document."""
-
-    task: Callable[[Document], Any]
-    done: Callable[[Any], None]
-    failed: Callable[[UsdSplatError], None] | None
-    key: str | None
 
 
 class Bridge:
@@ -49,7 +39,7 @@ class Bridge:
         self._is_closed = False
         self._latest: Picture | None = None
         self._asked = 0
-        self._keys: dict[str, Question | None] = {}
+        self._keys: dict[str, Newest] = {}
         self._stop_listening = session.listen(self._happened)
 
     @property
@@ -77,11 +67,20 @@ class Bridge:
             failed: Given its error; without it, the error is heard as a `Problem`.
             key: Of questions where only the latest matters.
         """
-        question = Question(task=task, done=done, failed=failed, key=key)
-        if key in self._keys:
-            self._keys[key] = question
-        else:
-            self._send(question)
+        if key is not None:
+            self._keys = {name: each for name, each in self._keys.items() if each.is_busy}
+            self._keys.setdefault(key, Newest(self)).ask(task, done, failed)
+            return
+        self._asked += 1
+        self._session.ask(
+            task,
+            lambda result: self._post(self._answered, done, result),
+            lambda error: self._post(self._answered, failed or self.complain, error),
+        )
+
+    def complain(self, error: UsdSplatError) -> None:
+        """Have an error heard as a `Problem`."""
+        self._heard(Problem(sentence=str(error)))
 
     def close(self) -> None:
         """Let nothing arrive any more. The session itself goes on."""
@@ -91,24 +90,8 @@ class Bridge:
 
     # --- in the server's thread ------------------------------------------------------------
 
-    def _send(self, question: Question) -> None:
-        self._asked += 1
-        if question.key is not None:
-            self._keys[question.key] = None
-        self._session.ask(
-            question.task,
-            lambda result: self._post(self._answered, question, question.done, result),
-            lambda error: self._post(self._answered, question, self._failed(question), error),
-        )
-
-    def _failed(self, question: Question) -> Callable[[UsdSplatError], None]:
-        return question.failed or (lambda error: self._heard(Problem(sentence=str(error))))
-
-    def _answered(self, question: Question, call: Callable[[Any], None], result: Any) -> None:
+    def _answered(self, call: Callable[[Any], None], result: Any) -> None:
         self._asked -= 1
-        following = None if question.key is None else self._keys.pop(question.key)
-        if following is not None:
-            self._send(following)
         call(result)
 
     def _deliver_picture(self) -> None:
