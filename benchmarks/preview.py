@@ -28,11 +28,11 @@ from rich.table import Table
 from benchmarks.scenes import CAPTURES, DATA, garden
 from usdsplat import schema
 from usdsplat.core import edit
+from usdsplat.delegate.memory import resident
 from usdsplat.images.aovs import AOVS
 from usdsplat.interchange import import_capture
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.process import resident_megabytes
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import (
     DisplaySettings,
@@ -238,7 +238,7 @@ def soak(name: str, seconds: float) -> None:
         count += at_random(session, heard, 0.25 * seconds)
         session.look(ViewState(size=SIZE))
         gc.collect()
-        held.append(f"{resident_megabytes():.0f}")
+        held.append(f"{1e-6 * resident():.0f}")
     session.close()
     print(
         f"soak {name}, {seconds:g} s: {', '.join(held)} MB after each quarter; "

@@ -72,10 +72,10 @@ def test_what_ffmpeg_says_is_the_error_and_nothing_is_left(ffmpeg, tmp_path, res
     ffmpeg(rest)
     target = tmp_path / "out.mp4"
     target.write_bytes(b"old")
-    with pytest.raises(OutputError, match=f"found ffmpeg ended with {words}, expected"):  # noqa: SIM117
-        with Movie(target, (8, 6), 24) as movie:
-            for picture in frames(20_000):  # more than a pipe holds
-                movie.write(picture)
+    refused = pytest.raises(OutputError, match=f"found ffmpeg ended with {words}, expected")
+    with refused, Movie(target, (8, 6), 24) as movie:
+        for picture in frames(20_000):  # more than a pipe holds
+            movie.write(picture)
     assert target.read_bytes() == b"old"
     assert sorted(os.listdir(tmp_path)) == ["argv", "bin", "out.mp4"]
 
@@ -95,9 +95,9 @@ def test_an_interrupted_movie_leaves_neither_file_nor_process(ffmpeg, tmp_path):
 def test_without_ffmpeg_the_error_names_it(tmp_path, monkeypatch):
     """Oracle: one sentence with both ways out."""
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(OutputError, match=r"found no ffmpeg, expected ffmpeg on PATH.*\.png"):  # noqa: SIM117
-        with Movie(tmp_path / "out.mp4", (8, 6), 24):
-            pass
+    refused = pytest.raises(OutputError, match=r"found no ffmpeg, expected ffmpeg on PATH.*\.png")
+    with refused, Movie(tmp_path / "out.mp4", (8, 6), 24):
+        pass
     assert os.listdir(tmp_path) == []
 
 
