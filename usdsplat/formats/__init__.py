@@ -8,6 +8,7 @@ only when the content is unknown, for files get renamed.
 from __future__ import annotations
 
 import stat
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, cast
 
@@ -16,8 +17,20 @@ from usdsplat.core.errors import FormatError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import compressed_ply, ply, sog, spz
 from usdsplat.formats.capture import Capture
+from usdsplat.formats.options import READING, WRITING, Reading, Writing
 
-__all__ = ["FORMATS", "Capture", "find", "read", "suffixes_read", "suffixes_written", "write"]
+__all__ = [
+    "FORMATS",
+    "Capture",
+    "Reading",
+    "Writing",
+    "find",
+    "frame_written",
+    "read",
+    "suffixes_read",
+    "suffixes_written",
+    "write",
+]
 
 _HEAD = 1 << 16
 """Bytes of a file that formats may recognise it by."""
@@ -32,21 +45,17 @@ class Format(Protocol):
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether `path` is of this format, judged by its first bytes (none for a folder)."""
 
-    def read(self, path: Path, *, progress: Progress = silent) -> Capture:
+    def read(self, path: Path, how: Reading) -> Capture:
         """Read all of it."""
 
 
 class WritableFormat(Format, Protocol):
     """A module that writes as well."""
 
-    def write(
-        self,
-        cloud: SplatCloud,
-        path: Path,
-        *,
-        antialiased: bool = False,
-        progress: Progress = silent,
-    ) -> None:
+    FRAME: str
+    """Where x, y and z of its files point (`core.axes`), as is usual or as it demands."""
+
+    def write(self, cloud: SplatCloud, path: Path, how: Writing) -> None:
         """Write all of it."""
 
 
@@ -54,18 +63,24 @@ FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, spz)
 """Every format, the more particular before the more general."""
 
 
-def read(path: str | Path, *, progress: Progress = silent) -> Capture:
+def read(
+    path: str | Path,
+    *,
+    how: Reading = READING,
+    progress: Progress = silent,
+) -> Capture:
     """Read a capture.
 
     Args:
         path: A file, or the folder or `meta.json` of an unpacked SOG.
+        how: What else is asked of the reader; `progress` takes the place of its own.
         progress: Told how many splats are read.
 
     Raises:
         FormatError: If the file cannot be opened, or is not what it claims to be.
         UnknownFormatError: If neither content nor suffix is known.
     """
-    return find(path).read(Path(path), progress=progress)
+    return find(path).read(Path(path), replace(how, progress=progress))
 
 
 def find(path: str | Path) -> Format:
@@ -89,7 +104,7 @@ def write(
     cloud: SplatCloud,
     path: str | Path,
     *,
-    antialiased: bool = False,
+    how: Writing = WRITING,
     progress: Progress = silent,
 ) -> None:
     """Write `cloud` in the format that the suffix names; see its module for what is lost.
@@ -97,7 +112,7 @@ def write(
     Args:
         cloud: The splats.
         path: Target; an older file there is replaced when the new one is complete.
-        antialiased: Whether the splats are meant for the antialiased (mip) projection.
+        how: What else the file is to say; `progress` takes the place of its own.
         progress: Told how many splats are written.
 
     Raises:
@@ -105,8 +120,16 @@ def write(
         OutputError: If nothing can be written there.
     """
     path = Path(path)
-    module = cast(WritableFormat, _by_suffix(path, suffixes_written()))
-    module.write(cloud, path, antialiased=antialiased, progress=progress)
+    _writer(path).write(cloud, path, replace(how, progress=progress))
+
+
+def frame_written(path: str | Path) -> str:
+    """Where x, y and z point in files of the format that the suffix names, such as "rdf".
+
+    Raises:
+        UnknownFormatError: If the suffix is not one of `suffixes_written()`.
+    """
+    return _writer(Path(path)).FRAME
 
 
 def suffixes_read() -> tuple[str, ...]:
@@ -118,6 +141,11 @@ def suffixes_written() -> tuple[str, ...]:
     """Ends of names that can be written."""
     able = [module for module in FORMATS if hasattr(module, "write")]
     return tuple(suffix for module in able for suffix in module.SUFFIXES)
+
+
+def _writer(path: Path) -> WritableFormat:
+    """What writes files of such a name."""
+    return cast(WritableFormat, _by_suffix(path, suffixes_written()))
 
 
 def _by_suffix(path: Path, allowed: tuple[str, ...]) -> Format:

@@ -16,10 +16,10 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32
 from usdsplat.core.encoding import decode_smallest_three, dequantize
 from usdsplat.core.errors import FormatError
-from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
+from usdsplat.formats.options import READING, Reading
 from usdsplat.formats.ply_columns import harmonics
 from usdsplat.formats.ply_header import read_header
 from usdsplat.formats.ply_table import Block, Table, open_table
@@ -53,7 +53,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return header.startswith(b"ply") and b"element chunk" in header and b"packed_" in header
 
 
-def read(path: Path, *, progress: Progress = silent) -> Capture:
+def read(path: Path, how: Reading = READING) -> Capture:
     """Read packed splats.
 
     Raises:
@@ -71,7 +71,7 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
         if sh.count != vertex.count:
             raise FormatError(source, f"{sh.count} rows of element sh", str(vertex.count))
     bounds = _bounds(source, chunk, vertex.count)
-    filling = Filling(source, vertex.count, degree)
+    filling = Filling(source, vertex.count, degree, how)
     for rows, block in vertex.blocks(_BLOCK_ROWS):
         _unpack(filling, rows, block, bounds)
     for rows, block in sh.blocks() if sh and degree else ():
@@ -79,7 +79,7 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
         filling.sh[rows, 1:] = _HARMONICS[codes.astype(np.uint8)].reshape(len(block), -1, 3)
     for rows in blocks(vertex.count):
         filling.settle(rows)
-        progress.step(f"reading {source}", rows.stop, vertex.count)
+        how.progress.step(f"reading {source}", rows.stop, vertex.count)
     cloud, notes = filling.cloud()
     return Capture(
         cloud=cloud,

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError
 from usdsplat.core.sh import coefficient_count
+from usdsplat.formats.options import Reading
 
 BLOCK = 16384
 """Rows that readers decode at a time: their temporaries stay in the cache."""
@@ -24,50 +28,69 @@ def blocks(count: int) -> Iterator[slice]:
         yield slice(start, min(start + BLOCK, count))
 
 
+def in_parallel(count: int, work: Callable[[slice], None], *, rows: int = BLOCK) -> None:
+    """Do `work` on every block of rows 0 to `count`, on all processors.
+
+    NumPy leaves the interpreter free in its loops, so threads share the work.
+
+    Raises:
+        Exception: The first that `work` raised, in the order of the rows.
+    """
+    starts = range(0, count, rows)
+    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
+        pieces = (slice(start, min(start + rows, count)) for start in starts)
+        for _ in workers.map(work, pieces):
+            pass
+
+
 def _field_name(field: str, _column: int) -> str:
     return field
 
 
 class Filling:
-    """Uninitialised arrays of a cloud, filled and settled by rows, in any order.
+    """Uninitialised arrays of a cloud, filled and settled by rows, in any order and by any thread.
 
     Create it only when the file has been seen to hold `count` splats: nothing is allocated on the
     word of a header.
     """
 
-    def __init__(self, source: str, count: int, degree: int) -> None:
+    def __init__(self, source: str, count: int, degree: int, how: Reading) -> None:
         self._source = source
+        self._drop = how.drop_nonfinite
         self._zero = np.zeros(count, bool)
-        self.positions = np.empty((count, 3), np.float32)
-        self.scales = np.empty((count, 3), np.float32)
-        self.rotations = np.empty((count, 4), np.float32)
-        self.opacities = np.empty(count, np.float32)
-        self.sh = np.empty((count, coefficient_count(degree), 3), np.float32)
+        self._nonfinite = np.zeros(count, bool)
+        self.positions = how.empty((count, 3))
+        self.scales = how.empty((count, 3))
+        self.rotations = how.empty((count, 4))
+        self.opacities = how.empty((count,))
+        self.sh = how.empty((count, coefficient_count(degree), 3))
 
     def settle(self, rows: slice, name: Namer = _field_name) -> None:
         """Check that filled rows are finite and make their rotations unit quaternions.
 
         Raises:
-            FormatError: Naming, by `name`, the first property and row that is not finite.
+            FormatError: Naming, by `name`, the first property and row that is not finite, unless
+                such splats are to be dropped.
         """
         for field in ("positions", "scales", "rotations", "opacities", "sh"):
             values = getattr(self, field)[rows]
             finite = np.isfinite(values)
             if not finite.all():
                 flat = finite.reshape(len(values), -1)
-                row = int(np.argmin(flat.all(axis=1)))
-                column = int(np.argmin(flat[row]))
-                found = values.reshape(len(values), -1)[row, column]
-                where = f"{self._source}: {name(field, column)} of splat {rows.start + row}"
-                raise FormatError(where, f"{found}", "a finite number")
+                if not self._drop:
+                    raise self._not_finite(field, rows, flat, name)
+                self._nonfinite[rows] |= ~flat.all(axis=1)
         quaternions = self.rotations[rows]
         self._zero[rows] = ~quaternions.any(axis=1)
-        quaternions[:] = quaternion.normalize(quaternions)
+        with np.errstate(invalid="ignore"):  # rows that are not finite go
+            quaternions[:] = quaternion.normalize(quaternions)
 
     def cloud(self) -> tuple[SplatCloud, tuple[str, ...]]:
-        """The finished cloud, less the splats whose rotation is zero, and a note if there were."""
-        dropped = int(np.count_nonzero(self._zero))
-        kept = ~self._zero if dropped else slice(None)  # a slice copies nothing
+        """The finished cloud, less the splats that cannot be drawn, and notes if there were any."""
+        kinds = {"their rotation is zero": self._zero & ~self._nonfinite}
+        kinds["a number of theirs is not finite"] = self._nonfinite
+        counts = {why: int(np.count_nonzero(rows)) for why, rows in kinds.items()}
+        kept = ~(self._zero | self._nonfinite) if any(counts.values()) else slice(None)  # no copy
         cloud = SplatCloud(
             positions=self.positions[kept],
             scales=self.scales[kept],
@@ -75,5 +98,14 @@ class Filling:
             opacities=self.opacities[kept],
             sh=self.sh[kept],
         )
-        notes = (f"splats dropped because their rotation is zero: {dropped}",)
-        return cloud, notes if dropped else ()
+        return cloud, tuple(f"splats dropped because {why}: {n}" for why, n in counts.items() if n)
+
+    def _not_finite(
+        self, field: str, rows: slice, finite: npt.NDArray[np.bool_], name: Namer
+    ) -> FormatError:
+        """The first number of a field that is not; `finite` has a row for each of `rows`."""
+        row = int(np.argmin(finite.all(axis=1)))
+        column = int(np.argmin(finite[row]))
+        found = getattr(self, field)[rows].reshape(len(finite), -1)[row, column]
+        where = f"{self._source}: {name(field, column)} of splat {rows.start + row}"
+        return FormatError(where, f"{found}", "a finite number")

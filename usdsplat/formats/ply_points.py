@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.core import morton
 from usdsplat.core.cloud import F32, F64
-from usdsplat.core.progress import Progress
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling
+from usdsplat.formats.options import Reading
 from usdsplat.formats.ply_columns import Columns
 from usdsplat.formats.ply_header import Header
 from usdsplat.formats.ply_table import Table
@@ -27,20 +28,19 @@ LONGEST = 4.0
 
 _POSITIONS = ("x", "y", "z")
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-_GRID = (1 << 20) - 1
 _SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours that one order parts, another keeps
 _REACH = 4
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
-def read_points(path: Path, header: Header, table: Table, *, progress: Progress) -> Capture:
+def read_points(path: Path, header: Header, table: Table, how: Reading) -> Capture:
     """Read points; integer colours span their type, float ones 0 to 1, none is a middle grey.
 
     Raises:
         FormatError: If a position or colour is not finite.
     """
     colors = next((names for names in _COLORS if set(names) <= set(table.types)), ())
-    filling = Filling(str(path), table.count, 0)
+    filling = Filling(str(path), table.count, 0, how)
     filling.rotations[:] = (1, 0, 0, 0)
     filling.opacities[:] = 1
     filling.scales[:] = 0
@@ -55,9 +55,9 @@ def read_points(path: Path, header: Header, table: Table, *, progress: Progress)
             get_colors.into(filling.sh[rows, 0], block)
             filling.sh[rows, 0] = rgb_to_dc(filling.sh[rows, 0] / tops)
         filling.settle(rows, lambda field, column: f"property {names[field][column]}")
-        progress.step(f"reading {path}", rows.stop, table.count)
-    filling.scales[:] = (0.5 * neighbour_distances(filling.positions))[:, None]
-    cloud, _ = filling.cloud()
+        how.progress.step(f"reading {path}", rows.stop, table.count)
+    cloud, dropped = filling.cloud()
+    cloud.scales[:] = (0.5 * neighbour_distances(cloud.positions))[:, None]
     note = (
         "plain points: each is an opaque ball half as wide as the way to its neighbour, "
         "and their axes are a guess"
@@ -67,7 +67,7 @@ def read_points(path: Path, header: Header, table: Table, *, progress: Progress)
         format=f"PLY points, {header.data_kind}",
         files=(path,),
         frame="rdf",
-        notes=(note, UNKNOWN_AXES, *table.remarks()),
+        notes=(note, UNKNOWN_AXES, *dropped, *table.remarks()),
     )
 
 
@@ -87,7 +87,9 @@ def neighbour_distances(positions: F32) -> F32:
     best = np.full(len(positions), np.inf)
     if len(positions):
         for shift in _SHIFTS:
-            _shorten(best, positions, np.argsort(_morton(positions, shift), kind="stable"))
+            _shorten(
+                best, positions, np.argsort(morton.codes(positions, shift=shift), kind="stable")
+            )
     found = best[np.isfinite(best)]
     median = float(np.median(found)) if len(found) else 2 * LONE_SIGMA
     longest = min(LONGEST * median, _FLOAT32_MAX)
@@ -103,24 +105,6 @@ def _shorten(best: F64, positions: F32, order: npt.NDArray[np.intp]) -> None:
         distances[distances == 0] = np.inf
         for ends in (order[step:], order[:-step]):
             best[ends] = np.minimum(best[ends], distances)
-
-
-def _morton(positions: F32, shift: float) -> npt.NDArray[np.uint64]:
-    """Codes of the points' cells, whose order keeps near points near; 20 bits an axis."""
-    points = positions.astype(np.float64)
-    lower = points.min(axis=0)
-    extent = float((points.max(axis=0) - lower).max()) or 1.0
-    cells = ((points - lower) / extent * 0.5 + 0.5 * shift) * _GRID
-    spread = cells.astype(np.uint64)
-    for width, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        spread = (spread | (spread << np.uint64(width))) & np.uint64(mask)
-    return spread[:, 0] | (spread[:, 1] << np.uint64(1)) | (spread[:, 2] << np.uint64(2))
 
 
 def _top(code: str) -> float:

@@ -18,12 +18,12 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, SH_DEGREES
 from usdsplat.core.encoding import decode_smallest_three, sigmoid
 from usdsplat.core.errors import FormatError
-from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.formats import webp
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
 from usdsplat.formats.inflate import check_count
+from usdsplat.formats.options import READING, Reading
 from usdsplat.formats.sog_files import META, SogFiles, open_sog
 from usdsplat.formats.sog_meta import Meta, Section, parse_meta
 
@@ -63,7 +63,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return is_folder or path.name.lower() == META or head.startswith(b"PK\x03\x04")
 
 
-def read(path: Path, *, progress: Progress = silent) -> Capture:
+def read(path: Path, how: Reading = READING) -> Capture:
     """Read splats.
 
     Raises:
@@ -77,11 +77,11 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
         tables = _read_tables(files, meta)
         paths = files.paths([META, *(name for s in meta.sections.values() for name in s.files)])
         _check_labels(files.source, images, tables)
-    filling = Filling(str(path), meta.count, tables.degree)
+    filling = Filling(str(path), meta.count, tables.degree, how)
     for rows in blocks(meta.count):
         _decode(filling, rows, {name: codes[rows] for name, codes in images.items()}, tables)
         filling.settle(rows)
-        progress.step(f"reading {path}", rows.stop, meta.count)
+        how.progress.step(f"reading {path}", rows.stop, meta.count)
     cloud, notes = filling.cloud()
     return Capture(
         cloud=cloud,

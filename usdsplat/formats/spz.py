@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.encoding import join_largest
-from usdsplat.core.progress import Progress, silent
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, blocks
+from usdsplat.formats.options import READING, Reading
 from usdsplat.formats.spz_container import (
     GZIP_MAGIC,
     MAGIC,
@@ -43,7 +43,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return head.startswith((MAGIC, GZIP_MAGIC))
 
 
-def read(path: Path, *, progress: Progress = silent) -> Capture:
+def read(path: Path, how: Reading = READING) -> Capture:
     """Read splats of any version.
 
     Raises:
@@ -53,7 +53,7 @@ def read(path: Path, *, progress: Progress = silent) -> Capture:
     source = str(path)
     with path.open("rb") as file:
         container = open_container(source, file, path.stat().st_size)
-        filling = _fill(source, container, progress)
+        filling = _fill(source, container, how)
         records = parse_extensions(source, container.extensions())
     frame = stated_frame(source, records)
     cloud, notes = filling.cloud()
@@ -86,7 +86,7 @@ def _error_bounds(header: SpzHeader) -> dict[str, str]:
     }
 
 
-def _fill(source: str, container: SpzContainer, progress: Progress) -> Filling:
+def _fill(source: str, container: SpzContainer, how: Reading) -> Filling:
     """Decode attribute after attribute; arrays are made when the first one has arrived."""
     header = container.header
     sizes = header.sizes()
@@ -94,10 +94,10 @@ def _fill(source: str, container: SpzContainer, progress: Progress) -> Filling:
     for done, (name, size) in enumerate(sizes.items(), 1):
         codes = np.frombuffer(container.attribute(name), np.uint8).reshape(header.count, size)
         if filling is None:
-            filling = Filling(source, header.count, header.degree)
+            filling = Filling(source, header.count, header.degree, how)
         for rows in blocks(header.count):
             _decode(filling, header, name, rows, codes[rows])
-        progress.step(f"reading {source}", done, len(sizes))
+        how.progress.step(f"reading {source}", done, len(sizes))
     assert filling is not None  # every version has attributes
     for rows in blocks(header.count):
         filling.settle(rows)

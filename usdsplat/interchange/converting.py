@@ -12,7 +12,7 @@ from usdsplat.core import axes, edit
 from usdsplat.core.errors import OutputError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
-from usdsplat.interchange.exporting import FRAME, export_capture
+from usdsplat.interchange.exporting import export_capture
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport
@@ -69,9 +69,9 @@ def convert(
         return repack(source, target, form=form, progress=progress)
     if files.is_usd(source):
         return export_capture(
-            source, target, prim_path=prim_path, time=time, frame=frame or FRAME, progress=progress
+            source, target, prim_path=prim_path, time=time, frame=frame, progress=progress
         )
-    return _between_captures(source, target, frame or FRAME, progress)
+    return _between_captures(source, target, frame or formats.frame_written(target), progress)
 
 
 def check_target(target: Path | str) -> Path:
@@ -99,7 +99,8 @@ def _between_captures(source: Path, target: Path, frame: str, progress: Progress
     matrix[:3, :3] = axes.change(capture.frame, frame)
     turned = not np.array_equal(matrix, np.eye(4))
     cloud = edit.transform(capture.cloud, matrix) if turned else capture.cloud
-    formats.write(cloud, target, antialiased=capture.antialiased, progress=progress)
+    how = formats.Writing(antialiased=capture.antialiased, frame=frame)
+    formats.write(cloud, target, how=how, progress=progress)
     return ExportReport(
         source=str(source),
         target=str(target),

@@ -16,9 +16,6 @@ from usdsplat.interchange import files
 from usdsplat.interchange.placement import checked_path, stage_frame
 from usdsplat.interchange.reports import ExportReport
 
-FRAME = "rdf"
-"""Where x, y and z of capture files point unless they say so: COLMAP's axes."""
-
 _PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
 
@@ -28,7 +25,7 @@ def export_capture(
     *,
     prim_path: str | None = None,
     time: float | None = None,
-    frame: str = FRAME,
+    frame: str | None = None,
     progress: Progress = silent,
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, turned to the capture's axes.
@@ -41,7 +38,7 @@ def export_capture(
         prim_path: A field, or a prim with fields beneath it; None is the whole stage. What is
             invisible or of purpose proxy or guide is left out, unless it is the prim named here.
         time: Time code; None is the default value, or the first sample where there is none.
-        frame: Where x, y and z of the file are to point, such as "rdf".
+        frame: Where x, y and z of the file are to point, such as "rdf"; None is its format's way.
         progress: Told about each field and about writing.
 
     Raises:
@@ -53,6 +50,7 @@ def export_capture(
     stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
     path = Path(target)
     files.check_not_input(path, files.layer_files(stage))
+    frame = frame or formats.frame_written(path)
     turn = axes.change(stage_frame(stage), frame)
     prims, notes = _appearances(stage, prim_path, time)
     clouds = []
@@ -62,7 +60,8 @@ def export_capture(
     progress.step("reading fields", len(prims), len(prims))
     cloud = clouds[0] if len(clouds) == 1 else edit.merge(clouds)
     is_antialiased = all(schema.rasterize_mode(prim) == "antialiased" for prim in prims)
-    formats.write(cloud, path, antialiased=is_antialiased, progress=progress)
+    how = formats.Writing(antialiased=is_antialiased, frame=frame)
+    formats.write(cloud, path, how=how, progress=progress)
     return ExportReport(
         source=stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source),
         target=str(path),
