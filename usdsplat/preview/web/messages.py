@@ -26,20 +26,31 @@ _PLACE = (0.0, float(MAX_SIDE))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hello:
-    """The first message of a page."""
+class _Size:
+    """How large the viewport is."""
 
-    page: str = knob(MISSING, "made up by the page: one that comes again is let in at once")
     width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
     height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TakeOver:
-    """Have the view that another page has."""
+class _Drag:
+    """How far a pointer has moved."""
 
-    width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
-    height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
+    right: float = knob(0.0, "of the drag", range=_DRAG)
+    down: float = knob(0.0, "of the drag", range=_DRAG)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hello(_Size):
+    """The first message of a page."""
+
+    page: str = knob(MISSING, "made up by the page: one that comes again is let in at once")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TakeOver(_Size):
+    """Have the view that another page has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,27 +61,18 @@ class Acknowledge:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Resize:
+class Resize(_Size):
     """The viewport has another size."""
 
-    width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
-    height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Orbit:
+class Orbit(_Drag):
     """Turn about the target."""
 
-    right: float = knob(0.0, "of the drag", range=_DRAG)
-    down: float = knob(0.0, "of the drag", range=_DRAG)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pan:
+class Pan(_Drag):
     """Move with a drag."""
-
-    right: float = knob(0.0, "of the drag", range=_DRAG)
-    down: float = knob(0.0, "of the drag", range=_DRAG)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,11 +83,8 @@ class Dolly:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LookAround:
+class LookAround(_Drag):
     """Turn about the eye."""
-
-    right: float = knob(0.0, "of the drag", range=_DRAG)
-    down: float = knob(0.0, "of the drag", range=_DRAG)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
