@@ -1,9 +1,7 @@
 """What one user looks at and does with it: a view's state, its timeline and its bookmarks.
 
 A window or a socket holds one, in its own thread, and tells it what happens; it tells the session
-what shall be seen.
-
-What goes on by itself, such as playing, needs a clock: who has one calls `tick` while `is_ticking`.
+what shall be seen. What goes on by itself needs a clock: call `tick` while `is_ticking`.
 """
 
 from __future__ import annotations
@@ -44,8 +42,8 @@ class Viewer:
     """A user's view of a session.
 
     Args:
-        session: Whom to tell what shall be seen. Its `ask` calls `done` in the thread that uses
-            this viewer: give a bridge to the session where that is not the session's own.
+        session: Whom to tell what shall be seen. It calls back in the thread that uses this
+            viewer: give a bridge to the session where that is not the session's own.
         changed: Called after each change of what is here.
         glide: How long the way to what was framed takes [s]; 0 for one without a clock.
     """

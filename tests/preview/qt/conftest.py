@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -17,6 +19,11 @@ try:
 except ImportError as error:  # Qt needs libraries of the system, such as libEGL
     warnings.warn(f"windows are not tested: {error}", stacklevel=1)
     collect_ignore_glob = ["test_*.py"]
+
+if TYPE_CHECKING:
+    from tests.preview.qt.bench import Bench
+    from usdsplat.preview.qt.window import Window
+    from usdsplat.preview.qt.workspace import Workspace
 
 PATIENCE = 120.0
 """Seconds until something that should happen is given up; kernels may have to compile first."""
@@ -40,3 +47,40 @@ def application() -> QApplication:
     """The one application that a process may have."""
     found = QApplication.instance()
     return found if isinstance(found, QApplication) else QApplication(["tests"])
+
+
+@pytest.fixture
+def bench(application: QApplication) -> Iterator[Bench]:
+    """A viewport before a session that remembers; closed in the end."""
+    from tests.preview.qt.bench import Bench
+
+    made = Bench()
+    yield made
+    made.viewport.close()
+
+
+@pytest.fixture
+def window(application: QApplication) -> Iterator[Window]:
+    """A window of nothing; closed in the end."""
+    from tests.preview.qt import windows
+    from usdsplat.preview.qt.window import Window
+
+    window = windows.show(Window())
+    yield window
+    window.close()
+
+
+@pytest.fixture(scope="session")
+def stage_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The stage that most tests open; none writes it."""
+    from tests.preview.qt import windows
+
+    return windows.write_stage(tmp_path_factory.mktemp("stage") / "two.usda")
+
+
+@pytest.fixture
+def workspace(window: Window, stage_path: Path) -> Workspace:
+    """What the window shows of that stage."""
+    from tests.preview.qt import windows
+
+    return windows.opened(window, stage_path)

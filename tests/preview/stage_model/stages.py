@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
@@ -78,3 +80,17 @@ def value_types() -> list[str]:
     scalars = [*plain.split(" "), *sized, *vectors.split(" "), *others.split(" ")]
     arrays = [f"{name}[]" for name in scalars if name not in ("opaque", "group")]
     return [*scalars, *arrays]
+
+
+def said(stage: Usd.Stage) -> str:
+    """The session layer as text."""
+    return stage.GetSessionLayer().ExportToString()
+
+
+def placed(*, move=(0.0, 0.0, 0.0), turn=0.0, size=1.0):
+    """A matrix for column vectors: size, a turn about z, and a move."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    matrix = np.eye(4)
+    matrix[:3, :3] = size * np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    matrix[:3, 3] = move
+    return matrix
