@@ -25,8 +25,8 @@ from rich.table import Table
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.kernels.jit import parallel, serial
+from usdsplat.kernels.points.cells import into_cells
 from usdsplat.kernels.sim import grid
-from usdsplat.sim.cells import into_cells
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.neighbors import Neighbors, nearest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usdsplat.sim.nearest import nearest
+from usdsplat.kernels.points.nearest import nearest
 
 
 def sphere(n, seed=0):

@@ -9,8 +9,8 @@ from tests.sim.patterns import area, wavelength
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.formats import read
 from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.carriers import NEAREST, Carriers
-from usdsplat.sim.nearest import nearest
 from usdsplat.sim.parameters import RdParameters
 from usdsplat.sim.reaction import Reaction
 from usdsplat.sim.seeds import nuclei, plant, untouched

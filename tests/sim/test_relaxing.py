@@ -7,7 +7,7 @@ import pytest
 
 from tests.sim.clouds import sphere, unevenness
 from usdsplat.kernels.device import open_device
-from usdsplat.sim.nearest import nearest
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.relaxing import relax
 

@@ -17,8 +17,8 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.core.quaternion import to_matrix
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as kernels
-from usdsplat.sim.nearest import nearest
 from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.points.cells import into_cells
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import grid, lists
-from usdsplat.sim.cells import into_cells
-from usdsplat.sim.nearest import nearest
 from usdsplat.sim.parameters import NeighborsParameters
 
 __all__ = ["Graph", "Neighbors", "nearest"]

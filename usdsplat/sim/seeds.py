@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import reaction
 from usdsplat.kernels.sim import seeds as kernels
-from usdsplat.sim.nearest import nearest
 from usdsplat.sim.neighbors import Graph
 from usdsplat.sim.parameters import RdParameters
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import support as kernels
-from usdsplat.sim.nearest import nearest
 from usdsplat.sim.neighbors import Graph, Neighbors
 
 STEPS = 8

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usdsplat.kernels.device import open_device
-from usdsplat.sim.nearest import nearest
+from usdsplat.kernels.points.nearest import nearest
 
 
 def brute_force(points, queries, k):

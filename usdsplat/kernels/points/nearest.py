@@ -8,8 +8,8 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.points.cells import extent, into_cells
 from usdsplat.kernels.sim import nearest as kernels
-from usdsplat.sim.cells import extent, into_cells
 
 LEAF = 8
 """Points of a leaf, about."""
