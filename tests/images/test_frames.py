@@ -7,7 +7,13 @@ from pathlib import Path
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frames import frame_path, frame_paths, has_place, parse_frames
+from usdsplat.images.frames import (
+    frame_path,
+    frame_paths,
+    frames_found,
+    has_place,
+    parse_frames,
+)
 
 
 @pytest.mark.parametrize(
@@ -86,3 +92,39 @@ def test_a_single_frame_needs_no_place():
     """Oracle: the name as it was given."""
     assert frame_paths("out.exr", (12.5,)) == (Path("out.exr"),)
     assert frame_paths("out.##.exr", (1, 2)) == (Path("out.01.exr"), Path("out.02.exr"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("cap.####.ply", {-1: "cap.-001.ply", 2: "cap.0002.ply", 12345: "cap.12345.ply"}),
+        ("cap.%04d.ply", {-1: "cap.-001.ply", 2: "cap.0002.ply", 12345: "cap.12345.ply"}),
+        ("cap.#.ply", {3: "cap.3.ply", 12345: "cap.12345.ply"}),
+        ("cap.####.##.ply", {2.5: "cap.0002.50.ply"}),
+        ("cap[1]+####.ply", {1: "cap[1]+0001.ply"}),
+        ("none.####.ply", {}),
+    ],
+)
+def test_files_of_a_pattern_are_found(tmp_path, pattern, expected):
+    """Oracle: written out by hand; what `frame_path` would not name is somebody else's."""
+    names = ["cap.12345.ply", "cap.0002.ply", "cap.-001.ply", "cap.3.ply", "cap.04.ply", "cap..ply"]
+    names += [
+        "cap.0002.50.ply",
+        "cap[1]+0001.ply",
+        "xcap.0007.ply",
+        "cap.0007.plyx",
+        "cap.٠٠٠١.ply",
+    ]
+    names += [f"cap.{'9' * 200}.ply"]
+    for name in names:
+        (tmp_path / name).touch()
+    found = frames_found(tmp_path / pattern)
+    assert {frame: path.name for frame, path in found.items()} == expected
+    assert list(found) == sorted(found)
+
+
+@pytest.mark.parametrize("pattern", ["cap.ply", "cap.##.x.##.ply"])
+def test_files_are_found_by_one_place(tmp_path, pattern):
+    """Oracle: one sentence; without a number there is no sequence."""
+    with pytest.raises(UsageError, match=r"place.*, expected one place for the frame number"):
+        frames_found(tmp_path / pattern)

@@ -7,6 +7,7 @@ holds the number as `####` or `%04d`; a fraction of a frame needs room of its ow
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -78,6 +79,29 @@ def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...
             str(pattern), f"{len(frames)} frames", "a place for the frame number, such as ####"
         )
     return paths
+
+
+def frames_found(pattern: str | Path) -> dict[float, Path]:
+    """Return the files and folders that `pattern` names with a number in its place, ascending.
+
+    Only names that `frame_path` would give count: `####` does not stand for `1`, nor `#` for `01`.
+
+    Raises:
+        UsageError: If the name has no place for the frame number, or more than one.
+        OSError: If the folder cannot be listed.
+    """
+    path = Path(pattern)
+    places = list(_PLACE.finditer(path.name))
+    if len(places) != 1:
+        found = f"{len(places)} places" if places else "no place"
+        raise UsageError(str(pattern), found, "one place for the frame number, such as ####")
+    before, after = path.name[: places[0].start()], path.name[places[0].end() :]
+    number = r"-?\d{1,15}" + (r"\.\d{1,15}" if places[0][2] else "")
+    matcher = re.compile(f"{re.escape(before)}({number}){re.escape(after)}")
+    matches = (matcher.fullmatch(name) for name in os.listdir(path.parent))
+    frames = sorted({float(match[1]): match[0] for match in matches if match}.items())
+    named = ((frame, frame_path(path, frame), name) for frame, name in frames)
+    return {frame: file for frame, file, name in named if file.name == name}
 
 
 def _span(text: str, first: float, last: str | None, step: str | None) -> list[float]:
