@@ -6,29 +6,18 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
-from usdsplat import __version__, formats, schema
-from usdsplat.core import axes, edit
+from usdsplat import formats
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture
 from usdsplat.interchange import files
-from usdsplat.interchange.placement import (
-    OP,
-    Placement,
-    checked_unit,
-    define_ancestors,
-    field_path,
-    placement,
-    set_default_prim,
-    set_op,
-)
+from usdsplat.interchange.authoring import assumptions, author_field, axes_text, prepare
+from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
 from usdsplat.schema import Form
-
-_UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
 
 
 def import_capture(
@@ -70,12 +59,12 @@ def import_capture(
     capture = formats.read(source, progress=progress)
     capture = replace(capture, frame=frame or capture.frame)
     placed = placement(stage, capture.frame, meters_per_unit)
-    text = _axes_text(placed, bake_axes)
-    notes = (*capture.notes, *_assumptions(frame, meters_per_unit))
+    text = axes_text(placed, bake_axes)
+    notes = (*capture.notes, *assumptions(frame, meters_per_unit))
     progress.step("authoring", 0, 1)
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
         sha256 = beside.submit(fingerprint, capture.files)
-        prim = _author(stage, where, capture, placed, form=form, bake_axes=bake_axes)
+        prim = author_field(stage, where, capture, placed, form=form, bake_axes=bake_axes)
     memory = provenance(source, sha256.result(), capture, form=form, axes=text, notes=notes)
     record(prim, memory)
     progress.step("authoring", 1, 1)
@@ -98,56 +87,9 @@ def _open_target(
     path = Path(target)
     files.check_suffix(path)
     files.check_not_input(path, [source])
-    return _new_stage(up_axis or "Y", 1.0 if unit is None else unit), path
-
-
-def _author(
-    stage: Usd.Stage,
-    where: Sdf.Path,
-    capture: Capture,
-    placed: Placement,
-    *,
-    form: Form,
-    bake_axes: bool,
-) -> Usd.Prim:
-    """The field, and the groups above it."""
-    define_ancestors(stage, where)
-    bake = bake_axes and not placed.is_identity
-    prim = schema.author(
-        stage,
-        where,
-        edit.transform(capture.cloud, placed.matrix) if bake else capture.cloud,
-        form=form,
-        color_space=capture.color_space,
-        rasterize_mode="antialiased" if capture.antialiased else "classic",
-    )
-    set_op(prim, None if bake_axes else placed.matrix)
-    set_default_prim(stage, where)
-    return prim
-
-
-def _new_stage(up_axis: str, meters_per_unit: float) -> Usd.Stage:
-    """An empty stage in memory that says what its coordinates mean."""
-    if up_axis not in axes.UP_AXIS_FRAME:
-        raise UsageError("up_axis", repr(up_axis), f"one of {', '.join(axes.UP_AXIS_FRAME)}")
     stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, up_axis)
-    UsdGeom.SetStageMetersPerUnit(stage, checked_unit(meters_per_unit))
-    stage.GetRootLayer().customLayerData = {"creator": f"usdsplat {__version__}"}
-    return stage
-
-
-def _assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
-    """What was taken for true without the file saying so."""
-    given = [] if frame is None else [f"the axes are {frame!r} because the import was told so"]
-    return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
-
-
-def _axes_text(placed: Placement, baked: bool) -> str:
-    """One sentence on what happens to the axes."""
-    if placed.is_identity:
-        return placed.text
-    return placed.text + (" in the arrays" if baked else f" by {OP}")
+    prepare(stage, up_axis, unit)
+    return stage, path
 
 
 def _report(

@@ -1,0 +1,94 @@
+"""A capture that was read, onto a stage: what one file and a sequence of them have in common."""
+
+from __future__ import annotations
+
+from pxr import Sdf, Usd, UsdGeom
+
+from usdsplat import __version__, schema
+from usdsplat.core import axes, edit
+from usdsplat.core.errors import UsageError
+from usdsplat.formats import Capture
+from usdsplat.interchange.placement import (
+    OP,
+    Placement,
+    checked_unit,
+    define_ancestors,
+    set_default_prim,
+    set_op,
+)
+from usdsplat.schema import Form
+
+_UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
+
+
+def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:
+    """Let an empty stage say what its coordinates mean.
+
+    Args:
+        stage: A new one.
+        up_axis: "Y" or "Z"; "Y" if None.
+        meters_per_unit: 1 if None.
+
+    Raises:
+        UsageError: If there is no such axis, or the unit is not positive.
+    """
+    up_axis = up_axis or "Y"
+    if up_axis not in axes.UP_AXIS_FRAME:
+        raise UsageError("up_axis", repr(up_axis), f"one of {', '.join(axes.UP_AXIS_FRAME)}")
+    UsdGeom.SetStageUpAxis(stage, up_axis)
+    unit = 1.0 if meters_per_unit is None else meters_per_unit
+    UsdGeom.SetStageMetersPerUnit(stage, checked_unit(unit))
+    stage.GetRootLayer().customLayerData = {"creator": f"usdsplat {__version__}"}
+
+
+def author_field(
+    stage: Usd.Stage,
+    where: Sdf.Path,
+    capture: Capture,
+    placed: Placement,
+    *,
+    form: Form,
+    bake_axes: bool,
+    time: float | None = None,
+) -> Usd.Prim:
+    """Write the field of a capture, and the groups above it.
+
+    Args:
+        stage: Its edit target is written.
+        where: Path of the field.
+        capture: What to write.
+        placed: From the capture's coordinates to the stage's.
+        form: How the field is stored, see `schema.author`.
+        bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        time: Time code of a sample; None writes default values.
+
+    Raises:
+        UsdSplatError: As `schema.author` says.
+    """
+    define_ancestors(stage, where)
+    bake = bake_axes and not placed.is_identity
+    prim = schema.author(
+        stage,
+        where,
+        edit.transform(capture.cloud, placed.matrix) if bake else capture.cloud,
+        form=form,
+        time=time,
+        color_space=capture.color_space,
+        rasterize_mode="antialiased" if capture.antialiased else "classic",
+    )
+    set_op(prim, None if bake_axes else placed.matrix)
+    set_default_prim(stage, where)
+    return prim
+
+
+def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
+    """What was taken for true without the file saying so."""
+    given = [] if frame is None else [f"the axes are {frame!r} because the import was told so"]
+    return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
+
+
+def axes_text(placed: Placement, baked: bool) -> str:
+    """One sentence on what happens to the axes."""
+    if placed.is_identity:
+        return placed.text
+    return placed.text + (" in the arrays" if baked else f" by {OP}")
