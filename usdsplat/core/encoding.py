@@ -70,11 +70,19 @@ def split_largest(quaternions: Floats) -> tuple[npt.NDArray[np.uint8], Floats]:
         Index of the component left out, the first of equals, shape (n,); the others in their order,
         with the sign under which the one left out is positive, shape (n, 3), in +-`SMALL_LIMIT`.
     """
-    rows = np.arange(len(quaternions))
-    largest = np.argmax(np.abs(quaternions), axis=1)
-    sign = np.where(quaternions[rows, largest] < 0, -1, 1).astype(quaternions.dtype)
-    rest = quaternions[rows[:, None], _others(largest)] * sign[:, None]
-    return largest.astype(np.uint8), rest
+    parts = np.ascontiguousarray(quaternions.T)
+    size = np.abs(parts)
+    # Whole columns are compared: argmax and indexing by rows take twice as long.
+    second, fourth = size[1] > size[0], size[3] > size[2]
+    upper = np.maximum(size[2], size[3]) > np.maximum(size[0], size[1])
+    largest = np.where(upper, fourth + np.uint8(2), second.view(np.uint8))
+    lower_part, upper_part = np.where(second, parts[1], parts[0]), np.where(fourth, *parts[:1:-1])
+    sign = np.copysign(quaternions.dtype.type(1), np.where(upper, upper_part, lower_part))
+    rest = np.empty((len(quaternions), 3), quaternions.dtype)
+    for column in range(3):  # what stands behind the one left out moves up
+        other = np.where(largest > column, parts[column], parts[column + 1])
+        np.multiply(other, sign, out=rest[:, column])
+    return largest, rest
 
 
 def join_largest(largest: Codes, rest: Floats) -> npt.NDArray[np.float32]:
@@ -82,14 +90,17 @@ def join_largest(largest: Codes, rest: Floats) -> npt.NDArray[np.float32]:
 
     Rows whose three components are longer than 1, which no encoder writes, are scaled to length 1.
     """
-    small = rest.astype(np.float64)
-    squared = np.einsum("ni,ni->n", small, small)
-    index = largest.astype(np.intp)
-    rows = np.arange(len(index))
-    whole = np.empty((len(index), 4))
-    whole[rows[:, None], _others(index)] = small / np.sqrt(np.maximum(squared, 1.0))[:, None]
-    whole[rows, index] = np.sqrt(np.maximum(1.0 - squared, 0.0))
-    return whole.astype(np.float32)
+    a, b, c = small = np.array(rest.T, np.float64, order="C")
+    squared = a * a + b * b + c * c
+    if np.any(squared > 1):
+        small /= np.sqrt(np.maximum(squared, 1.0))
+    missing = np.sqrt(np.maximum(1.0 - squared, 0.0))
+    whole = np.empty((len(rest), 4), np.float32)
+    whole[:, 0] = np.where(largest == 0, missing, a)
+    whole[:, 1] = np.where(largest == 1, missing, np.where(largest < 1, a, b))
+    whole[:, 2] = np.where(largest == 2, missing, np.where(largest < 2, b, c))
+    whole[:, 3] = np.where(largest == 3, missing, c)
+    return whole
 
 
 def encode_smallest_three(
@@ -116,11 +127,3 @@ def decode_smallest_three(
     """Undo `encode_smallest_three`: unit quaternions, shape (n, 4)."""
     span = 2.0 * limit / top
     return join_largest(largest, codes.astype(np.float64) * span - limit)
-
-
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-
-
-def _others(largest: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Columns that remain when one is left out, shape (n, 3)."""
-    return _OTHERS[largest]
