@@ -85,6 +85,23 @@ class Filling:
         with np.errstate(invalid="ignore"):  # rows that are not finite go
             quaternions[:] = quaternion.normalize(quaternions)
 
+    def settle_linear(self, rows: slice, name: Namer = _field_name) -> None:
+        """Settle rows of a file that stores scales, not their logarithms, so that a scale may be
+        negative: such a splat counts as one with a number that is not finite.
+
+        Raises:
+            FormatError: As `settle` does, and at the first negative scale.
+        """
+        scales = self.scales[rows]
+        negative = scales < 0
+        if negative.any():
+            if not self._drop:
+                row, column = np.argwhere(negative)[0]
+                where = f"{self._source}: {name('scales', int(column))} of splat {rows.start + row}"
+                raise FormatError(where, f"{scales[row, column]}", "a number that is not negative")
+            scales[negative] = np.nan
+        self.settle(rows, name)
+
     def cloud(self) -> tuple[SplatCloud, tuple[str, ...]]:
         """The finished cloud, less the splats that cannot be drawn, and notes if there were any."""
         kinds = {"their rotation is zero": self._zero & ~self._nonfinite}
