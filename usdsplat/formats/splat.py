@@ -1,0 +1,121 @@
+"""antimatter15's .splat: 32 bytes a splat and nothing else, no header, no harmonics.
+
+Centres and scales are floats; colour, opacity and rotation are bytes. A file has no mark by which
+it could be known, so that its name decides. Lossy: see `ERROR_BOUNDS`; harmonics above degree 0,
+identities and velocities have no place there.
+
+Source: antimatter15/splat, whose `convert.py` defines the layout. It cuts the fractions of bytes
+off where this module rounds, which halves the error; both decode alike.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.errors import FormatError, OutputError
+from usdsplat.core.output import atomic_path
+from usdsplat.core.sh import dc_to_rgb, rgb_to_dc
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
+from usdsplat.formats.filling import Filling, blocks
+from usdsplat.formats.options import READING, WRITING, Reading, Writing
+
+SUFFIXES: tuple[str, ...] = (".splat",)
+FRAME = "rdf"
+
+ERROR_BOUNDS = {
+    "rotations": "0.9 degrees, or 1.8 where the writer cut fractions off",
+    "opacities": "1/510, or 1/255 where the writer cut fractions off",
+    "sh": "degree 0: 0.007, or 0.014 where the writer cut fractions off, within +-1.77",
+}
+
+RECORD = np.dtype(
+    [("position", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)]
+)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether a file that is not empty has the name of one: its content has no mark."""
+    return bool(head) and path.name.lower().endswith(SUFFIXES)
+
+
+def read(path: Path, how: Reading = READING) -> Capture:
+    """Read all records.
+
+    Raises:
+        FormatError: If the file is no whole number of records, a number in it is not finite or a
+            scale is negative.
+    """
+    source, size = str(path), path.stat().st_size
+    count, rest = divmod(size, RECORD.itemsize)
+    if rest or not count:
+        raise FormatError(source, f"{size} bytes", f"{RECORD.itemsize} for each splat")
+    filling = Filling(source, count, 0, how)
+    with path.open("rb") as file:
+        for rows in blocks(count):
+            wanted = (rows.stop - rows.start) * RECORD.itemsize
+            data = file.read(wanted)
+            if len(data) < wanted:  # somebody cut the file since
+                raise FormatError(source, f"an end after splat {rows.start}", f"{count} splats")
+            _decode(filling, rows, np.frombuffer(data, RECORD))
+            filling.settle_linear(rows)
+            how.progress.step(f"reading {source}", rows.stop, count)
+    cloud, notes = filling.cloud()
+    return Capture(
+        cloud=cloud,
+        format="SPLAT",
+        files=(path,),
+        frame="rdf",
+        error_bounds=ERROR_BOUNDS,
+        notes=(UNKNOWN_AXES, *notes),
+    )
+
+
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+    """Write the splats that matter most first, as viewers that show a part of a file expect.
+
+    Args:
+        cloud: Splats; colours outside 0 to 1 are clamped.
+        path: Target, replaced when the file is complete.
+        how: Only its progress matters: the file can say nothing about itself.
+
+    Raises:
+        OutputError: If nothing can be written there, or there is no splat: an empty file is none.
+    """
+    if not len(cloud):
+        raise OutputError(str(path), "no splat to write", "at least one")
+    order = np.argsort(-_weight(cloud), kind="stable")
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        for rows in blocks(len(cloud)):
+            file.write(_encode(cloud, order[rows]).data)
+            how.progress.step(f"writing {path}", rows.stop, len(cloud))
+
+
+def _decode(filling: Filling, rows: slice, records: npt.NDArray[np.void]) -> None:
+    """Fill some rows; a rotation of zero length, which no writer makes, is left out later."""
+    filling.positions[rows] = records["position"]
+    filling.scales[rows] = records["scale"]
+    rgba = records["rgba"] / np.float32(255)
+    filling.sh[rows, 0] = rgb_to_dc(rgba[:, :3])
+    filling.opacities[rows] = rgba[:, 3]
+    filling.rotations[rows] = (records["rotation"] - np.float32(128)) / 128
+
+
+def _encode(cloud: SplatCloud, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.void]:
+    """Records of some splats."""
+    records = np.empty(len(rows), RECORD)
+    records["position"] = cloud.positions[rows]
+    records["scale"] = cloud.scales[rows]
+    rgb = dc_to_rgb(cloud.sh[rows, 0])
+    rgba = np.column_stack([rgb, cloud.opacities[rows]])
+    records["rgba"] = np.rint(np.clip(rgba, 0, 1) * 255)
+    records["rotation"] = np.clip(np.rint(cloud.rotations[rows] * 128 + 128), 0, 255)
+    return records
+
+
+def _weight(cloud: SplatCloud) -> F64:
+    """Volume times opacity, in float64 because products of scales leave float32."""
+    return np.prod(cloud.scales.astype(np.float64), axis=1) * cloud.opacities
