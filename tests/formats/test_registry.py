@@ -16,7 +16,7 @@ from usdsplat.core.errors import FormatError, UnknownFormatError
 
 def test_suffixes_are_those_of_the_modules():
     """Oracle: the formats of the issue."""
-    read = {".ply", ".compressed.ply", ".sog", "/meta.json", ".splat", ".spz"}
+    read = {".ply", ".compressed.ply", ".ksplat", ".sog", "/meta.json", ".splat", ".spz"}
     assert set(formats.suffixes_read()) == read
     assert set(formats.suffixes_written()) == {".ply", ".splat"}
 
