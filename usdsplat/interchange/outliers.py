@@ -1,0 +1,55 @@
+"""Splats that float far from all others, by the statistics of how near splats are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core import edit
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import UsageError
+from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.points.nearest import nearest
+
+NEIGHBORS, DEVIATIONS = 20, 2.0
+"""Looked at, and allowed, if nothing else is asked for."""
+
+
+def drop_outliers(
+    cloud: SplatCloud,
+    *,
+    neighbors: int = NEIGHBORS,
+    deviations: float = DEVIATIONS,
+    device: CpuDevice | None = None,
+) -> SplatCloud:
+    """Drop splats whose nearest neighbours are farther away than is usual here.
+
+    A splat goes if the mean distance to its nearest neighbours is more than `deviations` standard
+    deviations above the mean of that number over all splats; or if its centre is not finite. Splats
+    that have fewer neighbours are judged by those that there are, and one alone stays.
+
+    Args:
+        neighbors: How many, >= 1.
+        deviations: How many, >= 0; fewer drop more.
+        device: Where to; None for the fastest one here.
+
+    Raises:
+        UsageError: If a number is out of range.
+
+    Source:
+        Rusu et al. 2008, "Towards 3D point cloud based object maps for household environments",
+        4.1; PCL's `StatisticalOutlierRemoval` does the same.
+    """
+    if neighbors < 1:
+        raise UsageError("neighbors of the outliers", str(neighbors), "1 or more")
+    if not deviations >= 0:
+        raise UsageError("deviations of the outliers", str(deviations), "0 or more")
+    sound = edit.take(cloud, np.isfinite(cloud.positions).all(axis=1))
+    found = min(neighbors, len(sound) - 1)
+    if found < 1:
+        return sound
+    points = sound.positions
+    _, distances = nearest(device or open_device(), points, points, found + 1)
+    # The nearest is the point itself, or another at the same place: at distance 0 either way.
+    means = distances.sum(axis=1, dtype=np.float64) / found
+    limit = means.mean() + deviations * means.std(ddof=1)
+    return edit.take(sound, np.flatnonzero(means <= limit))

@@ -1,0 +1,1 @@
+"""Fewer splats for the same picture."""

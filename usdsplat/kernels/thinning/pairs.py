@@ -1,0 +1,240 @@
+"""Pairs of splats that one splat can stand for, and that splat.
+
+A splat is a Gaussian of optical depth: -ln(1 - opacity) at its centre, spread by its covariance.
+Depths add where splats overlap, so a pair becomes the Gaussian with the mean and covariance of
+both, weighted by their mass, which is depth times the area that a picture shows of a splat. What
+it costs is how far the picture may change: the mass that moves to where none was, in nats (Runnalls
+2007), and the variance of colour and opacity that is lost.
+
+Source: Runnalls 2007, "Kullback-Leibler approach to Gaussian mixture reduction", eq. 16 and 21.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from usdsplat.kernels.jit import exact, parallel, serial
+
+BLOCK = 1024
+"""Rows of an item of work; results depend on no number of threads."""
+FAINTEST = 1.0 / 255.0
+"""Splats below this opacity are in no picture: they have no mass, and go for nothing."""
+DENSEST = -math.log(1.0 - 0.999)
+"""Optical depth that merged splats have at most: what is more spreads them instead."""
+SOFTNESS = 0.03
+"""Part of a splat's size, squared, that blurs it before shapes are compared: how thin a splat is
+matters to no picture once it is thin."""
+TINY = 1e-30
+"""Added to variances [unit^2]: splats without size have a logarithm too."""
+
+# --- 1. mathematics ---------------------------------------------------------------------
+
+
+@exact
+def covariance(w, x, y, z, a, b, c):
+    """R diag(a, b, c) R^T as (xx, xy, xz, yy, yz, zz) of a unit quaternion and variances."""
+    r00, r01, r02 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    r10, r11, r12 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    r20, r21, r22 = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return (
+        a * r00 * r00 + b * r01 * r01 + c * r02 * r02,
+        a * r00 * r10 + b * r01 * r11 + c * r02 * r12,
+        a * r00 * r20 + b * r01 * r21 + c * r02 * r22,
+        a * r10 * r10 + b * r11 * r11 + c * r12 * r12,
+        a * r10 * r20 + b * r11 * r21 + c * r12 * r22,
+        a * r20 * r20 + b * r21 * r21 + c * r22 * r22,
+    )
+
+
+@exact
+def log_volume(xx, xy, xz, yy, yz, zz):
+    """Logarithm of the blurred ellipsoid's volume, but for a constant."""
+    soft = SOFTNESS * (xx + yy + zz) + TINY
+    xx, yy, zz = xx + soft, yy + soft, zz + soft
+    volume = (
+        xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    )  # fmt: skip
+    return 0.5 * math.log(max(volume, TINY * TINY * TINY))
+
+
+@exact
+def area(xx, xy, xz, yy, yz, zz):
+    """Area that a picture shows of an ellipsoid, but for a constant: the root mean square over all
+    directions of view [unit^2]."""
+    faces = xx * yy - xy * xy + yy * zz - yz * yz + zz * xx - xz * xz
+    return math.sqrt(max(faces, 0.0) / 3)
+
+
+@exact
+def mixed(a, b, part, d, e):
+    """An entry of a pair's covariance: of the first, `part` of the mass, and of the second; d, e:
+    how far apart they are along the entry's axes."""
+    return part * a + (1 - part) * b + part * (1 - part) * d * e
+
+
+@exact
+def joined(i, j, part, positions, covariances):
+    """Covariance of a pair of rows; `part` of their mass is the first one's."""
+    dx = np.float64(positions[i, 0]) - positions[j, 0]
+    dy = np.float64(positions[i, 1]) - positions[j, 1]
+    dz = np.float64(positions[i, 2]) - positions[j, 2]
+    return (
+        mixed(covariances[i, 0], covariances[j, 0], part, dx, dx),
+        mixed(covariances[i, 1], covariances[j, 1], part, dx, dy),
+        mixed(covariances[i, 2], covariances[j, 2], part, dx, dz),
+        mixed(covariances[i, 3], covariances[j, 3], part, dy, dy),
+        mixed(covariances[i, 4], covariances[j, 4], part, dy, dz),
+        mixed(covariances[i, 5], covariances[j, 5], part, dz, dz),
+    )
+
+
+# --- 2. CPU -----------------------------------------------------------------------------
+
+
+@parallel
+def weigh(scales, rotations, opacities, covariances, masses, volumes):
+    """What pairs are judged by.
+
+    Args:
+        scales, rotations, opacities: Of a cloud.
+        covariances: Receives (xx, xy, xz, yy, yz, zz), (n, 6) f64.
+        masses: Receives optical depth times area [unit^2], (n,) f64.
+        volumes: Receives logarithms, (n,) f64.
+    """
+    n = scales.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+            s0, s1, s2 = (
+                np.float64(scales[i, 0]), np.float64(scales[i, 1]), np.float64(scales[i, 2])
+            )  # fmt: skip
+            xx, xy, xz, yy, yz, zz = covariance(
+                np.float64(rotations[i, 0]), np.float64(rotations[i, 1]),
+                np.float64(rotations[i, 2]), np.float64(rotations[i, 3]),
+                s0 * s0, s1 * s1, s2 * s2,
+            )  # fmt: skip
+            covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
+            covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
+            opacity = np.float64(opacities[i])
+            depth = min(-math.log(max(1 - opacity, 0.0)), DENSEST)
+            masses[i] = depth * area(xx, xy, xz, yy, yz, zz) if opacity >= FAINTEST else 0.0
+            volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
+
+
+@parallel
+def cheapest(
+    rows, near, positions, covariances, masses, volumes, opacities, sh, by_color, by_opacity,
+    partners, costs,
+):  # fmt: skip
+    """The neighbour with which each splat makes the cheapest pair.
+
+    Args:
+        rows: Of the splats that are left, (m,) i32.
+        near: Entries of `rows` of the neighbours of each, (m, k) i32; -1, or itself, is none.
+        positions, covariances, masses, volumes, opacities: Of all rows.
+        sh: Likewise, (n, 3 coefficients) f32.
+        by_color, by_opacity: Nats that a unit of squared difference is worth, float64.
+        partners: Receives entries of `rows`, (m,) i32; -1 where there is none.
+        costs: Receives what they cost [nat unit^2], (m,) f64; inf where there is none.
+    """
+    m = rows.shape[0]
+    for b in prange((m + BLOCK - 1) // BLOCK):
+        for s in range(b * BLOCK, min(m, (b + 1) * BLOCK)):
+            i = rows[s]
+            partners[s], costs[s] = -1, np.inf
+            for c in range(near.shape[1]):
+                t = near[s, c]
+                if t < 0 or t == s:
+                    continue
+                j = rows[t]
+                mass = masses[i] + masses[j]
+                cost = 0.0
+                if masses[i] > 0 and masses[j] > 0:
+                    part = masses[i] / mass
+                    xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
+                    volume = log_volume(xx, xy, xz, yy, yz, zz)
+                    nats = volume - part * volumes[i] - (1 - part) * volumes[j]
+                    if mass * nats < costs[s]:
+                        color = np.float32(0)
+                        for f in range(sh.shape[1]):
+                            difference = sh[i, f] - sh[j, f]
+                            color += difference * difference
+                        opacity = np.float64(opacities[i]) - opacities[j]
+                        lost = by_color * color + by_opacity * opacity * opacity
+                        nats += part * (1 - part) * lost
+                    cost = mass * nats
+                if cost < costs[s]:
+                    partners[s], costs[s] = t, cost
+
+
+@serial
+def match(order, partners, most, taken, pairs):
+    """Take pairs in order, none that shares a splat with one before.
+
+    Args:
+        order: Entries of `partners`, (m,) i64.
+        partners: Of each, (m,) i32; -1 is none.
+        most: Pairs to take at most.
+        taken: False; receives whose pair was taken, (m,) bool.
+        pairs: Receives them, (most, 2) i32.
+
+    Returns:
+        How many there are.
+    """
+    found = 0
+    for s in order:
+        t = partners[s]
+        if found == most:
+            break
+        if t >= 0 and not taken[s] and not taken[t]:
+            taken[s] = taken[t] = True
+            pairs[found, 0], pairs[found, 1] = s, t
+            found += 1
+    return found
+
+
+@parallel
+def merge(
+    pairs, rows, positions, covariances, masses, volumes, opacities, sh, velocities, merged, gone
+):
+    """Put each pair into the row of its heavier splat; of equally heavy ones, the first.
+
+    Args:
+        pairs: Entries of `rows`, (p, 2) i32, none twice.
+        rows: Of the splats that are left, (m,) i32.
+        positions, covariances, masses, volumes, opacities, sh: Of all rows; are changed.
+        velocities: Likewise, (n, 3) f32, or (n, 0).
+        merged: Receives True for rows that are another splat now, (n,) bool.
+        gone: Receives True for rows that are none any more, (n,) bool.
+    """
+    for p in prange(pairs.shape[0]):
+        i, j = rows[pairs[p, 0]], rows[pairs[p, 1]]
+        if masses[j] > masses[i] or (masses[j] == masses[i] and j < i):
+            i, j = j, i
+        gone[j] = True
+        if masses[j] == 0:
+            continue
+        merged[i] = True
+        mass = masses[i] + masses[j]
+        part = masses[i] / mass
+        xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
+        for a in range(3):
+            positions[i, a] = part * positions[i, a] + (1 - part) * positions[j, a]
+        for f in range(sh.shape[1]):
+            sh[i, f] = part * sh[i, f] + (1 - part) * sh[j, f]
+        for a in range(velocities.shape[1]):
+            velocities[i, a] = part * velocities[i, a] + (1 - part) * velocities[j, a]
+        depth = mass / area(xx, xy, xz, yy, yz, zz)
+        if depth > DENSEST:
+            grow = depth / DENSEST
+            xx, xy, xz, yy, yz, zz = (
+                grow * xx, grow * xy, grow * xz, grow * yy, grow * yz, grow * zz
+            )  # fmt: skip
+            depth = DENSEST
+        covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
+        covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
+        opacities[i] = 1 - math.exp(-depth)
+        masses[i] = depth * area(xx, xy, xz, yy, yz, zz)
+        volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
