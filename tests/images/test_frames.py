@@ -13,6 +13,7 @@ from usdsplat.images.frames import (
     frames_found,
     has_place,
     parse_frames,
+    without_place,
 )
 
 
@@ -128,3 +129,18 @@ def test_files_are_found_by_one_place(tmp_path, pattern):
     """Oracle: one sentence; without a number there is no sequence."""
     with pytest.raises(UsageError, match=r"place.*, expected one place for the frame number"):
         frames_found(tmp_path / pattern)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("in/cap.####.ply", "in/cap.ply"),
+        ("cap_%04d.compressed.ply", "cap.compressed.ply"),
+        ("cap.####.##.ply", "cap.ply"),
+        ("####.ply", ".ply"),
+        ("cap.ply", "cap.ply"),
+    ],
+)
+def test_a_pattern_has_a_name_without_the_number(pattern, expected):
+    """Oracle: written out by hand."""
+    assert without_place(pattern) == Path(expected)

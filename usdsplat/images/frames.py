@@ -104,6 +104,12 @@ def frames_found(pattern: str | Path) -> dict[float, Path]:
     return {frame: file for frame, file, name in named if file.name == name}
 
 
+def without_place(pattern: str | Path) -> Path:
+    """Return `pattern` without the frame number's place and the separator before it."""
+    path = Path(pattern)
+    return path.parent / re.sub(rf"[._-]?(?:{_PLACE.pattern})", "", path.name)
+
+
 def _span(text: str, first: float, last: str | None, step: str | None) -> list[float]:
     """The frames of one piece."""
     if last is None:

@@ -103,14 +103,24 @@ def save(layer: Sdf.Layer, target: Path) -> None:
         OutputError: If nothing can be written there.
     """
     check_suffix(target)
-    with atomic_path(target) as path:
-        try:
-            if target.suffix.lower() == ".usdz":
-                _package(layer, target, path)
-            else:
-                layer.Export(str(path))
-        except Tf.ErrorException as error:
-            raise OutputError(str(target), _sentence(error), "a file that USD can write") from None
+    with atomic_path(target) as path, usd_errors(target):
+        if target.suffix.lower() == ".usdz":
+            _package(layer, target, path)
+        else:
+            layer.Export(str(path))
+
+
+@contextmanager
+def usd_errors(target: Path) -> Iterator[None]:
+    """Let what USD raises while it writes be one of our errors.
+
+    Raises:
+        OutputError: Instead of USD's own.
+    """
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise OutputError(str(target), _sentence(error), "a file that USD can write") from None
 
 
 def check_suffix(target: Path) -> None:

@@ -36,6 +36,16 @@ class ImportReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceImportReport(ImportReport):
+    """A sequence of captures on a stage; `splats` are those of all frames together."""
+
+    frames: tuple[float, ...]
+    """Time codes, ascending."""
+    counts: tuple[int, ...]
+    """Splats of each frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExportReport:
     """Splats of a stage, or of another capture, as a capture file."""
 
@@ -48,6 +58,16 @@ class ExportReport:
     frame: str
     """Where x, y and z of the written file point."""
     notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceExportReport(ExportReport):
+    """A stage as a sequence of captures; `splats` are those of all frames together."""
+
+    frames: tuple[float, ...]
+    """Time codes, ascending."""
+    counts: tuple[int, ...]
+    """Splats of each frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

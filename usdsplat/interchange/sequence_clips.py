@@ -1,0 +1,107 @@
+"""A sequence as value clips: a file for each frame in a folder beside the stage.
+
+The stage says when which file counts, by relative paths; `topology.usda` holds what does not change
+and `manifest.usda` which attributes do. Applications open a frame's file when they need it.
+
+Source: "Value Clips" in the documentation of UsdClipsAPI.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
+
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.images.frames import frame_path
+from usdsplat.interchange.authoring import prepare
+
+_TOPOLOGY = "topology.usda"
+_MANIFEST = "manifest.usda"
+_OURS = re.compile(r"frame\.-?[\d.]+\.usdc|topology\.usda|manifest\.usda")
+
+
+class Clips:
+    """The clips of one field, written one after another into a folder beside the stage's file."""
+
+    def __init__(self, stage: Usd.Stage, folder: Path) -> None:
+        """
+        Args:
+            stage: Refers to the clips; its root layer is in the folder's parent.
+            folder: Where they go; it is made here.
+        """
+        folder.mkdir()
+        self._stage = stage
+        self._folder = folder
+        self._files: dict[float, Path] = {}
+
+    @staticmethod
+    def folder_of(target: Path) -> Path:
+        """Where the clips of a stage's file go: `shot.clips` for `shot.usdc`.
+
+        Raises:
+            UsageError: If the target is a package, which has no place beside it.
+            OutputError: If something other than clips is there.
+        """
+        if target.suffix.lower() == ".usdz":
+            raise UsageError("clips", "a .usdz target", "a .usd, .usda or .usdc file")
+        final = Path(os.path.realpath(target))
+        folder = final.with_name(f"{target.stem}.clips")
+        if os.path.lexists(folder):
+            is_folder = folder.is_dir() and not folder.is_symlink()
+            if not is_folder or not all(_OURS.fullmatch(name) for name in os.listdir(folder)):
+                found = "something that is no folder of clips"
+                raise OutputError(str(folder), found, "earlier clips or nothing")
+        return folder
+
+    @staticmethod
+    def put_in_place(folder: Path, target: Path) -> None:
+        """Move a finished folder to where `folder_of` says; earlier clips become scratch."""
+        if target.exists():
+            os.replace(target, folder.with_name("earlier.clips"))
+        os.replace(folder, target)
+
+    def new(self, time: float) -> Usd.Stage:
+        """An empty stage for a frame, which can be looked at by itself."""
+        is_whole = time == int(time)
+        path = frame_path(
+            self._folder / f"frame.{'####' if is_whole else '####.######'}.usdc", time
+        )
+        stage = Usd.Stage.CreateNew(str(path))
+        unit = UsdGeom.GetStageMetersPerUnit(self._stage)
+        prepare(stage, UsdGeom.GetStageUpAxis(self._stage), unit)
+        stage.SetStartTimeCode(time)
+        stage.SetEndTimeCode(time)
+        stage.SetTimeCodesPerSecond(self._stage.GetTimeCodesPerSecond())
+        self._files[time] = path
+        return stage
+
+    def finish(self, where: Sdf.Path) -> None:
+        """Refer to the clips, all of which have the field at `where`."""
+        first = str(next(iter(self._files.values())))
+        topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
+        UsdUtils.StitchClipsTopology(topology, [first])
+        topology.Save()
+        manifest = Sdf.Layer.CreateNew(str(self._folder / _MANIFEST))
+        UsdUtils.StitchClipsManifest(manifest, topology, [first], str(where))
+        manifest.Save()
+        root = self._stage.GetRootLayer()
+        root.subLayerPaths.append(self._asset(_TOPOLOGY))
+        for key in ("defaultPrim", "fallbackPrimTypes"):  # no sublayer can say these
+            if topology.pseudoRoot.HasInfo(key):
+                root.pseudoRoot.SetInfo(key, topology.pseudoRoot.GetInfo(key))
+        times = list(self._files)
+        clips = Usd.ClipsAPI(self._stage.OverridePrim(where))
+        clips.SetClipPrimPath(str(where))
+        clips.SetClipAssetPaths(
+            Sdf.AssetPathArray([Sdf.AssetPath(self._asset(p.name)) for p in self._files.values()])
+        )
+        clips.SetClipActive(Vt.Vec2dArray([(time, i) for i, time in enumerate(times)]))
+        clips.SetClipTimes(Vt.Vec2dArray([(time, time) for time in times]))
+        clips.SetClipManifestAssetPath(Sdf.AssetPath(self._asset(_MANIFEST)))
+
+    def _asset(self, name: str) -> str:
+        """A file of the folder as the stage names it."""
+        return f"./{self._folder.name}/{name}"

@@ -1,0 +1,231 @@
+"""A sequence of captures becomes one splat field that changes over time.
+
+A file is written frame after frame, and memory holds one of them. Which splat of a frame was which
+of the one before is not known, as a rule: all get identities of their own, so that each frame is
+held until the next and nothing is mixed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdUtils
+
+from usdsplat import formats
+from usdsplat.core.errors import UsageError
+from usdsplat.core.output import atomic_path
+from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import Capture
+from usdsplat.images.frames import without_place
+from usdsplat.interchange import files
+from usdsplat.interchange.authoring import assumptions, author_field, axes_text, prepare
+from usdsplat.interchange.placement import field_path, placement
+from usdsplat.interchange.provenance import fingerprint, provenance, record
+from usdsplat.interchange.reports import SequenceImportReport
+from usdsplat.interchange.sequence_clips import Clips
+from usdsplat.interchange.sequence_files import Account, files_of
+from usdsplat.schema import Form
+
+RATE = 24.0
+"""Frames in a second of a sequence of which nobody says it [1/s]."""
+_ROW_BITS = 32
+_HELD = (
+    "each frame is held until the next; applications that do not heed ids mix frames that have as "
+    "many splats"
+)
+
+
+def import_sequence(
+    source: Path | str,
+    target: Path | str,
+    *,
+    frames: Sequence[float] | None = None,
+    clips: bool = False,
+    rate: float = RATE,
+    interpolate: bool = False,
+    form: Form = "float",
+    frame: str | None = None,
+    up_axis: str | None = None,
+    meters_per_unit: float | None = None,
+    prim_path: str | None = None,
+    bake_axes: bool = False,
+    read: Callable[[Path], Capture] = formats.read,
+    progress: Progress = silent,
+) -> SequenceImportReport:
+    """Write a sequence of captures as one splat field; its numbers are the time codes.
+
+    Frames may have different numbers of splats, but one degree, and one opinion on axes.
+
+    Args:
+        source: A name with a place for the frame number: `cap.####.ply` or `cap.%04d.ply`.
+        target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
+        frames: Which to take; None is all there are, and they must leave no gap.
+        clips: Write value clips, a file for each frame in a folder `NAME.clips` beside the
+            target, instead of time samples. Earlier clips there are replaced.
+        rate: Frames in a second [1/s].
+        interpolate: Take row i for the same splat in all frames: between them it moves.
+        form: How the field is stored, see `schema.author`.
+        frame: Where x, y and z of the captures point, such as "rdf"; None believes the files.
+        up_axis: "Y" or "Z", "Y" if None.
+        meters_per_unit: Metres in a unit of the captures and the stage; None is 1.
+        prim_path: Path of the field; None is the pattern's name under the default prim.
+        bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        read: What reads a file; one that edits what it read will do.
+        progress: Told about each frame.
+
+    Raises:
+        FormatError: If a file is missing, or not what it claims to be, or unlike the others.
+        UsageError: If an option has a value it cannot have.
+        OutputError: If the target cannot be written, or is one of the files being read.
+    """
+    pattern, path = Path(source), Path(target)
+    files.check_suffix(path)
+    if not 0 < rate < math.inf:
+        raise UsageError("rate", f"{rate:g}", "a positive number [1/s]")
+    listed = files_of(pattern, frames)
+    files.check_not_input(path, listed.values())
+    clip_folder = Clips.folder_of(path) if clips else None
+    with ExitStack() as after, atomic_path(path) as temporary:  # scratch goes last
+        scratch = Path(after.enter_context(_scratch_beside(temporary)))
+        stage = _new_stage(scratch / f"{path.stem}.usdc", up_axis, meters_per_unit)
+        _author_times(stage, tuple(listed), rate)
+        job = _Job(
+            stage=stage,
+            target=path,
+            where=field_path(stage, without_place(pattern), prim_path),
+            clips=Clips(stage, scratch / clip_folder.name) if clip_folder else None,
+            form=form,
+            frame=frame,
+            bake_axes=bake_axes,
+            interpolate=interpolate,
+            read=read,
+        )
+        account = Account()
+        for number, (time, file) in enumerate(listed.items()):
+            progress.step("frames", number, len(listed))
+            job.add(account, time, file, number)
+        progress.step("frames", len(listed), len(listed))
+        report = job.finish(account, pattern, tuple(listed), meters_per_unit)
+        _publish(stage.GetRootLayer(), temporary)
+        if clip_folder:
+            Clips.put_in_place(scratch / clip_folder.name, clip_folder)
+    return report
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Job:
+    """One import of a sequence."""
+
+    stage: Usd.Stage
+    target: Path
+    where: Sdf.Path
+    clips: Clips | None
+    form: Form
+    frame: str | None
+    bake_axes: bool
+    interpolate: bool
+    read: Callable[[Path], Capture]
+
+    def add(self, account: Account, time: float, file: Path, number: int) -> None:
+        """Read a frame, write it, and let go of it."""
+        capture = self.read(file)
+        capture = replace(capture, frame=self.frame or capture.frame)
+        account.add(time, file, capture, fingerprint(capture.files))
+        if not self.interpolate:
+            rows = np.arange(len(capture.cloud), dtype=np.int64)
+            cloud = replace(capture.cloud, ids=rows + (number << _ROW_BITS))
+            capture = replace(capture, cloud=cloud)
+        with self._stage_at(time) as stage:
+            author_field(
+                stage,
+                self.where,
+                capture,
+                placement(self.stage, capture.frame, None),
+                form=self.form,
+                bake_axes=self.bake_axes,
+                time=time,
+            )
+
+    @contextmanager
+    def _stage_at(self, time: float) -> Iterator[Usd.Stage]:
+        """Where a frame is written; saved, and out of memory, afterwards."""
+        stage = self.clips.new(time) if self.clips else self.stage
+        yield stage
+        with files.usd_errors(self.target):
+            stage.Save()
+
+    def finish(
+        self, account: Account, pattern: Path, times: tuple[float, ...], unit: float | None
+    ) -> SequenceImportReport:
+        """Say on the field where it came from, and to the caller what was done."""
+        if self.clips:
+            self.clips.finish(self.where)
+        prim = self.stage.GetPrimAtPath(self.where)
+        capture = account.capture
+        assert capture is not None  # there is a first frame
+        text = axes_text(placement(self.stage, capture.frame, None), self.bake_axes)
+        notes = (*account.notes.told(), *assumptions(self.frame, unit))
+        if not self.interpolate and len(times) > 1:
+            notes += (_HELD,)
+        memory = provenance(
+            pattern, account.fingerprint(), capture, form=self.form, axes=text, notes=notes
+        )
+        record(prim, memory)
+        with files.usd_errors(self.target):
+            self.stage.Save()
+        return SequenceImportReport(
+            source=str(pattern),
+            target=str(self.target),
+            prim_path=str(self.where),
+            splats=sum(account.counts),
+            degree=capture.cloud.sh_degree,
+            form=self.form,
+            format=memory.format,
+            frame=memory.frame,
+            axes=memory.axes,
+            meters_per_unit=UsdGeom.GetStageMetersPerUnit(self.stage),
+            error_bounds=memory.error_bounds,
+            notes=memory.notes,
+            frames=times,
+            counts=tuple(account.counts),
+        )
+
+
+def _new_stage(path: Path, up_axis: str | None, meters_per_unit: float | None) -> Usd.Stage:
+    """A stage in a new file, which grows by what is saved."""
+    stage = Usd.Stage.CreateNew(str(path))
+    prepare(stage, up_axis, meters_per_unit)
+    return stage
+
+
+def _author_times(stage: Usd.Stage, times: tuple[float, ...], rate: float) -> None:
+    """From when to when, and how fast."""
+    stage.SetStartTimeCode(times[0])
+    stage.SetEndTimeCode(times[-1])
+    stage.SetTimeCodesPerSecond(rate)
+    stage.SetFramesPerSecond(rate)
+
+
+def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
+    """A hidden folder that lasts as long as the work."""
+    return tempfile.TemporaryDirectory(dir=path.parent, prefix=".sequence-")
+
+
+def _publish(layer: Sdf.Layer, temporary: Path) -> None:
+    """Make of a finished crate file what the suffix of `temporary` says."""
+    crate = layer.realPath
+    with files.usd_errors(temporary):
+        match temporary.suffix.lower():
+            case ".usda":
+                layer.Export(str(temporary))
+            case ".usdz":
+                UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(crate), str(temporary))
+            case _:
+                os.replace(crate, temporary)
