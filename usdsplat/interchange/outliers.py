@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core import edit
-from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.kernels.points.nearest import nearest
@@ -50,6 +50,6 @@ def drop_outliers(
     points = sound.positions
     _, distances = nearest(device or open_device(), points, points, found + 1)
     # The nearest is the point itself, or another at the same place: at distance 0 either way.
-    means = distances.sum(axis=1, dtype=np.float64) / found
+    means: F64 = distances.sum(axis=1, dtype=np.float64) / found
     limit = means.mean() + deviations * means.std(ddof=1)
-    return edit.take(sound, np.flatnonzero(means <= limit))
+    return edit.take(sound, np.asarray(means <= limit))
