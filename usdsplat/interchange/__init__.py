@@ -6,14 +6,26 @@ from usdsplat.interchange.converting import convert
 from usdsplat.interchange.exporting import export_capture
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
-from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport
+from usdsplat.interchange.reports import (
+    ExportReport,
+    ImportReport,
+    RepackReport,
+    SequenceExportReport,
+    SequenceImportReport,
+)
+from usdsplat.interchange.sequence_exporting import export_sequence
+from usdsplat.interchange.sequences import import_sequence
 
 __all__ = [
     "ExportReport",
     "ImportReport",
     "RepackReport",
+    "SequenceExportReport",
+    "SequenceImportReport",
     "convert",
     "export_capture",
+    "export_sequence",
     "import_capture",
+    "import_sequence",
     "repack",
 ]
