@@ -1,0 +1,234 @@
+"""Photographs' cameras become cameras of the stage, beside the field that was trained from them.
+
+USD's cameras are pinholes: what else a lens does is noted, and kept in customData.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.core.wording import counted
+from usdsplat.formats import cameras
+from usdsplat.formats.cameras import Lens, Posed
+from usdsplat.formats.cameras.posed import carried
+from usdsplat.interchange.placement import OP, placement
+from usdsplat.interchange.provenance import KEY
+from usdsplat.schema import attributes, stock, tokens
+
+SCOPE = "cameras"
+"""Name of the group, beside the field."""
+APERTURE = 36.0
+"""Width of every camera's aperture [tenth of a scene unit]: lenses read as on a 36 mm film."""
+
+_NEAREST = 0.01
+"""Of the median depth of the splats in front of a camera, where its near plane is."""
+_RANGE = 1e6
+"""Far over near, at most: what depth buffers can bear."""
+_SHOWN = 0.5
+"""Pixels that a photograph and a render must differ by to be worth a note."""
+_SAMPLED = 1 << 16
+"""Centres that are looked at for the clipping range."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraReport:
+    """Cameras on a stage."""
+
+    source: str
+    """The file with the poses, or the folder."""
+    format: str
+    """"COLMAP binary", "COLMAP text" or "transforms.json"."""
+    prim_paths: tuple[str, ...]
+    """One for each photograph, in the order of the file."""
+    notes: tuple[str, ...] = ()
+    """What a careful reader would want to be told, a sentence each."""
+
+
+def import_cameras(
+    source: Path | str,
+    field: Usd.Prim,
+    *,
+    frame: str = "rdf",
+    meters_per_unit: float | None = None,
+    edited: F64 | None = None,
+    progress: Progress = silent,
+) -> CameraReport:
+    """Author a camera for each photograph of a capture, in the group "cameras" beside its field.
+
+    A point that the photograph has at a pixel, lens distortion apart, is there in a render with the
+    photograph's size. customData["usdsplat"] of a camera has `image`, `width`, `height`, the lens
+    and what it does beyond a pinhole.
+
+    Args:
+        source: See `formats.cameras.read`.
+        field: What was made of the capture, on a stage whose edit target is written.
+        frame: Where x, y and z of the capture point, as its import was told; of no account where
+            the field has the op of its import, which says it.
+        meters_per_unit: Metres in a unit of the capture, likewise.
+        edited: What was done to the capture between training and import, shape (4, 4), column
+            vectors: a rotation, a uniform scale and a translation.
+        progress: Told about reading and authoring.
+
+    Raises:
+        FormatError: If the source is not what it claims to be.
+        UsageError: If `frame` or `edited` mirrors or shears: no camera can.
+        StageError: If the field's own transform does.
+    """
+    found = cameras.read(source, progress=progress)
+    matrix = _to_parent(field, frame, meters_per_unit, edited)
+    stage = field.GetStage()
+    group = _free(stage, field.GetPath().GetParentPath().AppendChild(SCOPE))
+    UsdGeom.Scope.Define(stage, group)
+    splats = _centres(field)
+    paths = []
+    for done, camera in enumerate(found.cameras):
+        if done % 64 == 0:
+            progress.step("authoring cameras", done, len(found.cameras))
+        pose = carried(camera.to_capture, matrix)
+        path = _free(stage, group.AppendChild(_name(camera.name)))
+        _author(stage, path, camera, pose, _clipping_range(pose, splats))
+        paths.append(str(path))
+    progress.step("authoring cameras", len(paths), len(paths))
+    notes = (*found.notes, *_about_lenses([camera.lens for camera in found.cameras]))
+    return CameraReport(
+        source=str(source), format=found.format, prim_paths=tuple(paths), notes=notes
+    )
+
+
+def _to_parent(
+    field: Usd.Prim, frame: str, meters_per_unit: float | None, edited: F64 | None
+) -> F64:
+    """From the capture's coordinates to those of the field's parent."""
+    xformable = UsdGeom.Xformable(field)
+    matrix: F64 = np.array(xformable.GetLocalTransformation(Usd.TimeCode.Default())).T
+    if not field.HasAttribute(OP):  # the splats themselves were turned, or there was nothing to do
+        turn = placement(field.GetStage(), frame, meters_per_unit).matrix
+        _check(turn, UsageError("frame", f"{frame!r}, which is left-handed", "a right-handed one"))
+        matrix = matrix @ turn
+    where = f"{field.GetPath()}"
+    expected = "one that turns, moves and scales evenly: cameras go along"
+    _check(matrix, StageError(where, "a transform that mirrors or shears", expected))
+    if edited is not None:
+        wrong = UsageError("edited", "a matrix that mirrors or shears", "a similarity")
+        _check(edited, wrong)
+        matrix = matrix @ edited
+    return matrix
+
+
+def _check(matrix: F64, error: Exception) -> None:
+    """Raise the error if cameras cannot be carried by the matrix."""
+    try:
+        carried(np.eye(4), matrix)
+    except ValueError:
+        raise error from None
+
+
+def _author(
+    stage: Usd.Stage, path: Sdf.Path, posed: Posed, pose: F64, clipping: tuple[float, float]
+) -> None:
+    """One camera; apertures are in the unit of the focal length, so that only ratios count."""
+    lens = posed.lens
+    focal = lens.fx * APERTURE / lens.width
+    camera = UsdGeom.Camera.Define(stage, path)
+    looking_back = pose @ np.diag([1.0, -1.0, -1.0, 1.0])  # USD's cameras have y up and z back
+    camera.AddTransformOp().Set(Gf.Matrix4d(looking_back.T.tolist()))
+    camera.CreateProjectionAttr(UsdGeom.Tokens.perspective)
+    camera.CreateFocalLengthAttr(focal)
+    camera.CreateHorizontalApertureAttr(APERTURE)
+    camera.CreateVerticalApertureAttr(focal * lens.height / lens.fy)
+    camera.CreateHorizontalApertureOffsetAttr(focal * (lens.width / 2 - lens.cx) / lens.fx)
+    camera.CreateVerticalApertureOffsetAttr(focal * (lens.cy - lens.height / 2) / lens.fy)
+    camera.CreateClippingRangeAttr(Gf.Vec2f(*clipping))
+    camera.GetPrim().SetCustomDataByKey(KEY, _remembered(posed))
+
+
+def _remembered(posed: Posed) -> dict[str, object]:
+    """What the photograph was, for whoever wants to lay it over a render."""
+    lens = posed.lens
+    return {
+        "image": posed.name,
+        "width": lens.width,
+        "height": lens.height,
+        "lens": {
+            "model": lens.model,
+            "focalLength": Gf.Vec2d(lens.fx, lens.fy),
+            "principalPoint": Gf.Vec2d(lens.cx, lens.cy),
+            **({"distortion": dict(lens.distortion)} if lens.distortion else {}),
+        },
+    }
+
+
+def _centres(field: Usd.Prim) -> F64:
+    """Some of the field's splats, and the corners of its box, in its parent's space, homogeneous.
+
+    The corners come last, eight of them, if there are any.
+    """
+    code = Usd.TimeCode.EarliestTime()
+    packed = schema.is_packed(field)
+    name = tokens.POSITIONS if packed else stock.source_name(field, tokens.POSITIONS)
+    found = attributes.array(field, name, code)
+    centres = np.empty((0, 3)) if found is None else found
+    centres = centres[:: max(1, len(centres) // _SAMPLED)]
+    box = np.asarray(field.GetAttribute(tokens.EXTENT).Get(code) or ())
+    corners = np.array(np.meshgrid(*box.T)).reshape(3, 8).T if box.shape == (2, 3) else ()
+    points = np.concatenate([centres, np.reshape(corners, (-1, 3))]).astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    local = UsdGeom.Xformable(field).GetLocalTransformation(Usd.TimeCode.Default())
+    return np.column_stack([points, np.ones(len(points))]) @ np.array(local)
+
+
+def _clipping_range(pose: F64, points: F64) -> tuple[float, float]:
+    """Planes that hold everything in front of a camera, but for what is right before its lens."""
+    depths = (points[:, :3] - pose[:3, 3]) @ pose[:3, 2]
+    depths = depths[depths > 0]
+    if not len(depths):
+        return 0.01, 1e4  # it looks away from everything
+    far = 1.01 * float(depths.max())
+    return max(_NEAREST * float(np.median(depths)), far / _RANGE), far
+
+
+def _name(image: str) -> str:
+    """A prim's name from an image's, which may be in folders."""
+    stem = image.rpartition(".")[0] or image
+    return str(Tf.MakeValidIdentifier(stem.strip("/") or "camera"))
+
+
+def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
+    """The path, numbered if there is a prim already."""
+    free, number = path, 1
+    while stage.GetPrimAtPath(free):
+        free, number = path.ReplaceName(f"{path.name}_{number}"), number + 1
+    return free
+
+
+def _about_lenses(lenses: Sequence[Lens]) -> list[str]:
+    """What renders through these cameras have otherwise than the photographs."""
+    notes = []
+    bent = [lens for lens in lenses if not lens.is_pinhole]
+    if bent:
+        models = ", ".join(sorted({lens.model for lens in bent}))
+        offsets = [lens.displacement for lens in bent]
+        known = [offset for offset in offsets if offset is not None]
+        most = f"up to {max(known):.3g} pixels" if len(known) == len(bent) else "an unknown way"
+        notes.append(
+            f"{counted(len(bent), 'photograph')} of {len(lenses)} through lenses that bend the "
+            f"picture ({models}): renders are off by {most}; the coefficients are in customData"
+        )
+    uneven = [lens for lens in lenses if lens.height * abs(lens.fx / lens.fy - 1) > _SHOWN]
+    if uneven:
+        most_uneven = max((lens.fx / lens.fy for lens in uneven), key=lambda ratio: abs(ratio - 1))
+        notes.append(
+            f"{counted(len(uneven), 'photograph')} of {len(lenses)} with pixels that are not "
+            f"square (fx/fy is {most_uneven:.5g}): render them with the aspectRatioConformPolicy "
+            "adjustPixelAspectRatio"
+        )
+    return notes
