@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from usdsplat.interchange.cameras import CameraReport, import_cameras
 from usdsplat.interchange.converting import convert
 from usdsplat.interchange.exporting import export_capture
 from usdsplat.interchange.importing import import_capture
@@ -17,6 +18,7 @@ from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequences import import_sequence
 
 __all__ = [
+    "CameraReport",
     "ExportReport",
     "ImportReport",
     "RepackReport",
@@ -25,6 +27,7 @@ __all__ = [
     "convert",
     "export_capture",
     "export_sequence",
+    "import_cameras",
     "import_capture",
     "import_sequence",
     "repack",
