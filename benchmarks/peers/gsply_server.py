@@ -1,0 +1,72 @@
+"""Run by gsply's own interpreter: reads a request a line, answers with seconds, until input ends.
+
+    {"do": "read", "path": "a.ply"}                   -> {"wall": 0.3, "cpu": 0.3, "splats": 1000}
+    {"do": "write", "path": "b.spz", "version": 4}    -> {"wall": 2.6, "cpu": 2.6}
+
+`write` writes what was read last, from plain arrays, as whoever made splats would have them.
+`save` keeps what was read last as NumPy arrays in `path`, for comparison.
+"""
+
+import json
+import sys
+import time
+
+import gsply
+import numpy as np
+from gsply.sog_reader import sogread
+
+FIELDS = ("means", "scales", "quats", "opacities", "sh0", "shN")
+
+
+def read(path):
+    """One file of any kind that gsply knows."""
+    if path.endswith(".sog"):
+        return sogread(path)
+    return gsply.read_spz(path) if path.endswith(".spz") else gsply.plyread(path)
+
+
+def write(path, data, version):
+    """Plain arrays to one file."""
+    if path.endswith(".spz"):
+        gsply.write_spz(path, data, version=version)
+    else:
+        arrays = {name: getattr(data, name) for name in FIELDS[1:]}
+        gsply.plywrite(path, data.means, **arrays, compressed=path.endswith(".compressed.ply"))
+
+
+def plain(data):
+    """The same splats in arrays of their own: as read, they are views of the file's rows, which
+    gsply can write back without touching them."""
+    arrays = {name: np.array(getattr(data, name)) for name in FIELDS if hasattr(data, name)}
+    return gsply.GSData(**arrays)
+
+
+def answer(request, state):
+    """Do what one line says."""
+    if request["do"] == "save":
+        np.savez(request["path"], **{name: getattr(state["data"], name) for name in FIELDS})
+        return {}
+    wall, cpu = time.perf_counter(), time.process_time()
+    if request["do"] == "read":
+        data = read(request["path"])
+    else:
+        write(request["path"], state["data"], request.get("version", 3))
+        data = state["data"]
+    spent = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+    if request["do"] == "read":
+        state["data"] = plain(data)
+    return {**spent, "splats": len(data)}
+
+
+def main():
+    """Answer every line."""
+    state = {}
+    for line in sys.stdin:
+        try:
+            print(json.dumps(answer(json.loads(line), state)), flush=True)
+        except Exception as error:
+            print(json.dumps({"error": repr(error)}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
