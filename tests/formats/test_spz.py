@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import math
 import struct
 
@@ -12,6 +13,8 @@ import pytest
 from tests.formats.samples import spz, spz_header
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
+from usdsplat.formats import filling
+from usdsplat.formats import spz as spz_module
 from usdsplat.formats.spz_extensions import COORDINATE_SYSTEM, EXTENSION_LIMIT
 
 COUNT = 20
@@ -108,6 +111,30 @@ def test_bytes_decode_as_the_layout_says(tmp_path, version, bits, degree):
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
+def test_blocks_are_decoded_in_their_places(tmp_path, monkeypatch, version):
+    """Oracle: the same bytes decoded in one block."""
+    (tmp_path / "a.spz").write_bytes(packed(version, 2, planes(version, 2)))
+    whole = formats.read(tmp_path / "a.spz").cloud
+    monkeypatch.setattr(spz_module, "BLOCK", 3)
+    monkeypatch.setattr(filling, "BLOCK", 3)
+    parts = formats.read(tmp_path / "a.spz").cloud
+    for name in ("positions", "scales", "rotations", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+
+
+def test_data_inside_another_file_is_read(tmp_path):
+    """Oracle: the same bytes in a file of their own."""
+    data = packed(4, 1, planes(4, 1))
+    (tmp_path / "a.spz").write_bytes(data)
+    own = formats.read(tmp_path / "a.spz")
+    inside = spz_module.unpack("b.glb: buffer view 3", io.BytesIO(data), len(data))
+    np.testing.assert_array_equal(inside.cloud.sh, own.cloud.sh)
+    assert (inside.files, own.files) == ((), (tmp_path / "a.spz",))
+    with pytest.raises(FormatError, match=r"^b\.glb: buffer view 3: "):
+        spz_module.unpack("b.glb: buffer view 3", io.BytesIO(data[:50]), 50)
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_no_splats_are_a_cloud(tmp_path, version):
     """Oracle: a header that counts none."""
     import zstandard
@@ -149,11 +176,27 @@ def with_extensions(version: int, block: bytes, flags: int = 2) -> bytes:
 )
 def test_a_stated_frame_is_honoured(tmp_path, version, index, frame):
     """Oracle: the enumeration of nianticlabs/spz, where unspecified means its own frame."""
-    block = record(0xADBE0002, bytes(12)) + record(COORDINATE_SYSTEM, struct.pack("<I", index))
+    block = record(7, b"abc") + record(COORDINATE_SYSTEM, struct.pack("<I", index))
     (tmp_path / "a.spz").write_bytes(with_extensions(version, block))
     capture = formats.read(tmp_path / "a.spz")
     assert capture.frame == frame
-    assert capture.notes == ("ignored extensions 0xadbe0002",)
+    assert capture.notes == ("ignored extension 0x00000007, unknown, of 3 bytes",)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_each_extension_is_named(tmp_path, version):
+    """Oracle: nianticlabs/spz, `extensions/README.md`; a record of another length is not it."""
+    block = record(0xADBE0002, struct.pack("<3f", -0.5, 0.25, 2)) + record(0xADBE0001, b"")
+    (tmp_path / "a.spz").write_bytes(with_extensions(version, block))
+    assert formats.read(tmp_path / "a.spz").notes[1:] == (
+        "ignored extension 0xadbe0002, "
+        "safe orbit camera: elevation -0.5 to 0.25 radians, radius from 2",
+        "ignored extension 0xadbe0001, unknown, of 0 bytes",
+    )
+    (tmp_path / "a.spz").write_bytes(with_extensions(version, record(0xADBE0002, bytes(11))))
+    assert formats.read(tmp_path / "a.spz").notes[1:] == (
+        "ignored extension 0xadbe0002, unknown, of 11 bytes",
+    )
 
 
 @pytest.mark.parametrize("version", [3, 4])

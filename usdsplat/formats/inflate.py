@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import BinaryIO
 
 from usdsplat.core.errors import FormatError
@@ -39,26 +40,35 @@ class Inflater(ABC):
     def _next(self, limit: int) -> bytes:
         """At most `limit` further bytes; none only at the end of the stream."""
 
-    def read(self, size: int, what: str) -> bytearray:
+    def read(self, size: int, what: str) -> bytes:
         """Exactly `size` bytes; memory grows with what arrives, not with `size`.
 
         Raises:
             FormatError: If the stream is damaged or ends before; `what` says what is missing.
         """
-        out = self.read_up_to(size)
-        if len(out) < size:
-            raise FormatError(self._source, f"{len(out)} bytes of {what}", f"{size}")
-        return out
+        return b"".join(self.pieces(size, _OUTPUT, what))
 
-    def read_up_to(self, size: int) -> bytearray:
+    def pieces(self, size: int, step: int, what: str) -> Iterator[bytes]:
+        """`size` bytes in pieces of `step`, the last one shorter.
+
+        Raises:
+            FormatError: If the stream is damaged or ends before; `what` says what is missing.
+        """
+        for start in range(0, size, step):
+            wanted = min(step, size - start)
+            piece = self.read_up_to(wanted)
+            if len(piece) < wanted:
+                raise FormatError(self._source, f"{start + len(piece)} bytes of {what}", f"{size}")
+            yield piece
+
+    def read_up_to(self, size: int) -> bytes:
         """`size` bytes, or as many as there are before the end of the stream."""
-        out = bytearray()
-        while len(out) < size:
-            piece = self._next(min(size - len(out), _OUTPUT))
-            if not piece:
-                break
-            out += piece
-        return out
+        found: list[bytes] = []
+        left = size
+        while left and (piece := self._next(min(left, _OUTPUT))):
+            found.append(piece)
+            left -= len(piece)
+        return found[0] if len(found) == 1 else b"".join(found)
 
     def expect_end(self, what: str) -> None:
         """Check that nothing follows `what`.

@@ -10,32 +10,45 @@ and others, pack PLY files without turning them, so most files in the wild hold 
 
 from __future__ import annotations
 
+import os
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
-from usdsplat.core.encoding import join_largest
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import atomic_path
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
-from usdsplat.formats.filling import Filling, blocks
-from usdsplat.formats.options import READING, Reading
+from usdsplat.formats.filling import BLOCK, Filling, blocks, in_parallel
+from usdsplat.formats.options import READING, SPZ_VERSIONS, WRITING, Reading, Writing
 from usdsplat.formats.spz_container import (
+    ANTIALIASED,
     GZIP_MAGIC,
+    HAS_EXTENSIONS,
     MAGIC,
     SpzContainer,
     SpzHeader,
     open_container,
 )
-from usdsplat.formats.spz_extensions import COORDINATE_SYSTEM, parse_extensions, stated_frame
+from usdsplat.formats.spz_decoding import Codes, decode
+from usdsplat.formats.spz_encoding import LARGEST_STEP, encode, finest_bits
+from usdsplat.formats.spz_extensions import (
+    frame_record,
+    parse_extensions,
+    remarks,
+    stated_frame,
+)
+from usdsplat.formats.spz_packing import write_frames, write_gzip
 
 SUFFIXES: tuple[str, ...] = (".spz",)
+FRAME = "rdf"
 
-_SCALES = np.exp(np.arange(256) / 16 - 10).astype(np.float32)
-_DC = ((np.arange(256) / 255 - 0.5) / 0.15).astype(np.float32)
-_HARMONICS = ((np.arange(256) - 128) / 128).astype(np.float32)
-
-Codes = npt.NDArray[np.uint8]
+_WAITING = 16
+"""Blocks of codes that may wait to be decoded."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -50,27 +63,79 @@ def read(path: Path, how: Reading = READING) -> Capture:
         FormatError: If the header asks for what cannot be, if data is missing, damaged or more than
             the header says, or if a half-precision position is not finite.
     """
-    source = str(path)
     with path.open("rb") as file:
-        container = open_container(source, file, path.stat().st_size)
-        filling = _fill(source, container, how)
-        records = parse_extensions(source, container.extensions())
+        return replace(unpack(str(path), file, path.stat().st_size, how), files=(path,))
+
+
+def unpack(source: str, file: BinaryIO, size: int, how: Reading = READING) -> Capture:
+    """Read `size` bytes of any version that start where `file` stands.
+
+    Args:
+        source: Names the data in errors.
+        file: Can be read and searched.
+        size: How much of it there is.
+        how: What else is asked of the reader.
+
+    Returns:
+        A capture without `files`.
+
+    Raises:
+        FormatError: As for `read`.
+    """
+    container = open_container(source, file, size)
+    filling = _fill(source, container, how)
+    records = parse_extensions(source, container.extensions())
     frame = stated_frame(source, records)
     cloud, notes = filling.cloud()
     if frame is None:
         notes += (UNKNOWN_AXES,)
-    unknown = [f"{kind:#010x}" for kind in records if kind != COORDINATE_SYSTEM]
-    if unknown:
-        notes += (f"ignored extensions {', '.join(unknown)}",)
     return Capture(
         cloud=cloud,
         format=f"SPZ {container.header.version}",
-        files=(path,),
+        files=(),
         frame=frame or "rdf",
         antialiased=container.header.is_antialiased,
         error_bounds=_error_bounds(container.header),
-        notes=notes,
+        notes=notes + remarks(records),
     )
+
+
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+    """Write `cloud` in `how.spz_version`; identities and velocities have no place there.
+
+    Positions get as many bits after the point as the farthest splat leaves them, so that none wraps
+    around; `spz_encoding` says what is clamped.
+
+    Args:
+        cloud: The splats.
+        path: Target, replaced when the file is complete.
+        how: Version, projection flag, and the frame, which becomes an extension record if known.
+
+    Raises:
+        OutputError: If a coordinate is past 8 388 607 or not finite, or if nothing can be written
+            there.
+        UsageError: If there is no such version, or SPZ has no word for the frame.
+    """
+    if how.spz_version not in SPZ_VERSIONS:
+        known = " or ".join(map(str, SPZ_VERSIONS))
+        raise UsageError("SPZ version", str(how.spz_version), known)
+    bits = finest_bits(cloud.positions)
+    if bits is None:
+        found = "a coordinate that is farther out or not finite"
+        raise OutputError(str(path), found, f"at most {LARGEST_STEP} in SPZ")
+    extensions = b"" if how.frame is None else frame_record(how.frame)
+    flags = (ANTIALIASED if how.antialiased else 0) | (HAS_EXTENSIONS if extensions else 0)
+    header = SpzHeader(MAGIC, how.spz_version, len(cloud), cloud.sh_degree, bits, flags, 0)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        planes = _encoded(cloud, header)
+        pack = write_gzip if how.spz_version < 4 else write_frames
+        pack(
+            file,
+            header,
+            planes,
+            extensions,
+            lambda *done: how.progress.step(f"writing {path}", *done),
+        )
 
 
 def _error_bounds(header: SpzHeader) -> dict[str, str]:
@@ -80,69 +145,43 @@ def _error_bounds(header: SpzHeader) -> dict[str, str]:
     return {
         "positions": "half precision" if half else f"2^-{header.fractional_bits + 1}",
         "scales": "a factor of exp(1/32)",
-        "rotations": "some degrees where w is near 0, else 0.7" if derived else "0.2 degrees",
+        "rotations": "some degrees where w is near 0, else 0.7" if derived else "0.28 degrees",
         "opacities": "1/510",
         "sh": "degree 0: 0.013 within +-3.33; degree 1: 1/32, above: 1/16, within +-1",
     }
 
 
+def _encoded(cloud: SplatCloud, header: SpzHeader) -> list[Codes]:
+    """Bytes of every attribute, a row for each splat, in the order of the file."""
+    planes = {name: np.empty((len(cloud), size), np.uint8) for name, size in header.sizes().items()}
+
+    def work(rows: slice) -> None:
+        for name, plane in planes.items():
+            plane[rows] = encode(cloud, name, rows, header.fractional_bits)
+
+    in_parallel(len(cloud), work)
+    return list(planes.values())
+
+
 def _fill(source: str, container: SpzContainer, how: Reading) -> Filling:
-    """Decode attribute after attribute; arrays are made when the first one has arrived."""
+    """Decode attribute after attribute, in threads, while this one unpacks what comes next."""
     header = container.header
     sizes = header.sizes()
-    filling: Filling | None = None
-    for done, (name, size) in enumerate(sizes.items(), 1):
-        codes = np.frombuffer(container.attribute(name), np.uint8).reshape(header.count, size)
-        if filling is None:
-            filling = Filling(source, header.count, header.degree, how)
+    first = list(container.attribute("positions", BLOCK))  # before their arrays are made
+    filling = Filling(source, header.count, header.degree, how)
+    jobs: deque[Future[None]] = deque()
+    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
+        for done, (name, size) in enumerate(sizes.items(), 1):
+            pieces = first if name == "positions" else container.attribute(name, BLOCK)
+            for rows, piece in zip(blocks(header.count), pieces, strict=True):
+                codes = np.frombuffer(piece, np.uint8).reshape(-1, size)
+                jobs.append(workers.submit(decode, filling, header, name, rows, codes))
+                if len(jobs) > _WAITING:
+                    jobs.popleft().result()
+            how.progress.step(f"reading {source}", done, len(sizes))
+        for job in jobs:
+            job.result()
+    if header.version == 1:
         for rows in blocks(header.count):
-            _decode(filling, header, name, rows, codes[rows])
-        how.progress.step(f"reading {source}", done, len(sizes))
-    assert filling is not None  # every version has attributes
-    for rows in blocks(header.count):
-        filling.settle(rows)
+            filling.settle(rows)
     return filling
-
-
-def _decode(filling: Filling, header: SpzHeader, name: str, rows: slice, codes: Codes) -> None:
-    """Decode one attribute of some splats; `codes` has a row of bytes for each."""
-    match name:
-        case "positions" if header.version == 1:
-            filling.positions[rows] = codes.view("<f2")
-        case "positions":
-            filling.positions[rows] = _fixed_point(codes, header.fractional_bits)
-        case "alphas":
-            filling.opacities[rows] = codes[:, 0] / np.float32(255)
-        case "colors":
-            filling.sh[rows, 0] = _DC[codes]
-        case "scales":
-            filling.scales[rows] = _SCALES[codes]
-        case "rotations" if header.version < 3:
-            filling.rotations[rows] = _derived_w(codes)
-        case "rotations":
-            filling.rotations[rows] = _smallest_three(codes.view("<u4")[:, 0])
-        case "harmonics":
-            filling.sh[rows, 1:] = _HARMONICS[codes].reshape(len(codes), -1, 3)
-
-
-def _fixed_point(codes: Codes, fractional_bits: int) -> F32:
-    """Signed 24-bit numbers, little endian, three a row."""
-    words = np.zeros((len(codes), 3, 4), np.uint8)
-    words[:, :, 1:] = codes.reshape(-1, 3, 3)
-    signed = words.view("<i4")[:, :, 0] >> 8  # from the upper bytes, so that the sign comes along
-    return (signed * 2.0**-fractional_bits).astype(np.float32)
-
-
-def _derived_w(codes: Codes) -> F32:
-    """Rotations of versions 1 and 2: x, y, z in bytes, and w >= 0 from the length."""
-    xyz = codes.astype(np.float64) / 127.5 - 1
-    w = np.sqrt(np.maximum(0, 1 - np.einsum("ni,ni->n", xyz, xyz)))
-    return np.column_stack([w, xyz]).astype(np.float32)
-
-
-def _smallest_three(words: npt.NDArray[np.uint32]) -> F32:
-    """Rotations of version 3 on: index of the largest in (x, y, z, w), three signed magnitudes."""
-    parts = np.stack([words >> 20 & 1023, words >> 10 & 1023, words & 1023], axis=1)
-    magnitudes = (parts & 511) / (511 * np.sqrt(2))
-    rest = np.where(parts & 512, -magnitudes, magnitudes)
-    return join_largest(words >> 30, rest)[:, [3, 0, 1, 2]]

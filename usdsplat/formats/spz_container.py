@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import struct
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
 from typing import BinaryIO
 
 from usdsplat.core.errors import FormatError
@@ -20,11 +21,15 @@ MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"
 MAX_FRACTIONAL_BITS = 24
 
+HEADER4_SIZE = 32
+"""Of version 4: the bytes of `SpzHeader`, where the table of contents is, zeros."""
+TABLE_OFFSET = struct.Struct("<I")
+TABLE_ENTRY = struct.Struct("<QQ")
+"""Packed and unpacked size of a frame."""
+ANTIALIASED, HAS_EXTENSIONS = 1, 2
+"""Flags."""
+
 _HEADER = struct.Struct("<4sIIBBBB")
-_HEADER4_SIZE = 32
-_TABLE_OFFSET = struct.Struct("<I")
-_TABLE_ENTRY = struct.Struct("<QQ")
-_ANTIALIASED, _HAS_EXTENSIONS = 1, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +48,16 @@ class SpzHeader:
     @property
     def is_antialiased(self) -> bool:
         """Whether the splats were trained with the antialiased projection."""
-        return bool(self.flags & _ANTIALIASED)
+        return bool(self.flags & ANTIALIASED)
 
     @property
     def has_extensions(self) -> bool:
         """Whether extension records follow."""
-        return bool(self.flags & _HAS_EXTENSIONS)
+        return bool(self.flags & HAS_EXTENSIONS)
+
+    def pack(self) -> bytes:
+        """The 16 bytes."""
+        return _HEADER.pack(*astuple(self))
 
     def sizes(self) -> dict[str, int]:
         """Attribute -> bytes per splat, in the order of the file."""
@@ -65,7 +74,7 @@ class SpzHeader:
 
 
 class SpzContainer(ABC):
-    """An opened file; its attributes are asked for once each, in order."""
+    """An opened file; its attributes are asked for once each, in order, to their end."""
 
     def __init__(self, source: str, header: bytes, file_bytes: int) -> None:
         self._source = source
@@ -73,8 +82,8 @@ class SpzContainer(ABC):
         self._check(file_bytes)
 
     @abstractmethod
-    def attribute(self, name: str) -> bytearray:
-        """Bytes of an attribute of every splat.
+    def attribute(self, name: str, rows: int) -> Iterator[bytes]:
+        """Bytes of an attribute of every splat, `rows` splats at a time.
 
         Raises:
             FormatError: If there are fewer or more than the header says, or damaged ones.
@@ -123,18 +132,19 @@ class _GzipStream(SpzContainer):
 
     def __init__(self, source: str, file: BinaryIO, file_bytes: int) -> None:
         self._stream = Gunzip(source, file)
-        super().__init__(source, bytes(self._stream.read(_HEADER.size, "the header")), file_bytes)
+        super().__init__(source, self._stream.read(_HEADER.size, "the header"), file_bytes)
         if self.header.version > 3:
             found = f"SPZ version {self.header.version} in gzip"
             raise FormatError(source, found, "version 1, 2 or 3")
 
-    def attribute(self, name: str) -> bytearray:
-        return self._stream.read(self.header.count * self.header.sizes()[name], name)
+    def attribute(self, name: str, rows: int) -> Iterator[bytes]:
+        size = self.header.sizes()[name]
+        return self._stream.pieces(self.header.count * size, rows * size, name)
 
     def extensions(self) -> bytes:
         records = b""
         if self.header.has_extensions:
-            records = bytes(self._stream.read_up_to(EXTENSION_LIMIT))
+            records = self._stream.read_up_to(EXTENSION_LIMIT)
         self._stream.expect_end("the last splat")
         return records
 
@@ -143,34 +153,34 @@ class _Frames(SpzContainer):
     """Version 4."""
 
     def __init__(self, source: str, file: BinaryIO, file_bytes: int) -> None:
-        head = file.read(_HEADER4_SIZE)
-        if len(head) < _HEADER4_SIZE:
-            raise FormatError(source, f"a header of {len(head)} bytes", str(_HEADER4_SIZE))
+        head = file.read(HEADER4_SIZE)
+        if len(head) < HEADER4_SIZE:
+            raise FormatError(source, f"a header of {len(head)} bytes", str(HEADER4_SIZE))
         super().__init__(source, head[: _HEADER.size], file_bytes)
         self._file = file
-        self._left = file_bytes - _HEADER4_SIZE
+        self._left = file_bytes - HEADER4_SIZE
         header, sizes = self.header, self.header.sizes()
-        (table,) = _TABLE_OFFSET.unpack_from(head, _HEADER.size)
+        (table,) = TABLE_OFFSET.unpack_from(head, _HEADER.size)
         if header.version < 4:
             raise FormatError(source, f"SPZ version {header.version} without gzip", "version 4")
         if header.streams != len(sizes):
             found = f"{header.streams} streams for degree {header.degree}"
             raise FormatError(source, found, str(len(sizes)))
-        if not _HEADER4_SIZE <= table <= _HEADER4_SIZE + EXTENSION_LIMIT:
+        if not HEADER4_SIZE <= table <= HEADER4_SIZE + EXTENSION_LIMIT:
             raise FormatError(source, f"table of contents at byte {table}", "behind the header")
-        self._records = self._take(table - _HEADER4_SIZE, "extensions")
-        entries = self._take(_TABLE_ENTRY.size * len(sizes), "table of contents")
-        self._table = dict(zip(sizes, _TABLE_ENTRY.iter_unpack(entries), strict=True))
+        self._records = self._take(table - HEADER4_SIZE, "extensions")
+        entries = self._take(TABLE_ENTRY.size * len(sizes), "table of contents")
+        self._table = dict(zip(sizes, TABLE_ENTRY.iter_unpack(entries), strict=True))
 
-    def attribute(self, name: str) -> bytearray:
+    def attribute(self, name: str, rows: int) -> Iterator[bytes]:
         packed, unpacked = self._table[name]
-        size = self.header.count * self.header.sizes()[name]
+        row_bytes = self.header.sizes()[name]
+        size = self.header.count * row_bytes
         if unpacked != size:
             raise FormatError(self._source, f"{unpacked} bytes of {name}", str(size))
         stream = Unzstd(self._source, self._take(packed, name))
-        data = stream.read(size, name)
+        yield from stream.pieces(size, rows * row_bytes, name)
         stream.expect_end(name)
-        return data
 
     def extensions(self) -> bytes:
         if self._left:

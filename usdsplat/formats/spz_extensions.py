@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 
-from usdsplat.core.errors import FormatError
+from usdsplat.core.errors import FormatError, UsageError
 
 EXTENSION_LIMIT = 1 << 16
 """Bytes that all records of a file may take: those that exist take 30."""
@@ -15,7 +15,12 @@ EXTENSION_LIMIT = 1 << 16
 COORDINATE_SYSTEM = 0xADBE0003
 """Adobe's record that says where the axes point, u32."""
 
+_SAFE_ORBIT_CAMERA = 0xADBE0002
+"""Adobe's limits of an orbiting camera: elevation from and to [radian], least distance, f32."""
+
 _RECORD = struct.Struct("<II")
+_ORBIT = struct.Struct("<3f")
+_INDEX = struct.Struct("<I")
 _DEFAULT_FRAME = "rub"  # what the library reads "unspecified" as
 _FRAMES = (
     *(_DEFAULT_FRAME, "ldb", "rdb", "lub", "rub", "ldf", "rdf", "luf", "ruf"),
@@ -58,3 +63,32 @@ def stated_frame(source: str, records: dict[int, bytes]) -> str | None:
         found = f"coordinate system {index} in {len(payload)} bytes"
         raise FormatError(source, found, f"0 to {len(_FRAMES) - 1} in 4 bytes")
     return _FRAMES[index]
+
+
+def frame_record(frame: str) -> bytes:
+    """The record that says where the axes point.
+
+    Raises:
+        UsageError: If SPZ has no word for `frame`.
+    """
+    stated = _FRAMES[1:]
+    if frame not in stated:
+        raise UsageError("frame", repr(frame), f"one that SPZ can name: {', '.join(stated)}")
+    payload = _INDEX.pack(1 + stated.index(frame))
+    return _RECORD.pack(COORDINATE_SYSTEM, len(payload)) + payload
+
+
+def remarks(records: dict[int, bytes]) -> tuple[str, ...]:
+    """A sentence for each record that a cloud of splats has no place for."""
+    return tuple(
+        f"ignored extension {kind:#010x}, {_meaning(kind, payload)}"
+        for kind, payload in records.items()
+        if kind != COORDINATE_SYSTEM
+    )
+
+
+def _meaning(kind: int, payload: bytes) -> str:
+    if kind == _SAFE_ORBIT_CAMERA and len(payload) == _ORBIT.size:
+        low, high, nearest = _ORBIT.unpack(payload)
+        return f"safe orbit camera: elevation {low:g} to {high:g} radians, radius from {nearest:g}"
+    return f"unknown, of {len(payload)} bytes"
