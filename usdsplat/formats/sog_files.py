@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from usdsplat.core.errors import FormatError
-
-META = "meta.json"
+from usdsplat.formats.sog_meta import META
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack into memory as they like
 _DAMAGE = (

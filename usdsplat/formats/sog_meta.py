@@ -17,6 +17,15 @@ import numpy as np
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError
 
+META = "meta.json"
+META_LIMIT = 1 << 20
+"""Bytes of it that are read."""
+
+PALETTE_COLUMNS = 64
+"""Entries of the palette of harmonics in a row of its image."""
+ROTATION_TAG = 252
+"""Alpha of a rotation: this and the index of the largest component."""
+
 _LARGEST = 1e300
 
 _SECTIONS = {"means": 2, "scales": 1, "quats": 1, "sh0": 1, "shN": 2}
@@ -66,6 +75,11 @@ class Meta:
     antialiased: bool
     sections: Mapping[str, Section]
     """By name; shN only where there are harmonics above degree 0."""
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the SOG's files, `meta.json` the first."""
+        return [META, *(name for section in self.sections.values() for name in section.files)]
 
 
 def parse_meta(source: str, text: bytes) -> Meta:

@@ -6,6 +6,7 @@ Source: the RIFF container and the VP8L bit stream as Google specifies them.
 from __future__ import annotations
 
 import io
+import math
 import struct
 
 import numpy as np
@@ -16,6 +17,9 @@ from usdsplat.core.errors import FormatError
 _CHUNK = struct.Struct("<4sI")
 _ANIMATED = 0x02
 _VP8L_SIGNATURE = 0x2F
+
+LONGEST_SIDE = 16383
+"""Pixels that an encoder takes."""
 
 
 def image_size(where: str, data: bytes) -> tuple[int, int]:
@@ -60,6 +64,31 @@ def decode(where: str, data: bytes) -> npt.NDArray[np.uint8]:
             return np.asarray(image.convert("RGBA")).reshape(-1, 4)
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise FormatError(where, f"damaged WebP data ({error})", "a lossless image") from error
+
+
+def encode(pixels: npt.NDArray[np.uint8]) -> bytes:
+    """Losslessly, colours of transparent pixels included.
+
+    Args:
+        pixels: Red green blue alpha, shape (height, width, 4), sides of 1 to `LONGEST_SIDE`.
+    """
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "WEBP", lossless=True, exact=True)
+    return out.getvalue()
+
+
+def size_for(count: int) -> tuple[int, int]:
+    """Width and height [pixel] of a nearly square image of at least `count` pixels.
+
+    Raises:
+        ValueError: If no image has so many.
+    """
+    if count > LONGEST_SIDE**2:
+        raise ValueError(f"count: found {count} pixels, expected at most {LONGEST_SIDE**2}")
+    width = min(4 * (math.isqrt(max(count - 1, 0)) // 4 + 1), LONGEST_SIDE)
+    return width, max(-(-count // width), 1)
 
 
 def _uint24(data: bytes) -> int:

@@ -1,0 +1,273 @@
+"""Pixels of a SOG's images to splats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import cpu_count
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, SH_DEGREES
+from usdsplat.core.encoding import SMALL_LIMIT, dequantize, sigmoid
+from usdsplat.core.errors import FormatError
+from usdsplat.core.sh import MAX_DEGREE, coefficient_count
+from usdsplat.formats import webp
+from usdsplat.formats.filling import Filling, in_parallel
+from usdsplat.formats.inflate import check_count
+from usdsplat.formats.sog_files import SogFiles
+from usdsplat.formats.sog_meta import (
+    META,
+    META_LIMIT,
+    PALETTE_COLUMNS,
+    ROTATION_TAG,
+    Meta,
+    Section,
+    parse_meta,
+)
+
+_IMAGE_OVERHEAD = 1 << 16
+_PIXEL_BYTES = 5  # a lossless image that cannot be packed takes 4 and a little
+_SPARE_PIXELS = 1 << 16
+_PALETTE_ROWS = 1024
+
+_IMAGES = {
+    "means": ("means", "upper"),
+    "scales": ("scales",),
+    "quats": ("quats",),
+    "sh0": ("sh0",),
+    "shN": ("", "labels"),
+}
+"""Section -> what its images hold; all but the palette ("") have a pixel per splat."""
+
+_SMALL = dequantize(np.arange(256), -SMALL_LIMIT, SMALL_LIMIT, 255)
+"""Component of a rotation by code."""
+_PLACES = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [1, 2, 0, 3], [1, 2, 3, 0]])
+"""Where w, x, y and z stand among the largest component and the three others, by the largest."""
+
+Codes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Consecutive splats of a SOG, and the row of the cloud that the first of them fills."""
+
+    source: slice
+    row: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sog:
+    """A SOG whose word on itself is read, and none of its splats."""
+
+    files: SogFiles
+    meta: Meta
+    degree: int
+    """Of its harmonics."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    """What codes stand for."""
+
+    positions: F32
+    """By code and axis, shape (65536, 3)."""
+    scales: F32
+    """By code and axis, shape (256, 3)."""
+    dc: F32
+    """By code and channel, shape (256, 3)."""
+    opacities: F32
+    """By code, shape (256,)."""
+    palette: F32
+    """Harmonics by label, those of degree 0 empty, shape (labels, coefficients, 3)."""
+
+
+def survey(files: SogFiles) -> Sog:
+    """Read `meta.json`, and of the palette what tells its degree.
+
+    Raises:
+        FormatError: If it has impossible values, or promises more splats than the files can hold.
+    """
+    meta = parse_meta(files.source, files.read(META, META_LIMIT))
+    check_count(files.source, meta.count, files.total_bytes)
+    section = meta.sections.get("shN")
+    if section is None:
+        return Sog(files, meta, 0)
+    return Sog(files, meta, _palette_degree(files, meta, section, _palette_data(files, section)))
+
+
+def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[int], None]) -> None:
+    """Decode splats of a SOG into rows of a cloud, and settle these.
+
+    Args:
+        sog: What `survey` found.
+        spans: Which splats go where.
+        filling: Arrays of a degree that is no less; what is above this one's becomes 0.
+        told: Called with the number of rows that are done, as they are.
+
+    Raises:
+        FormatError: If an image is missing or damaged or has another size than the splats need, a
+            table is not as long as it should be, or a number is not finite.
+    """
+    images = _read_images(sog)
+    tables = _read_tables(sog)
+    _check_labels(sog.files.source, images, tables)
+    for span in spans:
+        pieces = {name: codes[span.source] for name, codes in images.items()}
+
+        def work(rows: slice, pieces: dict[str, Codes] = pieces, row: int = span.row) -> None:
+            filled = slice(row + rows.start, row + rows.stop)
+            _decode(filling, filled, {name: codes[rows] for name, codes in pieces.items()}, tables)
+            filling.settle(filled)
+
+        in_parallel(len(pieces["means"]), work)
+        told(span.row + len(pieces["means"]))
+
+
+def _read_images(sog: Sog) -> dict[str, Codes]:
+    """Codes of every splat by section, shape (count, 4); the high bytes of means are "upper"."""
+    found = {}
+    for name, section in sog.meta.sections.items():
+        for kind, file in zip(_IMAGES[name], section.files, strict=True):
+            if kind:
+                found[kind] = _image_data(sog.files, file, sog.meta.count)
+    with ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1)) as workers:
+        images = workers.map(lambda image: webp.decode(*image), found.values())
+        return {kind: codes[: sog.meta.count] for kind, codes in zip(found, images, strict=True)}
+
+
+def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
+    """An image of `count` pixels or little more, still packed, after the words that name it."""
+    most = 2 * count + _SPARE_PIXELS
+    data = files.read(name, _PIXEL_BYTES * most + _IMAGE_OVERHEAD)
+    where = f"{files.source}: {name}"
+    width, height = webp.image_size(where, data)
+    if not count <= width * height <= most:
+        raise FormatError(where, f"{width} x {height} pixels", f"room for {count} splats")
+    return where, data
+
+
+def _read_tables(sog: Sog) -> _Tables:
+    """Ranges and tables of `meta.json`, and the palette."""
+    sections = sog.meta.sections
+    means, scales, dc = (sections[name] for name in ("means", "scales", "sh0"))
+    if sog.meta.version == 1:
+        size_table, dc_table = _lerps(scales, 3), _lerps(dc, 4)
+        opacities = sigmoid(dc_table[:, 3])
+    else:
+        size_table, dc_table = _codebook(scales), _codebook(dc)
+        opacities = np.arange(256) / 255
+    lower, upper = means.numbers("mins", 3), means.numbers("maxs", 3)
+    logarithms = lower + (upper - lower) * (np.arange(1 << 16)[:, None] / 65535)
+    with np.errstate(over="ignore"):  # settling refuses what is infinite and in use
+        return _Tables(
+            positions=np.copysign(np.expm1(np.abs(logarithms)), logarithms).astype(np.float32),
+            scales=np.exp(size_table).astype(np.float32),
+            dc=dc_table[:, :3].astype(np.float32),
+            opacities=opacities.astype(np.float32),
+            palette=_palette(sog),
+        )
+
+
+def _codebook(section: Section) -> F64:
+    """Version 2: one table of 256 numbers for three channels, shape (256, 3)."""
+    return np.repeat(section.numbers("codebook", 256)[:, None], 3, axis=1)
+
+
+def _lerps(section: Section, channels: int) -> F64:
+    """Version 1: a range for each channel, shape (256, channels)."""
+    lower, upper = (section.numbers(key, channels) for key in ("mins", "maxs"))
+    t = np.arange(256)[:, None] / 255
+    return lower * (1 - t) + upper * t
+
+
+def _palette_data(files: SogFiles, section: Section) -> bytes:
+    """The image of the palette, still packed."""
+    largest = PALETTE_COLUMNS * _PALETTE_ROWS * (coefficient_count(MAX_DEGREE) - 1)
+    return files.read(section.files[0], _PIXEL_BYTES * largest + _IMAGE_OVERHEAD)
+
+
+def _palette_degree(files: SogFiles, meta: Meta, section: Section, data: bytes) -> int:
+    """Degree of the harmonics: by the width of the image, which version 2 confirms."""
+    where = f"{files.source}: {section.files[0]}"
+    width, height = webp.image_size(where, data)
+    widths = {PALETTE_COLUMNS * (k - 1): degree for k, degree in SH_DEGREES.items() if degree}
+    degree = widths.get(width, 0)
+    if meta.version == 2 and degree != section.whole_number("bands", 1, MAX_DEGREE):
+        degree = 0
+    if not degree or height > _PALETTE_ROWS:
+        expected = f"64 labels x 3, 8, 15 or 24 by at most {_PALETTE_ROWS}, as its bands say"
+        raise FormatError(where, f"{width} x {height} pixels", expected)
+    return degree
+
+
+def _palette(sog: Sog) -> F32:
+    """Harmonics that labels stand for, shape (labels, coefficients, 3)."""
+    section = sog.meta.sections.get("shN")
+    if section is None:
+        return np.empty((0, 1, 3), np.float32)
+    values = _lerps(section, 1) if sog.meta.version == 1 else _codebook(section)
+    with np.errstate(over="ignore"):
+        table = values[:, 0].astype(np.float32)
+    data = _palette_data(sog.files, section)
+    _palette_degree(sog.files, sog.meta, section, data)  # a folder may have changed meanwhile
+    codes = webp.decode(f"{sog.files.source}: {section.files[0]}", data)[:, :3]
+    coefficients = coefficient_count(sog.degree)
+    palette = np.zeros((len(codes) // (coefficients - 1), coefficients, 3), np.float32)
+    palette[:, 1:] = table[codes].reshape(-1, coefficients - 1, 3)
+    return palette
+
+
+def _check_labels(source: str, images: dict[str, Codes], tables: _Tables) -> None:
+    """Refuse splats whose harmonics the palette lacks."""
+    if "labels" in images:
+        beyond = np.flatnonzero(_labels(images["labels"]) >= len(tables.palette))
+        if len(beyond):
+            label = _labels(images["labels"][beyond[:1]])[0]
+            found = f"palette entry {label} of splat {beyond[0]}"
+            raise FormatError(source, found, f"one below {len(tables.palette)}")
+
+
+def _labels(image: Codes) -> npt.NDArray[np.uint16]:
+    """Palette entries, low byte in red and high byte in green."""
+    return image[:, 0] + image[:, 1] * np.uint16(256)
+
+
+def _decode(filling: Filling, rows: slice, codes: dict[str, Codes], tables: _Tables) -> None:
+    """Decode some splats."""
+    steps = codes["means"][:, :3] + codes["upper"][:, :3] * np.uint16(256)
+    _look_up(tables.positions, steps, filling.positions[rows])
+    _look_up(tables.scales, codes["scales"][:, :3], filling.scales[rows])
+    np.take(tables.opacities, codes["sh0"][:, 3], out=filling.opacities[rows], mode="clip")
+    filling.rotations[rows] = _rotations(codes["quats"])
+    sh = filling.sh[rows]
+    kept = tables.palette.shape[1]
+    if "labels" not in codes:
+        sh[:, 1:] = 0
+    elif kept == sh.shape[1]:
+        np.take(tables.palette, _labels(codes["labels"]), axis=0, out=sh, mode="clip")
+    else:
+        sh[:, :kept] = tables.palette[_labels(codes["labels"])]
+        sh[:, kept:] = 0
+    _look_up(tables.dc, codes["sh0"][:, :3], sh[:, 0])
+
+
+def _look_up(table: F32, codes: npt.NDArray[np.unsignedinteger], out: F32) -> None:
+    """Write into `out`, by row, the entries of each channel, of which `table` has a column."""
+    for channel in range(3):
+        out[:, channel] = table[:, channel].take(codes[:, channel])
+
+
+def _rotations(codes: Codes) -> F32:
+    """Three components and, in alpha, which one is missing; anything else there is the identity."""
+    tagged = codes[:, 3] >= ROTATION_TAG
+    largest = np.where(tagged, codes[:, 3] - np.uint8(ROTATION_TAG), 0)
+    parts = np.empty((len(codes), 4), np.float32)
+    parts[:, 1:] = _SMALL.take(codes[:, :3])
+    parts[~tagged, 1:] = 0
+    squared = np.einsum("ni,ni->n", parts[:, 1:], parts[:, 1:])
+    parts[:, 0] = np.sqrt(np.maximum(1 - squared, 0))
+    flat = _PLACES.take(largest, axis=0) + np.arange(0, parts.size, 4)[:, None]
+    return parts.reshape(-1).take(flat)
