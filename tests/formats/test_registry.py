@@ -17,8 +17,8 @@ from usdsplat.core.errors import FormatError, UnknownFormatError
 def test_suffixes_are_those_of_the_modules():
     """Oracle: the formats of the issue."""
     read = {".ply", ".compressed.ply", ".ksplat", ".sog", "/meta.json", ".splat", ".spz"}
-    assert set(formats.suffixes_read()) == read
-    assert set(formats.suffixes_written()) == {".ply", ".splat", ".spz"}
+    assert set(formats.suffixes_read()) == read | {".glb", ".gltf"}
+    assert set(formats.suffixes_written()) == {".ply", ".splat", ".spz", ".glb", ".sog", "/meta.json"}
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.PLY", "a.spz", "a", "a.backup"])
