@@ -43,7 +43,7 @@ def drop_outliers(
         raise UsageError("neighbors of the outliers", str(neighbors), "1 or more")
     if not deviations >= 0:
         raise UsageError("deviations of the outliers", str(deviations), "0 or more")
-    sound = edit.take(cloud, np.isfinite(cloud.positions).all(axis=1))
+    sound = edit.take(cloud, np.asarray(np.isfinite(cloud.positions).all(axis=1)))
     found = min(neighbors, len(sound) - 1)
     if found < 1:
         return sound
