@@ -38,14 +38,14 @@ _IMAGES = {
     "scales": ("scales",),
     "quats": ("quats",),
     "sh0": ("sh0",),
-    "shN": ("", "labels"),
+    "shN": ("palette", "labels"),
 }
-"""Section -> what its images hold; all but the palette ("") have a pixel per splat."""
+"""Section -> what its images hold; all but the palette have a pixel per splat."""
 
 _SMALL = dequantize(np.arange(256), -SMALL_LIMIT, SMALL_LIMIT, 255)
 """Component of a rotation by code."""
-_PLACES = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [1, 2, 0, 3], [1, 2, 3, 0]])
-"""Where w, x, y and z stand among the largest component and the three others, by the largest."""
+_PLACES = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
+"""Where w, x, y and z stand, by the largest of them, among the three others and it."""
 
 Codes = npt.NDArray[np.uint8]
 
@@ -92,10 +92,8 @@ def survey(files: SogFiles) -> Sog:
     """
     meta = parse_meta(files.source, files.read(META, META_LIMIT))
     check_count(files.source, meta.count, files.total_bytes)
-    section = meta.sections.get("shN")
-    if section is None:
-        return Sog(files, meta, 0)
-    return Sog(files, meta, _palette_degree(files, meta, section, _palette_data(files, section)))
+    degree = _packed_palette(files, meta)[2] if "shN" in meta.sections else 0
+    return Sog(files, meta, degree)
 
 
 def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[int], None]) -> None:
@@ -112,7 +110,7 @@ def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[in
             table is not as long as it should be, or a number is not finite.
     """
     images = _read_images(sog)
-    tables = _read_tables(sog)
+    tables = _read_tables(sog, images.pop("palette", None))
     _check_labels(sog.files.source, images, tables)
     for span in spans:
         pieces = {name: codes[span.source] for name, codes in images.items()}
@@ -127,15 +125,21 @@ def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[in
 
 
 def _read_images(sog: Sog) -> dict[str, Codes]:
-    """Codes of every splat by section, shape (count, 4); the high bytes of means are "upper"."""
+    """Codes of every splat by section, shape (count, 4); the high bytes of means are "upper".
+
+    Those of the "palette" have a row for each of its pixels.
+    """
     found = {}
     for name, section in sog.meta.sections.items():
         for kind, file in zip(_IMAGES[name], section.files, strict=True):
-            if kind:
+            if kind == "palette":
+                found[kind] = _packed_palette(sog.files, sog.meta)[:2]
+            else:
                 found[kind] = _image_data(sog.files, file, sog.meta.count)
     with ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1)) as workers:
         images = workers.map(lambda image: webp.decode(*image), found.values())
-        return {kind: codes[: sog.meta.count] for kind, codes in zip(found, images, strict=True)}
+        unpacked = dict(zip(found, images, strict=True))
+    return {k: v if k == "palette" else v[: sog.meta.count] for k, v in unpacked.items()}
 
 
 def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
@@ -149,8 +153,8 @@ def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
     return where, data
 
 
-def _read_tables(sog: Sog) -> _Tables:
-    """Ranges and tables of `meta.json`, and the palette."""
+def _read_tables(sog: Sog, palette: Codes | None) -> _Tables:
+    """Ranges and tables of `meta.json`, and what the codes of the palette stand for."""
     sections = sog.meta.sections
     means, scales, dc = (sections[name] for name in ("means", "scales", "sh0"))
     if sog.meta.version == 1:
@@ -167,7 +171,7 @@ def _read_tables(sog: Sog) -> _Tables:
             scales=np.exp(size_table).astype(np.float32),
             dc=dc_table[:, :3].astype(np.float32),
             opacities=opacities.astype(np.float32),
-            palette=_palette(sog),
+            palette=_palette(sog, palette),
         )
 
 
@@ -183,15 +187,13 @@ def _lerps(section: Section, channels: int) -> F64:
     return lower * (1 - t) + upper * t
 
 
-def _palette_data(files: SogFiles, section: Section) -> bytes:
-    """The image of the palette, still packed."""
-    largest = PALETTE_COLUMNS * _PALETTE_ROWS * (coefficient_count(MAX_DEGREE) - 1)
-    return files.read(section.files[0], _PIXEL_BYTES * largest + _IMAGE_OVERHEAD)
-
-
-def _palette_degree(files: SogFiles, meta: Meta, section: Section, data: bytes) -> int:
-    """Degree of the harmonics: by the width of the image, which version 2 confirms."""
+def _packed_palette(files: SogFiles, meta: Meta) -> tuple[str, bytes, int]:
+    """The image of the palette, still packed, after the words that name it; and the degree of its
+    harmonics, by its width, which version 2 confirms."""
+    section = meta.sections["shN"]
     where = f"{files.source}: {section.files[0]}"
+    largest = PALETTE_COLUMNS * _PALETTE_ROWS * (coefficient_count(MAX_DEGREE) - 1)
+    data = files.read(section.files[0], _PIXEL_BYTES * largest + _IMAGE_OVERHEAD)
     width, height = webp.image_size(where, data)
     widths = {PALETTE_COLUMNS * (k - 1): degree for k, degree in SH_DEGREES.items() if degree}
     degree = widths.get(width, 0)
@@ -200,23 +202,20 @@ def _palette_degree(files: SogFiles, meta: Meta, section: Section, data: bytes) 
     if not degree or height > _PALETTE_ROWS:
         expected = f"64 labels x 3, 8, 15 or 24 by at most {_PALETTE_ROWS}, as its bands say"
         raise FormatError(where, f"{width} x {height} pixels", expected)
-    return degree
+    return where, data, degree
 
 
-def _palette(sog: Sog) -> F32:
+def _palette(sog: Sog, codes: Codes | None) -> F32:
     """Harmonics that labels stand for, shape (labels, coefficients, 3)."""
-    section = sog.meta.sections.get("shN")
-    if section is None:
+    if codes is None:
         return np.empty((0, 1, 3), np.float32)
+    section = sog.meta.sections["shN"]
     values = _lerps(section, 1) if sog.meta.version == 1 else _codebook(section)
     with np.errstate(over="ignore"):
         table = values[:, 0].astype(np.float32)
-    data = _palette_data(sog.files, section)
-    _palette_degree(sog.files, sog.meta, section, data)  # a folder may have changed meanwhile
-    codes = webp.decode(f"{sog.files.source}: {section.files[0]}", data)[:, :3]
-    coefficients = coefficient_count(sog.degree)
-    palette = np.zeros((len(codes) // (coefficients - 1), coefficients, 3), np.float32)
-    palette[:, 1:] = table[codes].reshape(-1, coefficients - 1, 3)
+    rest = coefficient_count(sog.degree) - 1
+    palette = np.zeros((len(codes) // rest, rest + 1, 3), np.float32)
+    palette[:, 1:] = table.take(codes[:, :3]).reshape(-1, rest, 3)
     return palette
 
 
@@ -263,11 +262,12 @@ def _look_up(table: F32, codes: npt.NDArray[np.unsignedinteger], out: F32) -> No
 def _rotations(codes: Codes) -> F32:
     """Three components and, in alpha, which one is missing; anything else there is the identity."""
     tagged = codes[:, 3] >= ROTATION_TAG
-    largest = np.where(tagged, codes[:, 3] - np.uint8(ROTATION_TAG), 0)
-    parts = np.empty((len(codes), 4), np.float32)
-    parts[:, 1:] = _SMALL.take(codes[:, :3])
-    parts[~tagged, 1:] = 0
-    squared = np.einsum("ni,ni->n", parts[:, 1:], parts[:, 1:])
-    parts[:, 0] = np.sqrt(np.maximum(1 - squared, 0))
+    largest = codes[:, 3] - np.uint8(ROTATION_TAG)
+    parts = _SMALL.take(codes)
+    if not tagged.all():
+        largest[~tagged] = 0
+        parts[~tagged] = 0
+    small = parts[:, :3]
+    parts[:, 3] = np.sqrt(np.maximum(1 - np.einsum("ni,ni->n", small, small), 0))
     flat = _PLACES.take(largest, axis=0) + np.arange(0, parts.size, 4)[:, None]
     return parts.reshape(-1).take(flat)
