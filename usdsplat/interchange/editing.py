@@ -1,0 +1,170 @@
+"""Edits on the way from file to file: done in their order, and accounted for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core import edit, morton
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.edits import Edit, Numbers
+from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.core.wording import counted
+
+Rows = npt.NDArray[np.bool_ | np.integer]
+
+_CHANGED = {
+    "rotate": ("positions", "sh"),
+    "scale": ("positions", "scales"),
+}
+"""Edit -> fields of the cloud whose numbers it mixes or multiplies, and their errors with them."""
+
+
+def edited(
+    cloud: SplatCloud,
+    edits: Sequence[Edit],
+    *,
+    may_empty: bool = False,
+    progress: Progress = silent,
+) -> tuple[SplatCloud, tuple[str, ...]]:
+    """Do edits in their order.
+
+    Maps that follow each other are done as one, so that harmonics are turned once.
+
+    Args:
+        may_empty: Whether it is all right if no splat is left.
+        progress: Told about each step.
+
+    Returns:
+        The cloud, and a sentence for each edit that dropped splats.
+
+    Raises:
+        UsageError: If no splat is left, naming the edit.
+    """
+    steps = [list(group) for _, group in groupby(enumerate(edits), key=_step)]
+    notes = []
+    for done, step in enumerate(steps):
+        progress.step("editing", done, len(steps))
+        group, before = [item for _, item in step], len(cloud)
+        cloud = _moved(cloud, group) if group[0].kind.moves else _one(cloud, group[0])
+        if before and not len(cloud) and not may_empty:
+            expected = f"some of the {counted(before, 'splat')} before it"
+            raise UsageError(f"edit {group[0].name}", "no splat left", expected)
+        if len(cloud) != before:
+            notes.append(f"{group[0]}: {counted(len(cloud), 'splat')} of {before} left")
+    progress.step("editing", len(steps), len(steps))
+    return cloud, tuple(notes)
+
+
+def bounds_after(bounds: Mapping[str, str], edits: Sequence[Edit]) -> dict[str, str]:
+    """Error bounds of a source, said so that they stay true once the edits are done."""
+    after = dict(bounds)
+    for name in bounds:
+        said = [str(item) for item in edits if name in _CHANGED.get(item.name, ())]
+        if said:
+            after[name] += f", before {' and '.join(said)}"
+    return after
+
+
+def matrix_of(item: Edit) -> F64:
+    """The map of an edit that moves, column vectors, shape (4, 4)."""
+    matrix = np.eye(4)
+    if item.name == "translate":
+        matrix[:3, 3] = item.values
+    elif item.name == "scale":
+        matrix[:3, :3] *= item.values[0]
+    else:
+        matrix[:3, :3] = _rotation(item.values)
+    return matrix
+
+
+def _step(numbered: tuple[int, Edit]) -> int:
+    """Equal for edits that move and stand together, of its own for any other."""
+    place, item = numbered
+    return -1 if item.kind.moves else place
+
+
+def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
+    """The cloud after all these maps, the first first."""
+    matrix = np.eye(4)
+    for item in moves:
+        matrix = matrix_of(item) @ matrix
+    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
+
+
+def _one(cloud: SplatCloud, item: Edit) -> SplatCloud:
+    """The cloud after an edit that is no map."""
+    return _WORK[item.name](cloud, item.values)
+
+
+def _rotation(degrees: Numbers) -> F64:
+    """Turn about x, then y, then z; right angles exactly."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate(degrees):
+        cosine, sine = _on_circle(angle)
+        turn = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = cosine, -sine, sine, cosine
+        matrix = turn @ matrix
+    return matrix
+
+
+def _on_circle(degrees: float) -> tuple[float, float]:
+    """Cosine and sine, without the 6e-17 that pi leaves at right angles."""
+    quarters = degrees / 90
+    if quarters == int(quarters):
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]
+    return float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
+
+
+def _crop_box(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+    return edit.crop_box(cloud, values[:3], values[3:])
+
+
+def _crop_sphere(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+    return edit.crop_sphere(cloud, values[:3], values[3])
+
+
+def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Callable[..., SplatCloud]:
+    """Work that keeps the rows which a limit allows."""
+
+    def work(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+        kept = rows(cloud, values[0])
+        return cloud if kept.all() else edit.take(cloud, kept)
+
+    return work
+
+
+def _sizes(cloud: SplatCloud) -> npt.NDArray[np.float32]:
+    """Longest standard deviations, shape (n,)."""
+    return np.asarray(cloud.scales.max(axis=1, initial=0))
+
+
+def _drop_nan(cloud: SplatCloud, _: Numbers) -> SplatCloud:
+    return edit.prune(cloud)
+
+
+def _cut_harmonics(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+    return edit.with_sh_degree(cloud, min(int(values[0]), cloud.sh_degree))
+
+
+def _in_z_order(cloud: SplatCloud, _: Numbers) -> SplatCloud:
+    return edit.take(cloud, morton.order(cloud.positions))
+
+
+_WORK: Mapping[str, Callable[[SplatCloud, Numbers], SplatCloud]] = {
+    "crop-box": _crop_box,
+    "crop-sphere": _crop_sphere,
+    "min-opacity": _keeping(lambda cloud, limit: cloud.opacities >= np.float32(limit)),
+    "max-opacity": _keeping(lambda cloud, limit: cloud.opacities <= np.float32(limit)),
+    "min-size": _keeping(lambda cloud, limit: _sizes(cloud) >= np.float32(limit)),
+    "max-size": _keeping(lambda cloud, limit: _sizes(cloud) <= np.float32(limit)),
+    "drop-nan": _drop_nan,
+    "sh-degree": _cut_harmonics,
+    "morton": _in_z_order,
+}
+"""Edit -> what does it, for those that are no maps."""
