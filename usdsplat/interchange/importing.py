@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
-from usdsplat import formats
+from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture
+from usdsplat.formats import Capture, Reading
+from usdsplat.formats.options import READING
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import assumptions, author_field, axes_text, prepare
+from usdsplat.interchange.gathering import gather
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
@@ -21,23 +23,27 @@ from usdsplat.schema import Form
 
 
 def import_capture(
-    source: Path | str,
+    source: Path | str | Sequence[Path | str],
     target: Path | str | Usd.Stage,
     *,
+    edits: Sequence[Edit] = (),
     form: Form = "float",
     frame: str | None = None,
     up_axis: str | None = None,
     meters_per_unit: float | None = None,
     prim_path: str | None = None,
     bake_axes: bool = False,
+    how: Reading = READING,
     progress: Progress = silent,
 ) -> ImportReport:
     """Write a capture as a splat field, with its axes, unit, colour space and provenance.
 
     Args:
-        source: A capture in any format that `formats` reads.
+        source: A capture in any format that `formats` reads, or several, which become one field in
+            the coordinates of the first.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete; or a
             stage, whose edit target is written and nothing is saved.
+        edits: Done in this order, in the capture's own coordinates.
         form: How the field is stored, see `schema.author`.
         frame: Where x, y and z of the capture point, such as "rdf"; None believes the file.
         up_axis: "Y" or "Z" of a new file, "Y" if None; a stage has its own.
@@ -45,19 +51,19 @@ def import_capture(
             file and the stage's own for a stage.
         prim_path: Path of the field; None is the file's name under the default prim.
         bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        how: What is asked of the reader besides.
         progress: Told about reading, authoring and writing.
 
     Raises:
         FormatError: If the source is not what it claims to be.
-        UsageError: If an option has a value it cannot have.
+        UsageError: If an option has a value it cannot have, or edits leave no splat.
         StageError: If the stage has something else at `prim_path`.
         OutputError: If the target cannot be written, or is the source.
     """
-    source = Path(source)
-    stage, path = _open_target(source, target, up_axis, meters_per_unit)
-    where = field_path(stage, source, prim_path)
-    capture = formats.read(source, progress=progress)
-    capture = replace(capture, frame=frame or capture.frame)
+    sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
+    stage, path = _open_target(sources, target, up_axis, meters_per_unit)
+    where = field_path(stage, sources[0], prim_path)
+    capture = gather(sources, frame=frame, edits=edits, how=how, progress=progress)
     placed = placement(stage, capture.frame, meters_per_unit)
     text = axes_text(placed, bake_axes)
     notes = (*capture.notes, *assumptions(frame, meters_per_unit))
@@ -65,18 +71,20 @@ def import_capture(
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=bake_axes)
-    memory = provenance(source, sha256.result(), capture, form=form, axes=text, notes=notes)
+    memory = provenance(
+        sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes
+    )
     record(prim, memory)
     progress.step("authoring", 1, 1)
     if path:
         progress.step("writing", 0, 1)
         files.save(stage.GetRootLayer(), path)
         progress.step("writing", 1, 1)
-    return _report(source, path, prim, capture, form, memory)
+    return _report(sources, path, prim, capture, form, memory)
 
 
 def _open_target(
-    source: Path, target: Path | str | Usd.Stage, up_axis: str | None, unit: float | None
+    sources: Sequence[Path], target: Path | str | Usd.Stage, up_axis: str | None, unit: float | None
 ) -> tuple[Usd.Stage, Path | None]:
     """The stage to write, and the file to save it in if it is a new one."""
     if isinstance(target, Usd.Stage):
@@ -86,14 +94,14 @@ def _open_target(
         return target, None
     path = Path(target)
     files.check_suffix(path)
-    files.check_not_input(path, [source])
+    files.check_not_input(path, sources)
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, up_axis, unit)
     return stage, path
 
 
 def _report(
-    source: Path,
+    sources: Sequence[Path],
     target: Path | None,
     prim: Usd.Prim,
     capture: Capture,
@@ -101,7 +109,7 @@ def _report(
     memory: Provenance,
 ) -> ImportReport:
     return ImportReport(
-        source=str(source),
+        source=" + ".join(map(str, sources)),
         target=str(target or ""),
         prim_path=str(prim.GetPath()),
         splats=len(capture.cloud),
@@ -112,5 +120,6 @@ def _report(
         axes=memory.axes,
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
         error_bounds=memory.error_bounds,
+        edits=memory.edits,
         notes=memory.notes,
     )

@@ -10,7 +10,9 @@ from pathlib import Path
 from pxr import Usd, Vt
 
 from usdsplat import __version__, schema
+from usdsplat.core.edits import Edit
 from usdsplat.formats import Capture
+from usdsplat.interchange.editing import bounds_after
 from usdsplat.schema import Form
 
 KEY = "usdsplat"
@@ -22,27 +24,37 @@ class Provenance:
     """What is remembered of an import."""
 
     source: str
-    """The file's name without its folder: stages travel."""
+    """The file's name without its folder, for stages travel; several with + between."""
     sha256: str
     format: str
     reader: str
     frame: str
     axes: str
+    edits: tuple[str, ...]
+    """What was done to the splats before, in this order, as it was asked for."""
     error_bounds: Mapping[str, str]
     notes: tuple[str, ...]
 
 
 def provenance(
-    source: Path, sha256: str, capture: Capture, *, form: Form, axes: str, notes: tuple[str, ...]
+    sources: Sequence[Path],
+    sha256: str,
+    capture: Capture,
+    *,
+    edits: Sequence[Edit] = (),
+    form: Form,
+    axes: str,
+    notes: tuple[str, ...],
 ) -> Provenance:
-    """Gather what is to be remembered of a capture that was read from `source`."""
+    """Gather what is to be remembered of a capture that was read from `sources` and edited."""
     return Provenance(
-        source=_whole(source).name,
+        source=" + ".join(_whole(source).name for source in sources),
         sha256=sha256,
         format=capture.format,
         reader=f"usdsplat {__version__}",
         frame=capture.frame,
         axes=axes,
+        edits=tuple(map(str, edits)),
         error_bounds=_joined(capture.error_bounds, schema.error_bounds(form)),
         notes=notes,
     )
@@ -52,7 +64,8 @@ def record(prim: Usd.Prim, memory: Provenance) -> None:
     """Write it to customData[KEY] of a field."""
     entry = asdict(memory)
     entry["error_bounds"] = dict(memory.error_bounds)
-    entry["notes"] = Vt.StringArray(list(memory.notes))
+    for name in ("edits", "notes"):
+        entry[name] = Vt.StringArray(list(entry[name]))
     prim.SetCustomDataByKey(KEY, entry)
 
 
@@ -61,6 +74,17 @@ def add_form(prim: Usd.Prim, form: Form) -> None:
     entry = prim.GetCustomDataByKey(KEY)
     if isinstance(entry, dict):
         bounds = _joined(entry.get("error_bounds", {}), schema.error_bounds(form))
+        prim.SetCustomDataByKey(f"{KEY}:error_bounds", bounds)
+
+
+def add_edits(prim: Usd.Prim, edits: Sequence[Edit]) -> None:
+    """Add edits to those that a prim remembers, if it remembers where it came from."""
+    entry = prim.GetCustomDataByKey(KEY)
+    if isinstance(entry, dict):
+        before = [str(text) for text in entry.get("edits", ())]
+        texts = Vt.StringArray([*before, *map(str, edits)])
+        prim.SetCustomDataByKey(f"{KEY}:edits", texts)
+        bounds = bounds_after(entry.get("error_bounds", {}), edits)
         prim.SetCustomDataByKey(f"{KEY}:error_bounds", bounds)
 
 

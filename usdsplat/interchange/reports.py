@@ -11,7 +11,7 @@ class ImportReport:
     """A capture on a stage."""
 
     source: str
-    """The file."""
+    """The file; several with + between."""
     target: str
     """The USD file, or "" when it went onto a stage in memory."""
     prim_path: str
@@ -29,6 +29,8 @@ class ImportReport:
     """How they became the stage's axes, one sentence."""
     meters_per_unit: float
     """Of the stage."""
+    edits: tuple[str, ...] = ()
+    """What was done to the splats before, in this order."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)
     """Field of the cloud -> how far it may be from the original; what is not listed is exact."""
     notes: tuple[str, ...] = ()
@@ -52,7 +54,8 @@ class ExportReport:
     source: str
     target: str
     prim_paths: tuple[str, ...]
-    """The fields, one for each appearance; empty when the source is a capture."""
+    """The fields, one for each appearance, those of point instances once; empty when the source is
+    a capture."""
     splats: int
     degree: int
     frame: str
@@ -68,6 +71,18 @@ class SequenceExportReport(ExportReport):
     """Time codes, ascending."""
     counts: tuple[int, ...]
     """Splats of each frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SplitReport:
+    """Fields of a stage as capture files, one for each."""
+
+    source: str
+    target: str
+    """The file whose name the others have, each with the name of its prim."""
+    parts: tuple[ExportReport, ...]
+    notes: tuple[str, ...] = ()
+    """About the stage; parts have their own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

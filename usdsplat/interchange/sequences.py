@@ -175,7 +175,7 @@ class _Job:
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
         memory = provenance(
-            pattern, account.fingerprint(), capture, form=self.form, axes=text, notes=notes
+            [pattern], account.fingerprint(), capture, form=self.form, axes=text, notes=notes
         )
         record(prim, memory)
         with files.usd_errors(self.target):

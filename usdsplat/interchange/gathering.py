@@ -1,0 +1,130 @@
+"""Captures put together before they are written: read, joined in one frame, edited."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat import formats
+from usdsplat.core import axes, edit
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.edits import Edit
+from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import Capture, Reading
+from usdsplat.formats.options import READING
+from usdsplat.interchange.editing import bounds_after, edited
+
+_MIXED = "captures are rasterised differently; the result says classic for all"
+
+
+def gather(
+    sources: Sequence[Path],
+    *,
+    frame: str | None = None,
+    edits: Sequence[Edit] = (),
+    how: Reading = READING,
+    progress: Progress = silent,
+) -> Capture:
+    """Read captures as one.
+
+    Args:
+        sources: Files in any format that `formats` reads, at least one.
+        frame: Where x, y and z of all of them point; None believes each.
+        edits: Done to all splats together, in the first capture's coordinates.
+        how: What is asked of the readers besides.
+        progress: Told about reading and editing.
+
+    Raises:
+        FormatError: If a source is not what it claims to be.
+        UsageError: If `frame` names no frame, edits leave nothing, or colours are of several
+            spaces.
+    """
+    how = reading_for(edits, how)
+    captures = [formats.read(source, how=how, progress=progress) for source in sources]
+    if frame is not None:
+        captures = [replace(capture, frame=frame) for capture in captures]
+    return edit_capture(joined(captures), edits, progress=progress)
+
+
+def reading_for(edits: Sequence[Edit], how: Reading = READING) -> Reading:
+    """How captures are read that are to be edited: numbers that are not finite may be let in."""
+    drops = any(item.name == "drop-nan" for item in edits)
+    return replace(how, drop_nonfinite=how.drop_nonfinite or drops)
+
+
+def joined(captures: Sequence[Capture]) -> Capture:
+    """Captures as one, in the frame of the first.
+
+    Raises:
+        UsageError: If their colours are of several spaces.
+    """
+    first = captures[0]
+    if len(captures) == 1:
+        return first
+    for capture in captures:
+        if capture.color_space != first.color_space:
+            expected = f"{first.color_space} as in {first.files[0]}"
+            raise UsageError(str(capture.files[0]), f"colours in {capture.color_space}", expected)
+    clouds = [turned(c.cloud, c.frame, first.frame) for c in captures]
+    modes = {capture.antialiased for capture in captures}
+    notes = dict.fromkeys(note for capture in captures for note in capture.notes)
+    for capture in captures:
+        if capture.frame != first.frame:
+            notes[f"{capture.files[0].name} was turned from {capture.frame} to {first.frame}"] = (
+                None
+            )
+    if len(modes) > 1:
+        notes[_MIXED] = None
+    return Capture(
+        cloud=edit.merge(clouds),
+        format=" + ".join(dict.fromkeys(capture.format for capture in captures)),
+        files=tuple(dict.fromkeys(path for capture in captures for path in capture.files)),
+        frame=first.frame,
+        antialiased=modes == {True},
+        color_space=first.color_space,
+        error_bounds=_widest([capture.error_bounds for capture in captures]),
+        notes=tuple(notes),
+    )
+
+
+def edit_capture(
+    capture: Capture, edits: Sequence[Edit], *, progress: Progress = silent
+) -> Capture:
+    """A capture after edits in its own coordinates; its bounds and notes tell of them.
+
+    Raises:
+        UsageError: If no splat is left.
+    """
+    if not edits:
+        return capture
+    cloud, notes = edited(capture.cloud, edits, progress=progress)
+    return replace(
+        capture,
+        cloud=cloud,
+        error_bounds=bounds_after(capture.error_bounds, edits),
+        notes=(*capture.notes, *notes),
+    )
+
+
+def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
+    """A cloud whose x, y and z point as `source` says, where they point as `target` says.
+
+    Raises:
+        UsageError: If either names no frame.
+    """
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes.change(source, target)
+    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
+
+
+def _widest(bounds: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """What can be said of splats that have any of these bounds."""
+    names = sorted({name for each in bounds for name in each})
+    return {
+        name: " or ".join(dict.fromkeys(each[name] for each in bounds if name in each))
+        for name in names
+    }
