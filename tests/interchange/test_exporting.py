@@ -14,7 +14,8 @@ from tests.schema.clouds import cloud
 from usdsplat import formats, schema
 from usdsplat.core import sh
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
-from usdsplat.interchange import export_capture, import_capture
+from usdsplat.interchange import export_capture, export_each, import_capture
+from usdsplat.interchange.appearances import Appearance
 
 
 @pytest.fixture
@@ -101,14 +102,72 @@ def test_a_subtree_can_be_named(stage, tmp_path: Path) -> None:
     assert export_capture(stage, tmp_path / "o.ply", prim_path="/B").prim_paths == ("/B/Two",)
 
 
-def test_point_instances_are_said_to_be_missing(stage, tmp_path: Path) -> None:
-    """Oracle: the note, and the prototype not being taken for an appearance."""
-    UsdGeom.PointInstancer.Define(stage, "/Forest")
+@pytest.mark.parametrize("time", [None, 1.0])
+def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path: Path, time) -> None:
+    """Oracle: centres moved by hand: prototype's place, instance's, forest's; one is masked."""
+    forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
+    forest.AddTranslateOp().Set((0, 0, 100))
+    trees = {name: cloud(n, n=n) for name, n in (("Oak", 2), ("Fir", 3))}
+    for name, own in trees.items():
+        root = UsdGeom.Xform.Define(stage, f"/Forest/{name}")
+        root.AddTranslateOp().Set((0, 5, 0))
+        field = schema.author(stage, f"/Forest/{name}/Splats", own)
+        UsdGeom.Xformable(field).AddScaleOp().Set((2, 2, 2))
+        forest.GetPrototypesRel().AddTarget(root.GetPath())
+    forest.GetProtoIndicesAttr().Set([1, 0, 1])
+    forest.GetPositionsAttr().Set([(10, 0, 0), (20, 0, 0), (30, 0, 0)])
+    forest.GetInvisibleIdsAttr().Set([2])
+    schema.author(stage, "/Rock", cloud(n=4))
+    report = export_capture(stage, tmp_path / "out.ply", frame="rub", time=time)
+    assert report.prim_paths == ("/Forest/Oak/Splats", "/Forest/Fir/Splats", "/Rock")
+    found = formats.read(tmp_path / "out.ply").cloud
+    assert len(found) == 2 + 3 + 4
+    expected = [
+        2 * trees["Oak"].positions + (20, 5, 100),
+        2 * trees["Fir"].positions + (10, 5, 100),
+    ]
+    np.testing.assert_allclose(found.positions[:5], np.concatenate(expected), atol=1e-4)
+    np.testing.assert_allclose(found.scales[:2], 2 * trees["Oak"].scales, rtol=1e-5)
+
+
+def test_instances_that_are_not_seen_stay_out(stage, tmp_path: Path) -> None:
+    """Oracle: USD's visibility, a prototype without an instance, and lists of unequal length."""
+    forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
+    forest.GetPrototypesRel().AddTarget("/Forest/Tree")
     schema.author(stage, "/Forest/Tree", cloud(n=2))
     schema.author(stage, "/Rock", cloud(n=3))
+    assert export_capture(stage, tmp_path / "out.ply").prim_paths == ("/Rock",)
+    forest.GetProtoIndicesAttr().Set([0, 0])
+    forest.GetPositionsAttr().Set([(1, 0, 0)])
+    with pytest.raises(StageError, match=r"^/Forest: found "):
+        export_capture(stage, tmp_path / "out.ply")
+    forest.MakeInvisible()
     report = export_capture(stage, tmp_path / "out.ply")
-    assert report.prim_paths == ("/Rock",)
-    assert report.notes == ("/Forest: point instances are not exported",)
+    assert report.notes == ("/Forest: left out, it is not shown in renders",)
+
+
+def test_more_splats_than_fit_are_refused_before_they_are_made(stage, tmp_path: Path) -> None:
+    """Oracle: 40 million instances of 10 splats, a slip that would take 90 GB."""
+    forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
+    forest.GetPrototypesRel().AddTarget("/Forest/Tree")
+    prim = schema.author(stage, "/Forest/Tree", cloud(n=10))
+    many = np.broadcast_to(np.eye(4), (40_000_000, 4, 4))
+    with pytest.raises(StageError, match="found 400000000 splats, expected 268435456 at most"):
+        Appearance(prim=prim, to_world=many).cloud(None, np.eye(3))
+
+
+def test_each_field_becomes_a_file_of_its_own(stage, tmp_path: Path) -> None:
+    """Oracle: names by hand, and the number of splats in each file."""
+    for path, n in (("/A/Tree", 2), ("/B/Tree", 3), ("/B/Rock", 4)):
+        schema.author(stage, path, cloud(n=n))
+    UsdGeom.Imageable(schema.author(stage, "/Hidden", cloud(n=9))).MakeInvisible()
+    report = export_each(stage, tmp_path / "out.PLY")
+    files = {Path(part.target).name: part.splats for part in report.parts}
+    assert files == {"out_A_Tree.PLY": 2, "out_B_Tree.PLY": 3, "out_B_Rock.PLY": 4}
+    assert {p.name: len(formats.read(p).cloud) for p in tmp_path.iterdir()} == files
+    assert report.notes == ("/Hidden: left out, it is not shown in renders",)
+    export_each(stage, tmp_path / "b.ply", prim_path="/B")
+    assert sorted(p.name for p in tmp_path.glob("b_*")) == ["b_Rock.ply", "b_Tree.ply"]
 
 
 def test_a_time_chooses_the_frame(stage, tmp_path: Path) -> None:

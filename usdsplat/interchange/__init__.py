@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from usdsplat.interchange.cameras import CameraReport, import_cameras
 from usdsplat.interchange.converting import convert
-from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.exporting import export_capture, export_each
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import (
@@ -13,6 +13,7 @@ from usdsplat.interchange.reports import (
     RepackReport,
     SequenceExportReport,
     SequenceImportReport,
+    SplitReport,
 )
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequences import import_sequence
@@ -24,8 +25,10 @@ __all__ = [
     "RepackReport",
     "SequenceExportReport",
     "SequenceImportReport",
+    "SplitReport",
     "convert",
     "export_capture",
+    "export_each",
     "export_sequence",
     "import_cameras",
     "import_capture",

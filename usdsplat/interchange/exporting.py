@@ -1,22 +1,24 @@
-"""Splat fields of a stage become one capture file."""
+"""Splat fields of a stage become capture files: all in one, or one for each."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat import formats, schema
 from usdsplat.core import axes, edit
-from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.core.errors import StageError
+from usdsplat.core.edits import Edit
 from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import Capture, Writing
+from usdsplat.formats.options import WRITING
 from usdsplat.interchange import files
-from usdsplat.interchange.placement import checked_path, stage_frame
-from usdsplat.interchange.reports import ExportReport
-
-_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+from usdsplat.interchange.appearances import Appearance, appearances
+from usdsplat.interchange.gathering import edit_capture
+from usdsplat.interchange.placement import stage_frame
+from usdsplat.interchange.reports import ExportReport, SplitReport
 
 
 def export_capture(
@@ -26,6 +28,8 @@ def export_capture(
     prim_path: str | None = None,
     time: float | None = None,
     frame: str | None = None,
+    edits: Sequence[Edit] = (),
+    how: Writing = WRITING,
     progress: Progress = silent,
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, turned to the capture's axes.
@@ -39,102 +43,88 @@ def export_capture(
             invisible or of purpose proxy or guide is left out, unless it is the prim named here.
         time: Time code; None is the default value, or the first sample where there is none.
         frame: Where x, y and z of the file are to point, such as "rdf"; None is its format's way.
+        edits: Done in this order, in the coordinates of the file.
+        how: What is asked of the writer besides.
         progress: Told about each field and about writing.
 
     Raises:
         StageError: If the source cannot be opened, or there is no field to write.
-        UsageError: If `frame` names no frame.
+        UsageError: If `frame` names no frame, or edits leave no splat.
         UnknownFormatError: If the target's suffix is none that can be written.
         OutputError: If the target cannot be written, or belongs to the source.
     """
-    stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
-    path = Path(target)
-    files.check_not_input(path, files.layer_files(stage))
+    path, stage = Path(target), _opened(source, target)
     frame = frame or formats.frame_written(path)
-    turn = axes.change(stage_frame(stage), frame)
-    prims, notes = _appearances(stage, prim_path, time)
-    clouds = []
-    for done, prim in enumerate(prims):
-        progress.step("reading fields", done, len(prims))
-        clouds.append(_in_world(prim, turn, time))
-    progress.step("reading fields", len(prims), len(prims))
-    cloud = clouds[0] if len(clouds) == 1 else edit.merge(clouds)
-    is_antialiased = all(schema.rasterize_mode(prim) == "antialiased" for prim in prims)
-    how = formats.Writing(antialiased=is_antialiased, frame=frame)
-    formats.write(cloud, path, how=how, progress=progress)
-    return ExportReport(
-        source=stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source),
+    capture, prims = capture_of(stage, frame, prim_path=prim_path, time=time, progress=progress)
+    capture = edit_capture(capture, edits, progress=progress)
+    return _written(capture, prims, source, path, how, progress)
+
+
+def export_each(
+    source: Path | str | Usd.Stage,
+    target: Path | str,
+    *,
+    prim_path: str | None = None,
+    time: float | None = None,
+    frame: str | None = None,
+    edits: Sequence[Edit] = (),
+    how: Writing = WRITING,
+    progress: Progress = silent,
+) -> SplitReport:
+    """Write every splat field as a capture of its own, named as `target` and the prim.
+
+    Fields "/World/Tree" and "/World/Rock" become shot_Tree.ply and shot_Rock.ply if the target is
+    shot.ply. Prims of one name are named by as much of their paths as tells them apart. Edits are
+    done to each alone.
+
+    Args and errors are those of `export_capture`.
+    """
+    path, stage = Path(target), _opened(source, target)
+    frame = frame or formats.frame_written(path)
+    found, notes = appearances(stage, prim_path, time)
+    parts = []
+    for item, name in zip(found, names([item.prim for item in found]), strict=True):
+        capture = edit_capture(_capture([item], frame, time, progress), edits, progress=progress)
+        beside = _named(path, name)
+        files.check_not_input(beside, files.layer_files(stage))
+        parts.append(_written(capture, [item.prim], source, beside, how, progress))
+    return SplitReport(
+        source=_name(source),
         target=str(path),
-        prim_paths=tuple(str(prim.GetPath()) for prim in prims),
-        splats=len(cloud),
-        degree=cloud.sh_degree,
-        frame=frame,
-        notes=(*files.composition_remarks(stage), *notes, *_losses(prims, cloud)),
+        parts=tuple(parts),
+        notes=(*files.composition_remarks(stage), *notes),
     )
 
 
-def _appearances(
-    stage: Usd.Stage, prim_path: str | None, time: float | None
-) -> tuple[list[Usd.Prim], list[str]]:
-    """Fields that can be seen, instances each for themselves, and notes on what is left out."""
-    root = (
-        stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
-    )
-    if not root:
-        raise StageError(str(prim_path), "no such prim", "a splat field of the stage")
-    if schema.is_splat_field(root):
-        return [root], []
-    found, notes = [], []
-    prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
-    for prim in prims:
-        if prim.IsA(UsdGeom.PointInstancer):
-            notes.append(f"{prim.GetPath()}: point instances are not exported")
-            prims.PruneChildren()
-        elif schema.is_splat_field(prim):
-            if _is_visible(prim, time):
-                found.append(prim)
-            else:
-                notes.append(f"{prim.GetPath()}: left out, it is not shown in renders")
-    if not found:
-        where = prim_path or stage.GetRootLayer().identifier
-        raise StageError(where, "; ".join(notes) or "no splat field", "one that can be seen")
-    return found, notes
+def capture_of(
+    stage: Usd.Stage,
+    frame: str,
+    *,
+    prim_path: str | None = None,
+    time: float | None = None,
+    progress: Progress = silent,
+) -> tuple[Capture, list[Usd.Prim]]:
+    """What is seen of a stage as a capture whose axes point as `frame` says, and the prims.
+
+    Args and errors are those of `export_capture`.
+    """
+    found, notes = appearances(stage, prim_path, time)
+    capture = _capture(found, frame, time, progress)
+    notes = [*files.composition_remarks(stage), *notes, *capture.notes]
+    return replace(capture, notes=tuple(notes)), [item.prim for item in found]
 
 
-def _is_visible(prim: Usd.Prim, time: float | None) -> bool:
-    """Whether renders show the prim."""
-    imageable = UsdGeom.Imageable(prim)
-    if imageable.ComputePurpose() not in _PURPOSES:
-        return False
-    return bool(imageable.ComputeVisibility(_code(time)) != UsdGeom.Tokens.invisible)
+def names(prims: Sequence[Usd.Prim]) -> list[str]:
+    """What to call files of these prims: the shortest ends of their paths that differ."""
+    paths = [str(prim.GetPath()).strip("/").split("/") for prim in prims]
+    for length in range(1, max(map(len, paths), default=0) + 1):
+        ends = ["_".join(path[-length:]) for path in paths]
+        if len({end.lower() for end in ends}) == len(ends):
+            return ends
+    return [f"{'_'.join(path)}_{number}" for number, path in enumerate(paths, 1)]
 
 
-def _in_world(prim: Usd.Prim, turn: F64, time: float | None) -> SplatCloud:
-    """The splats of one appearance in world space, its axes turned by `turn`."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn
-    to_world = UsdGeom.XformCache(_code(time)).GetLocalToWorldTransform(prim)
-    matrix = matrix @ np.array(to_world).T  # Gf's vectors are rows
-    cloud = schema.fetch(prim, time)
-    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
-
-
-def _losses(prims: list[Usd.Prim], cloud: SplatCloud) -> list[str]:
-    """What capture files cannot say."""
-    notes = unknown_color_spaces(prims)
-    spaces = sorted({schema.color_space(prim) for prim in prims})
-    if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
-        listed = " and ".join(spaces)
-        notes.append(f"colours are numbers in {listed}, which the file does not say")
-    if len({schema.rasterize_mode(prim) for prim in prims}) > 1:
-        notes.append("fields are rasterised differently; the file says classic for all")
-    for name in ("ids", "velocities"):
-        if getattr(cloud, name) is not None:
-            notes.append(f"{name} are not written")
-    return notes
-
-
-def unknown_color_spaces(prims: list[Usd.Prim]) -> list[str]:
+def unknown_color_spaces(prims: Sequence[Usd.Prim]) -> list[str]:
     """A sentence for each field whose colours nobody can read."""
     return [
         f"{prim.GetPath()}: found colour space {schema.color_space(prim)!r}, expected one that USD "
@@ -144,5 +134,80 @@ def unknown_color_spaces(prims: list[Usd.Prim]) -> list[str]:
     ]
 
 
-def _code(time: float | None) -> Usd.TimeCode:
-    return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+def _opened(source: Path | str | Usd.Stage, target: Path | str) -> Usd.Stage:
+    """The stage, of which the target is no part."""
+    stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
+    files.check_not_input(Path(target), files.layer_files(stage))
+    return stage
+
+
+def _capture(
+    found: Sequence[Appearance], frame: str, time: float | None, progress: Progress
+) -> Capture:
+    """Appearances as one capture, with notes on what such files cannot say."""
+    prims = [item.prim for item in found]
+    stage = prims[0].GetStage()
+    turn = axes.change(stage_frame(stage), frame)
+    clouds = []
+    for done, item in enumerate(found):
+        progress.step("reading fields", done, len(found))
+        clouds.append(item.cloud(time, turn))
+    progress.step("reading fields", len(found), len(found))
+    cloud = clouds[0] if len(clouds) == 1 else edit.merge(clouds)
+    spaces = sorted({schema.color_space(prim) for prim in prims})
+    modes = {schema.rasterize_mode(prim) for prim in prims}
+    notes = unknown_color_spaces(prims)
+    if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
+        listed = " and ".join(spaces)
+        notes.append(f"colours are numbers in {listed}, which the file does not say")
+    if len(modes) > 1:
+        notes.append("fields are rasterised differently; the file says classic for all")
+    for name in ("ids", "velocities"):
+        if getattr(cloud, name) is not None:
+            notes.append(f"{name} are not written")
+    return Capture(
+        cloud=cloud,
+        format="USD",
+        files=tuple(files.layer_files(stage)) or (Path(stage.GetRootLayer().identifier),),
+        frame=frame,
+        antialiased=modes == {"antialiased"},
+        color_space=spaces[0],
+        notes=tuple(notes),
+    )
+
+
+def _written(
+    capture: Capture,
+    prims: Sequence[Usd.Prim],
+    source: Path | str | Usd.Stage,
+    target: Path,
+    how: Writing,
+    progress: Progress,
+) -> ExportReport:
+    """Write a capture of a stage; say so."""
+    how = replace(how, antialiased=capture.antialiased, frame=capture.frame)
+    formats.write(capture.cloud, target, how=how, progress=progress)
+    return ExportReport(
+        source=_name(source),
+        target=str(target),
+        prim_paths=tuple(str(prim.GetPath()) for prim in prims),
+        splats=len(capture.cloud),
+        degree=capture.cloud.sh_degree,
+        frame=capture.frame,
+        notes=capture.notes,
+    )
+
+
+def _named(target: Path, name: str) -> Path:
+    """The target with a name before its suffix, or in the folder's name of an unpacked SOG."""
+    fitting = [s for s in formats.suffixes_written() if f"/{target.name.lower()}".endswith(s)]
+    suffix = max(fitting, key=len, default=target.suffix)
+    if suffix.startswith("/"):
+        return target.parent.with_name(f"{target.parent.name}_{name}") / target.name
+    stem, end = target.name[: -len(suffix)], target.name[-len(suffix) :]
+    return target.with_name(f"{stem}_{name}{end}")
+
+
+def _name(source: Path | str | Usd.Stage) -> str:
+    """What to call a source."""
+    return str(source.GetRootLayer().identifier if isinstance(source, Usd.Stage) else source)

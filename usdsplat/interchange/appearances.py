@@ -1,0 +1,152 @@
+"""Which splat fields of a stage are seen, where, and how often."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core import edit
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.errors import StageError
+from usdsplat.interchange.placement import checked_path
+
+MOST_SPLATS = 1 << 28
+"""A cloud of more is a slip with an instancer, not an export: it would take 60 GB."""
+
+_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Appearance:
+    """A field and every place where it is seen."""
+
+    prim: Usd.Prim
+    to_world: F64
+    """Maps from its own space to the world's, column vectors, shape (k, 4, 4)."""
+
+    def cloud(self, time: float | None, turn: F64) -> SplatCloud:
+        """All its splats in world space, whose axes are turned by `turn`, shape (3, 3).
+
+        Raises:
+            StageError: If these are more than `MOST_SPLATS`, or the field cannot be read.
+        """
+        own = schema.fetch(self.prim, time)
+        total = len(own) * len(self.to_world)
+        if total > MOST_SPLATS:
+            raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
+        turned = np.eye(4)
+        turned[:3, :3] = turn
+        clouds = [_moved(own, turned @ matrix) for matrix in self.to_world]
+        return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
+
+
+def appearances(
+    stage: Usd.Stage, prim_path: str | None, time: float | None
+) -> tuple[list[Appearance], list[str]]:
+    """Fields that can be seen, instances each for themselves, and notes on what is left out.
+
+    Args:
+        prim_path: A field, which is taken as it is, or a prim with fields beneath it; None is the
+            whole stage.
+        time: Time code; None is the default one.
+
+    Raises:
+        StageError: If there is no such prim, or nothing to be seen.
+        UsageError: If `prim_path` is none.
+    """
+    root = (
+        stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
+    )
+    if not root:
+        raise StageError(str(prim_path), "no such prim", "a splat field of the stage")
+    places = UsdGeom.XformCache(code(time))
+    if schema.is_splat_field(root):
+        return [_once(root, places)], []
+    found: list[Appearance] = []
+    notes: list[str] = []
+    prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            found += _instances(UsdGeom.PointInstancer(prim), places, time, notes)
+            prims.PruneChildren()
+        elif schema.is_splat_field(prim):
+            if _is_visible(prim, time):
+                found.append(_once(prim, places))
+            else:
+                notes.append(f"{prim.GetPath()}: left out, it is not shown in renders")
+    if not found:
+        where = prim_path or stage.GetRootLayer().identifier
+        raise StageError(where, "; ".join(notes) or "no splat field", "one that can be seen")
+    return found, notes
+
+
+def code(time: float | None) -> Usd.TimeCode:
+    """A time as USD has it."""
+    return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+
+
+def _once(prim: Usd.Prim, places: UsdGeom.XformCache) -> Appearance:
+    """A field where it stands."""
+    return Appearance(prim=prim, to_world=_columns(places.GetLocalToWorldTransform(prim))[None])
+
+
+def _instances(
+    instancer: UsdGeom.PointInstancer,
+    places: UsdGeom.XformCache,
+    time: float | None,
+    notes: list[str],
+) -> Iterator[Appearance]:
+    """The fields of its prototypes, each at every instance that is shown."""
+    path = instancer.GetPath()
+    if not _is_visible(instancer.GetPrim(), time):
+        notes.append(f"{path}: left out, it is not shown in renders")
+        return
+    to_instancer, kinds = _shown(instancer, time)
+    to_world = _columns(places.GetLocalToWorldTransform(instancer.GetPrim()))
+    stage = instancer.GetPrim().GetStage()
+    for kind, target in enumerate(instancer.GetPrototypesRel().GetForwardedTargets()):
+        prototype = stage.GetPrimAtPath(target)
+        here = to_world @ to_instancer[kinds == kind]
+        if not prototype or not len(here):
+            continue
+        for prim in Usd.PrimRange(prototype, Usd.TraverseInstanceProxies()):
+            if prim.IsA(UsdGeom.PointInstancer):
+                notes.append(f"{prim.GetPath()}: point instances of instances are not exported")
+            elif schema.is_splat_field(prim) and _is_visible(prim, time):
+                inner, _ = places.ComputeRelativeTransform(prim, prototype)
+                yield Appearance(prim=prim, to_world=here @ _columns(inner))
+
+
+def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, F64]:
+    """Maps of the instances that are not masked, shape (k, 4, 4), and their prototypes, (k,)."""
+    own = UsdGeom.PointInstancer
+    with_roots = (own.IncludeProtoXform, own.IgnoreMask)
+    maps = instancer.ComputeInstanceTransformsAtTime(code(time), code(time), *with_roots)
+    matrices = np.array([_columns(each) for each in maps or ()]).reshape(-1, 4, 4)
+    kinds = np.array(instancer.GetProtoIndicesAttr().Get(code(time)) or (), np.int64)
+    mask = np.array(instancer.ComputeMaskAtTime(code(time)) or np.ones(len(kinds)), bool)
+    if not len(matrices) == len(kinds) == len(mask):
+        found = f"{len(matrices)} places for {len(kinds)} instances"
+        raise StageError(str(instancer.GetPath()), found, "one for each")
+    return matrices[mask], kinds[mask]
+
+
+def _moved(cloud: SplatCloud, matrix: F64) -> SplatCloud:
+    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
+
+
+def _columns(matrix: object) -> F64:
+    """One of Gf's matrices, whose vectors are rows, for vectors that are columns."""
+    return np.array(matrix, np.float64).T
+
+
+def _is_visible(prim: Usd.Prim, time: float | None) -> bool:
+    """Whether renders show the prim."""
+    imageable = UsdGeom.Imageable(prim)
+    if imageable.ComputePurpose() not in _PURPOSES:
+        return False
+    return bool(imageable.ComputeVisibility(code(time)) != UsdGeom.Tokens.invisible)
