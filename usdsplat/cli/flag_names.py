@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 SPELLINGS = {
     "ocio_config": "config",
     "ocio_display": "display",
@@ -17,16 +19,24 @@ FLAGS = (
     "camera",
     "color-mode",
     "config",
+    "crop-box",
+    "crop-sphere",
     "deep-error",
     "depth-of-field",
     "device",
     "display",
+    "drop-nan",
     "filter-width",
     "frame",
     "frames",
     "inverse-max",
     "look",
+    "max-opacity",
+    "max-size",
     "meters-per-unit",
+    "min-opacity",
+    "min-size",
+    "morton",
     "motion-blur",
     "multipart",
     "pixel-filter",
@@ -35,16 +45,24 @@ FLAGS = (
     "rasterize-mode",
     "refinement",
     "resolution",
+    "rotate",
     "samples",
+    "scale",
     "settings",
     "sh-degree",
     "sorting",
+    "split",
     "threads",
+    "translate",
     "up-axis",
     "view",
     "working-space",
 )
 """Options whose values the library checks, and names in its own words."""
+
+
+_OWNER = re.compile("^(?:render (?:settings )?|edit )")
+"""What errors name before the option."""
 
 
 def spelled(name: str) -> str:
@@ -54,5 +72,5 @@ def spelled(name: str) -> str:
 
 def as_typed(where: str) -> str:
     """An option as it is spelled on the command line, if that is what a usage error is about."""
-    name = spelled(where.removeprefix("render settings ").removeprefix("render "))
+    name = spelled(_OWNER.sub("", where, count=1))
     return f"--{name}" if name in FLAGS else where

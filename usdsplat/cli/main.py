@@ -1,7 +1,8 @@
 """Pick the command, read its options, run it, and turn errors into one line and a status.
 
 A command is a module of this package, with _ for -, that has a dataclass `Options`, whose fields
-are its arguments, and `run(options)`, which returns the exit status. Its docstring is its help.
+are its arguments, and `run(options)`, which returns the exit status. Its docstring is its help. It
+may have `arranged(words)`, which puts what the user typed as its options can be read.
 Only the module that is named gets loaded, and USD and Numba only once it runs, so help is there at
 once.
 """
@@ -107,7 +108,8 @@ def _run(arguments: list[str]) -> int:
     command: Command = importlib.import_module(f"usdsplat.cli.{name.replace('-', '_')}")
     from usdsplat.cli.parsing import parse
 
-    options = parse(command.Options, name, command.__doc__ or "", rest)
+    arranged = getattr(command, "arranged", list)
+    options = parse(command.Options, name, command.__doc__ or "", arranged(rest))
     if isinstance(options, int):
         return options
     return command.run(options)

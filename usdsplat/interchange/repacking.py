@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.edits import Edit
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
+from usdsplat.interchange.editing import edited
 from usdsplat.interchange.exporting import unknown_color_spaces
-from usdsplat.interchange.provenance import add_form
+from usdsplat.interchange.provenance import add_edits, add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
 
@@ -24,21 +29,24 @@ def repack(
     target: Path | str,
     *,
     form: Form,
+    edits: Sequence[Edit] = (),
     progress: Progress = silent,
 ) -> RepackReport:
     """Write a stage as one file in which every splat field has `form`; time samples stay.
 
     The file stands alone: layers, references, clips and the selected variants are flattened into
-    it. Fields that have the form already are copied as they are.
+    it. Fields that have the form already are copied as they are, unless they are edited.
 
     Args:
         source: A USD file, or a stage, which is not changed.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
         form: "float", "half" or "packed", see `schema.author`.
+        edits: Done in this order to every field and sample, in the field's own coordinates.
         progress: Told about each cloud and about writing.
 
     Raises:
-        UsageError: If `form` is none of these, or a number does not fit it.
+        UsageError: If `form` is none of these, a number does not fit it, edits leave no splat of
+            a field, or need one that does not move.
         StageError: If the source cannot be opened or has no splat field.
         OutputError: If the target cannot be written, or belongs to the source.
     """
@@ -55,19 +63,25 @@ def repack(
     fields = [prim for prim in old.TraverseAll() if schema.is_splat_field(prim)]
     if not fields:
         raise StageError(_name(source), "no splat field", "at least one")
-    changed = [prim for prim in fields if schema.form_of(prim) != form]
+    changed = [prim for prim in fields if edits or schema.form_of(prim) != form]
+    notes = []
     work = [(prim, time) for prim in changed for time in _times(prim)]
     splats = 0
     for done, (prim, time) in enumerate(work):
         progress.step("repacking", done, len(work))
-        cloud = schema.fetch(prim, time)
+        cloud, said = _edited(prim, time, edits)
+        notes += said
         with _as_defined_as_before(after, prim.GetPath()):
             schema.author(new, prim.GetPath(), cloud, form=form, time=time)
         splats += len(cloud)
     for prim in changed:
         if not prim.IsDefined():
             _inherit_purpose(prim, new.GetPrimAtPath(prim.GetPath()))
-        add_form(new.GetPrimAtPath(prim.GetPath()), form)
+        if edits:
+            _forget_defaults(new.GetPrimAtPath(prim.GetPath()))
+            add_edits(new.GetPrimAtPath(prim.GetPath()), edits)
+        if schema.form_of(prim) != form:
+            add_form(new.GetPrimAtPath(prim.GetPath()), form)
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
     return RepackReport(
@@ -77,8 +91,35 @@ def repack(
         samples=len(work),
         splats=splats,
         form=form,
-        notes=(*files.composition_remarks(stage), *unknown_color_spaces(fields)),
+        notes=(*files.composition_remarks(stage), *unknown_color_spaces(fields), *notes),
     )
+
+
+def _edited(
+    prim: Usd.Prim, time: float | None, edits: Sequence[Edit]
+) -> tuple[SplatCloud, list[str]]:
+    """A field's cloud at one of its times after edits, and what there is to say about them."""
+    cloud = schema.fetch(prim, time)
+    if not edits:
+        return cloud, []
+    where, moves = str(prim.GetPath()), schema.is_time_varying(prim)
+    for item in edits:
+        if moves and not item.kind.row_by_row:
+            raise UsageError(f"edit {item.name}", f"{where}, which moves", "a field that does not")
+    if moves and cloud.ids is None and not all(item.kind.keeps_rows for item in edits):
+        # else a splat would move into another one that takes its row at the next sample
+        cloud = replace(cloud, ids=np.arange(len(cloud)))
+    after, notes = edited(cloud, edits, may_empty=moves)
+    place = where if time is None else f"{where} at {time:g}"
+    return after, [f"{place}: {note}" for note in notes]
+
+
+def _forget_defaults(prim: Usd.Prim) -> None:
+    """Take default values away beneath samples, which alone were edited."""
+    for name in schema.DATA_ATTRIBUTES:
+        attribute = prim.GetAttribute(name)
+        if attribute and attribute.GetNumTimeSamples():
+            attribute.ClearDefault()
 
 
 @contextmanager
