@@ -7,7 +7,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdsplat import __version__, schema
 from usdsplat.core import axes, edit
 from usdsplat.core.errors import UsageError
-from usdsplat.formats import Capture
+from usdsplat.formats import Capture, Reading
 from usdsplat.interchange.placement import (
     OP,
     Placement,
@@ -17,6 +17,9 @@ from usdsplat.interchange.placement import (
     set_op,
 )
 from usdsplat.schema import Form
+
+IN_USD_MEMORY = Reading(empty=schema.empty)
+"""How to read what is to be authored: most arrays need no copy then."""
 
 _UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
 

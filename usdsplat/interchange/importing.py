@@ -14,7 +14,13 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, Reading
 from usdsplat.formats.options import READING
 from usdsplat.interchange import files
-from usdsplat.interchange.authoring import assumptions, author_field, axes_text, prepare
+from usdsplat.interchange.authoring import (
+    IN_USD_MEMORY,
+    assumptions,
+    author_field,
+    axes_text,
+    prepare,
+)
 from usdsplat.interchange.gathering import gather
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
@@ -63,6 +69,7 @@ def import_capture(
     sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
     stage, path = _open_target(sources, target, up_axis, meters_per_unit)
     where = field_path(stage, sources[0], prim_path)
+    how = replace(how, empty=IN_USD_MEMORY.empty)
     capture = gather(sources, frame=frame, edits=edits, how=how, progress=progress)
     placed = placement(stage, capture.frame, meters_per_unit)
     text = axes_text(placed, bake_axes)

@@ -25,7 +25,13 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture
 from usdsplat.images.frames import without_place
 from usdsplat.interchange import files
-from usdsplat.interchange.authoring import assumptions, author_field, axes_text, prepare
+from usdsplat.interchange.authoring import (
+    IN_USD_MEMORY,
+    assumptions,
+    author_field,
+    axes_text,
+    prepare,
+)
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import fingerprint, provenance, record
 from usdsplat.interchange.reports import SequenceImportReport
@@ -42,6 +48,10 @@ _HELD = (
 )
 
 
+def _read(path: Path) -> Capture:
+    return formats.read(path, how=IN_USD_MEMORY)
+
+
 def import_sequence(
     source: Path | str,
     target: Path | str,
@@ -56,7 +66,7 @@ def import_sequence(
     meters_per_unit: float | None = None,
     prim_path: str | None = None,
     bake_axes: bool = False,
-    read: Callable[[Path], Capture] = formats.read,
+    read: Callable[[Path], Capture] = _read,
     progress: Progress = silent,
 ) -> SequenceImportReport:
     """Write a sequence of captures as one splat field; its numbers are the time codes.

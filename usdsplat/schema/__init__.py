@@ -31,6 +31,7 @@ from usdsplat.schema.hints import (  # noqa: E402
 )
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
 from usdsplat.schema.validation import Finding, validate  # noqa: E402
+from usdsplat.schema.vt import empty  # noqa: E402
 
 __all__ = [
     "DATA_ATTRIBUTES",
@@ -41,6 +42,7 @@ __all__ = [
     "author_grade",
     "color_space",
     "compute_extent",
+    "empty",
     "error_bounds",
     "fetch",
     "form_of",

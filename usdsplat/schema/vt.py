@@ -2,13 +2,15 @@
 
 Reading is free: NumPy sees a Vt array in place. Writing through Vt's own `FromNumpy` converts one
 vector after the other (10 ms for a million float3); assigning into the memory of a fresh Vt array
-takes 3 ms, and converts to half or reorders quaternions on the way. Our quaternions are
+takes 3 ms, and converts to half or reorders quaternions on the way. Nothing is copied of what was
+written into the memory of a Vt array to begin with: `empty` lends it. Our quaternions are
 (w, x, y, z), Vt's memory holds (x, y, z, w): the exchange happens here and nowhere else.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Any
 
 import numpy as np
@@ -23,8 +25,39 @@ _QUATERNIONS = (Vt.QuatfArray, Vt.QuathArray)
 _FROM_VT = [3, 0, 1, 2]
 
 
+class _Lender:
+    """A Vt array whose memory NumPy arrays have; each of them keeps it alive as their base."""
+
+    __slots__ = ("__array_interface__", "value")
+
+    def __init__(self, value: Any, shape: tuple[int, ...]) -> None:
+        self.value = value
+        self.__array_interface__ = {
+            "version": 3,
+            "shape": shape,
+            "typestr": np.dtype(np.float32).str,
+            "data": (np.asarray(value).ctypes.data, False),
+        }
+
+
+def empty(shape: tuple[int, ...]) -> F32:
+    """An array to be filled, and given to `to_vt` without a copy where it can be.
+
+    Args:
+        shape: (n,) and (n, ..., 3) get the memory of Vt arrays of scalars and vectors; others,
+            such as quaternions, that of NumPy.
+    """
+    kind = Vt.FloatArray if len(shape) == 1 else Vt.Vec3fArray if shape[-1] == 3 else None
+    if kind is None or not math.prod(shape):
+        return np.empty(shape, np.float32)
+    rows = math.prod(shape[:-1]) if kind is Vt.Vec3fArray else shape[0]
+    return np.asarray(_Lender(kind(rows), shape))
+
+
 def to_vt(array: Array, kind: type) -> Any:
-    """Copy a NumPy array into a new Vt array, converting its numbers.
+    """A NumPy array as a Vt array: its own, if `empty` made it and it is whole, else a copy.
+
+    What is not copied belongs to USD from then on, and becomes read-only.
 
     Args:
         array: Shape (n, ...) as `kind` has it: (n,) for scalars, (n, 3) for vectors, (n, 4) in the
@@ -35,6 +68,9 @@ def to_vt(array: Array, kind: type) -> Any:
         ValueError: If the shape does not fit.
         TypeError: If the numbers cannot be converted, such as real ones to integers.
     """
+    lent = _lent(array, kind)
+    if lent is not None:
+        return lent
     result = kind(len(array))
     memory = _writable(result)
     if memory.shape != array.shape:
@@ -61,6 +97,24 @@ def from_vt(value: Any) -> Array:
 def as_float32(array: Array) -> F32:
     """The same numbers in float32, row after row; no copy when they are so already."""
     return np.ascontiguousarray(array, np.float32)
+
+
+def _lent(array: Array, kind: type) -> Any:
+    """The Vt array whose memory `array` is, all of it and in its order; None if there is none."""
+    chain: list[Array] = []
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        chain.append(base)
+        base = base.base
+    if not isinstance(base, _Lender) or type(base.value) is not kind:
+        return None
+    whole = np.asarray(base.value)
+    is_whole = array.shape == whole.shape and array.flags.c_contiguous
+    if not is_whole or array.ctypes.data != whole.ctypes.data or array.dtype != whole.dtype:
+        return None
+    for each in chain:
+        each.flags.writeable = False
+    return base.value
 
 
 def _writable(fresh: Any) -> Array:

@@ -1,0 +1,97 @@
+"""The highest memory of a conversion from .ply to .usdc, each in a process of its own.
+
+    python -m benchmarks.convert_memory [SPLATS [FRAMES]]
+
+The source is generated, degree 3. Beside the peak stand what a process holds that converts a single
+splat, and the float arrays of USD: 236 bytes a splat. A sequence of FRAMES captures of a tenth of
+SPLATS each must take no more than one of them; its arrays are those of one frame.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.author import capture
+from usdsplat import formats
+
+BYTES = 236
+"""Of a splat of degree 3 in USD's float arrays."""
+MIB = 1 << 20
+_BLOCK = 100_000
+
+_CONVERT = "import sys; from usdsplat.interchange import *; {}"
+_CASES = {
+    "float": "import_capture(sys.argv[1], sys.argv[2])",
+    "float, axes baked": "import_capture(sys.argv[1], sys.argv[2], bake_axes=True)",
+    "half": "import_capture(sys.argv[1], sys.argv[2], form='half')",
+    "packed": "import_capture(sys.argv[1], sys.argv[2], form='packed')",
+}
+_SEQUENCES = {
+    "time samples": "import_sequence(sys.argv[1], sys.argv[2])",
+    "value clips": "import_sequence(sys.argv[1], sys.argv[2], clips=True)",
+}
+
+
+def write_ply(path: Path, count: int) -> None:
+    """A .ply of random splats, block after block."""
+    block = capture(min(count, _BLOCK))
+    formats.write(block, path)
+    header, _, rows = path.read_bytes().partition(b"end_header\n")
+    header = header.replace(f"vertex {len(block)}".encode(), f"vertex {count}".encode())
+    width = len(rows) // len(block)
+    with path.open("wb") as file:
+        file.write(header + b"end_header\n")
+        for left in range(count, 0, -len(block)):
+            file.write(rows[: left * width])
+
+
+def run(action: str, source: Path, target: Path) -> tuple[float, float]:
+    """Seconds and highest resident memory [MiB] of a process that does it."""
+    command = [sys.executable, "-c", _CONVERT.format(action), str(source), str(target)]
+    began = time.perf_counter()
+    child = subprocess.Popen(command)
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise SystemExit(f"{action}: exit status {child.returncode}")
+    return time.perf_counter() - began, usage.ru_maxrss / 1024
+
+
+def main(count: int = 10_000_000, frames: int = 5) -> None:
+    """Print the table."""
+    table = Table(title=f"{count} splats, degree 3 [MiB]")
+    for title in ("case", "seconds", "base", "arrays", "peak", "peak/arrays"):
+        table.add_column(title, justify="right")
+    with tempfile.TemporaryDirectory(prefix="usdsplat-") as folder:
+        one, many = Path(folder, "one.ply"), Path(folder, "many.ply")
+        write_ply(one, 1)
+        write_ply(many, count)
+        for name, action in _CASES.items():
+            _, base = run(action, one, Path(folder, "one.usdc"))
+            _row(table, name, base, count, run(action, many, Path(folder, "many.usdc")))
+        many.unlink()
+        for frame in range(frames):
+            write_ply(Path(folder, f"cap.{frame:04d}.ply"), count // 10)
+        for name, action in _SEQUENCES.items():
+            title = f"{frames} x {count // 10}, {name}"
+            result = run(action, Path(folder, "cap.####.ply"), Path(folder, "sequence.usdc"))
+            _row(table, title, base, count // 10, result)
+    Console().print(table)
+
+
+def _row(table: Table, name: str, base: float, count: int, result: tuple[float, float]) -> None:
+    arrays, (seconds, peak) = count * BYTES / MIB, result
+    cells = (f"{seconds:.1f}", f"{base:.0f}", f"{arrays:.0f}", f"{peak:.0f}")
+    table.add_row(name, *cells, f"{peak / arrays:.2f}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:3]))
