@@ -17,6 +17,9 @@ from usdsplat.core.errors import UsageError
         ("crop-box", "-1,-1,-1,1,1,1", (-1, -1, -1, 1, 1, 1)),
         ("crop-sphere", "0,0,0,0", (0, 0, 0, 0)),
         ("sh-degree", "4", (4,)),
+        ("drop-outliers", "8,1.5", (8, 1.5)),
+        ("decimate", "5000", (5000,)),
+        ("decimate", "12.5%", (0.125,)),
         ("morton", "", ()),
     ],
 )
@@ -47,6 +50,13 @@ def test_what_is_typed_becomes_an_edit_that_says_itself_again(name, text, values
         ("max-size", "-1"),
         ("sh-degree", "5"),
         ("sh-degree", "1.5"),
+        ("drop-outliers", "0,2"),
+        ("drop-outliers", "20"),
+        ("drop-outliers", "20,-1"),
+        ("decimate", "0"),
+        ("decimate", "1.5"),
+        ("decimate", "many%"),
+        ("scale", "50%"),
         ("drop-nan", "1"),
         ("morton", "1"),
     ],
@@ -57,6 +67,13 @@ def test_other_numbers_are_refused_in_a_sentence(name, text) -> None:
         parsed(name, text)
     assert str(caught.value).startswith(f"edit {name}: found ")
     assert str(caught.value).endswith(f"expected {KINDS[name].expected or 'no number'}")
+
+
+@pytest.mark.parametrize("text", ["0%", "100%", "-5%", "nan%"])
+def test_a_share_is_between_nothing_and_all(text) -> None:
+    """Oracle: the sentence."""
+    with pytest.raises(UsageError, match="expected more than 0 % and less than 100 %"):
+        parsed("decimate", text)
 
 
 def test_an_edit_that_does_not_exist_is_refused() -> None:

@@ -117,6 +117,21 @@ def test_splats_that_are_not_finite_can_be_dropped() -> None:
     np.testing.assert_array_equal(found.positions, np.delete(CLOUD.positions, (3, 7, 9), axis=0))
 
 
+@pytest.mark.parametrize(("typed", "count"), [("30", 30), ("25%", 50)])
+def test_a_cloud_is_decimated_to_a_count_or_a_share(typed, count) -> None:
+    """Oracle: the number asked for, of 200."""
+    assert len(after(f"decimate {typed}")) == count
+
+
+def test_floaters_go() -> None:
+    """Oracle: one splat moved far away from all others, by hand."""
+    positions = CLOUD.positions.copy()
+    positions[11] = 1000
+    cloud = replace(CLOUD, positions=positions)
+    found = edited(cloud, [parsed("drop-outliers", "20,2")])[0]
+    np.testing.assert_array_equal(found.positions, np.delete(positions, 11, axis=0))
+
+
 def test_an_edit_that_leaves_nothing_is_named() -> None:
     """Oracle: the documented error; allowed where it is asked for."""
     edits = [parsed("scale", "2"), parsed("min-size", "1e9"), parsed("morton", "")]
@@ -134,3 +149,7 @@ def test_bounds_say_what_multiplies_or_mixes_them() -> None:
         "opacities": "1/255",
         "sh": "4 %, before rotate 0,0,9",
     }
+    after_merging = bounds_after(bounds, [parsed("decimate", "50%")])
+    assert set(after_merging) == {"positions", "scales", "rotations", "opacities", "sh"}
+    assert after_merging["sh"] == "4 %, before decimate 50%"
+    assert after_merging["scales"] == "unbounded: splats were merged by decimate 50%"

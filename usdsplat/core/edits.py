@@ -125,6 +125,16 @@ KINDS: Mapping[str, Kind] = {
         allows=lambda values: values[0] >= 0,
     ),
     "drop-nan": Kind(text="drop splats with a number that is not finite"),
+    "drop-outliers": Kind(
+        text="drop floaters: splats whose N nearest neighbours are farther away, on average, than "
+        "is usual by D standard deviations; default: 20,2",
+        values="N,D",
+        count=2,
+        expected="a number of neighbours, 1 or more, and one of deviations, 0 or more: N,D",
+        allows=lambda values: _is_whole(values[0], 1) and values[1] >= 0,
+        bare="20,2",
+        row_by_row=False,
+    ),
     "sh-degree": Kind(
         text="cut harmonics of a higher degree than this, 0 to 3; 0 is one colour from all sides",
         values="D",
@@ -132,6 +142,14 @@ KINDS: Mapping[str, Kind] = {
         expected="a whole number from 0 to 4",
         allows=lambda values: _is_whole(values[0], 0, 4),
         keeps_rows=True,
+    ),
+    "decimate": Kind(
+        text="merge neighbours that look alike until so many splats are left, or such a share",
+        values="COUNT|PERCENT%",
+        count=1,
+        expected="a number of splats, or a share such as 25%",
+        allows=lambda values: 0 < values[0] < 1 or _is_whole(values[0], 1),
+        row_by_row=False,
     ),
     "morton": Kind(
         text="order splats along a Z-order curve: neighbours stand together", row_by_row=False
@@ -151,7 +169,7 @@ class Edit:
     name: str
     """One of `KINDS`."""
     values: Numbers = ()
-    """Its numbers, in the order in which the kind names them."""
+    """Its numbers, in the order in which the kind names them; a share is less than 1."""
 
     def __post_init__(self) -> None:
         if self.name not in KINDS:
@@ -168,6 +186,8 @@ class Edit:
         return KINDS[self.name]
 
     def __str__(self) -> str:
+        if self.name == "decimate" and self.values[0] < 1:
+            return f"{self.name} {_listed((100 * self.values[0],))}%"
         return f"{self.name} {_listed(self.values)}".rstrip()
 
 
@@ -177,12 +197,15 @@ def parsed(name: str, text: str) -> Edit:
     Raises:
         UsageError: If these are no numbers, or not those that the edit takes.
     """
+    share = name == "decimate" and text.endswith("%")
     try:
-        values = tuple(float(part) for part in text.split(",")) if text else ()
+        values = tuple(float(part) for part in text.rstrip("%" * share).split(",")) if text else ()
     except ValueError:
         expected = KINDS[name].expected if name in KINDS else "numbers"
         raise UsageError(f"edit {name}", repr(text), expected) from None
-    return Edit(name=name, values=values)
+    if share and not 0 < values[0] < 100:
+        raise UsageError(f"edit {name}", text, "more than 0 % and less than 100 %")
+    return Edit(name=name, values=(values[0] / 100,) if share else values)
 
 
 def _listed(values: Numbers) -> str:

@@ -9,19 +9,24 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core import edit, morton
-from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.edits import Edit, Numbers
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 
-Rows = npt.NDArray[np.bool_ | np.integer]
+Rows = npt.NDArray[np.bool_]
+Work = Callable[[SplatCloud, Numbers, Progress], SplatCloud]
 
+_FIELDS = ("positions", "scales", "rotations", "opacities", "sh")
 _CHANGED = {
     "rotate": ("positions", "sh"),
     "scale": ("positions", "scales"),
+    "decimate": _FIELDS,
 }
 """Edit -> fields of the cloud whose numbers it mixes or multiplies, and their errors with them."""
+_MERGED = "unbounded: splats were merged by "
+"""How the bound begins of what was exact before a decimation."""
 
 
 def edited(
@@ -50,7 +55,10 @@ def edited(
     for done, step in enumerate(steps):
         progress.step("editing", done, len(steps))
         group, before = [item for _, item in step], len(cloud)
-        cloud = _moved(cloud, group) if group[0].kind.moves else _one(cloud, group[0])
+        if group[0].kind.moves:
+            cloud = _moved(cloud, group)
+        else:
+            cloud = _WORK[group[0].name](cloud, group[0].values, progress)
         if before and not len(cloud) and not may_empty:
             expected = f"some of the {counted(before, 'splat')} before it"
             raise UsageError(f"edit {group[0].name}", "no splat left", expected)
@@ -67,7 +75,18 @@ def bounds_after(bounds: Mapping[str, str], edits: Sequence[Edit]) -> dict[str, 
         said = [str(item) for item in edits if name in _CHANGED.get(item.name, ())]
         if said:
             after[name] += f", before {' and '.join(said)}"
-    return after
+    merges = [str(item) for item in edits if item.name == "decimate"]
+    exact = [name for name in _FIELDS if merges and name not in bounds]
+    return after | dict.fromkeys(exact, f"{_MERGED}{' and '.join(merges)}")
+
+
+def map_of(edits: Sequence[Edit]) -> F64:
+    """All the maps among edits as one, column vectors, shape (4, 4)."""
+    matrix = np.eye(4)
+    for item in edits:
+        if item.kind.moves:
+            matrix = matrix_of(item) @ matrix
+    return matrix
 
 
 def matrix_of(item: Edit) -> F64:
@@ -90,15 +109,8 @@ def _step(numbered: tuple[int, Edit]) -> int:
 
 def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
     """The cloud after all these maps, the first first."""
-    matrix = np.eye(4)
-    for item in moves:
-        matrix = matrix_of(item) @ matrix
+    matrix = map_of(moves)
     return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
-
-
-def _one(cloud: SplatCloud, item: Edit) -> SplatCloud:
-    """The cloud after an edit that is no map."""
-    return _WORK[item.name](cloud, item.values)
 
 
 def _rotation(degrees: Numbers) -> F64:
@@ -121,42 +133,57 @@ def _on_circle(degrees: float) -> tuple[float, float]:
     return float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
 
 
-def _crop_box(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+def _crop_box(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
     return edit.crop_box(cloud, values[:3], values[3:])
 
 
-def _crop_sphere(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+def _crop_sphere(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
     return edit.crop_sphere(cloud, values[:3], values[3])
 
 
-def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Callable[..., SplatCloud]:
+def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Work:
     """Work that keeps the rows which a limit allows."""
 
-    def work(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+    def work(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
         kept = rows(cloud, values[0])
         return cloud if kept.all() else edit.take(cloud, kept)
 
     return work
 
 
-def _sizes(cloud: SplatCloud) -> npt.NDArray[np.float32]:
+def _sizes(cloud: SplatCloud) -> F32:
     """Longest standard deviations, shape (n,)."""
     return np.asarray(cloud.scales.max(axis=1, initial=0))
 
 
-def _drop_nan(cloud: SplatCloud, _: Numbers) -> SplatCloud:
+def _drop_nan(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
     return edit.prune(cloud)
 
 
-def _cut_harmonics(cloud: SplatCloud, values: Numbers) -> SplatCloud:
+def _drop_outliers(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+    from usdsplat.interchange.outliers import (
+        drop_outliers,
+    )  # loads a compiler, which most do without
+
+    return drop_outliers(cloud, neighbors=int(values[0]), deviations=values[1])
+
+
+def _cut_harmonics(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
     return edit.with_sh_degree(cloud, min(int(values[0]), cloud.sh_degree))
 
 
-def _in_z_order(cloud: SplatCloud, _: Numbers) -> SplatCloud:
+def _decimate(cloud: SplatCloud, values: Numbers, progress: Progress) -> SplatCloud:
+    from usdsplat.interchange.decimating import decimate  # loads a compiler, which most do without
+
+    wanted = values[0] if values[0] >= 1 else max(round(values[0] * len(cloud)), 1)
+    return decimate(cloud, int(wanted), progress=progress)
+
+
+def _in_z_order(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
     return edit.take(cloud, morton.order(cloud.positions))
 
 
-_WORK: Mapping[str, Callable[[SplatCloud, Numbers], SplatCloud]] = {
+_WORK: Mapping[str, Work] = {
     "crop-box": _crop_box,
     "crop-sphere": _crop_sphere,
     "min-opacity": _keeping(lambda cloud, limit: cloud.opacities >= np.float32(limit)),
@@ -164,7 +191,9 @@ _WORK: Mapping[str, Callable[[SplatCloud, Numbers], SplatCloud]] = {
     "min-size": _keeping(lambda cloud, limit: _sizes(cloud) >= np.float32(limit)),
     "max-size": _keeping(lambda cloud, limit: _sizes(cloud) <= np.float32(limit)),
     "drop-nan": _drop_nan,
+    "drop-outliers": _drop_outliers,
     "sh-degree": _cut_harmonics,
+    "decimate": _decimate,
     "morton": _in_z_order,
 }
 """Edit -> what does it, for those that are no maps."""
