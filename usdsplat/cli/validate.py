@@ -59,5 +59,7 @@ def run(options: Options) -> int:
     else:
         for finding in findings:
             print(f"{finding.severity}: {finding.message}\n  cure: {finding.cure}")
+            if finding.rule:
+                print(f"  rule: {finding.rule} of NVIDIA's validator for splats")
         print(f"{options.stage}: {counted(errors, 'error')}, {counted(warnings, 'warning')}")
     return 1 if errors else 0

@@ -30,7 +30,7 @@ from usdsplat.schema.hints import (  # noqa: E402
     sorting_mode,
 )
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
-from usdsplat.schema.validation import Finding, validate  # noqa: E402
+from usdsplat.schema.validation import Finding, broken_rules, validate  # noqa: E402
 from usdsplat.schema.vt import empty  # noqa: E402
 
 __all__ = [
@@ -40,6 +40,7 @@ __all__ = [
     "Form",
     "author",
     "author_grade",
+    "broken_rules",
     "color_space",
     "compute_extent",
     "empty",

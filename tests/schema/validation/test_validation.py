@@ -190,6 +190,10 @@ def test_half_alone_is_a_warning_for_others(stage: Usd.Stage) -> None:
     """Oracle: NVIDIA's rule VG.035 asks for the float attributes."""
     schema.author(stage, "/Splats", cloud(n=50), form="half")
     assert {name: f.severity for name, f in found(stage).items()} == {"halfOnly": "warning"}
+    halves = ["orientationsh", "scalesh", "opacitiesh", f"{SH}h"]  # what NVIDIA's checker misses
+    assert sorted(found(stage)["halfOnly"].found.removeprefix("only ").split(", ")) == sorted(
+        halves
+    )
 
 
 def test_half_arrays_are_checked_like_float_ones(stage: Usd.Stage) -> None:

@@ -18,7 +18,15 @@ from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
 from usdsplat.schema.validation.finding import Finding, Sample
 
-__all__ = ["CHECKS", "VALIDATORS", "Finding", "check_field", "splat_fields", "validate"]
+__all__ = [
+    "CHECKS",
+    "VALIDATORS",
+    "Finding",
+    "broken_rules",
+    "check_field",
+    "splat_fields",
+    "validate",
+]
 
 Check = Callable[[Sample], Iterator[Finding]]
 
@@ -51,6 +59,14 @@ CHECKS: dict[str, Sequence[Check]] = {
     "SplatPacking": (packing.layout, packing.arrays, packing.ranges),
 }
 """Validator -> its checks."""
+
+_OF_FORM: Sequence[Check] = (
+    arrays.scales,
+    arrays.half_only,
+    radiance.degree,
+    radiance.coefficients,
+)
+"""What depends on the form in which a sound cloud is written, and is quick to see."""
 
 
 def validate(
@@ -95,6 +111,25 @@ def check_field(
     return [
         finding if finding.time is not None else replace(finding, samples=1)
         for finding in merged.values()
+    ]
+
+
+def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:
+    """Say which published rules a field that we authored breaks, a sentence each.
+
+    What readers see to, quaternions of length 1 and opacities from 0 to 1, is not looked at again,
+    and neither is the extent that authoring computed.
+
+    Args:
+        prim: Stock or packed; no rule is about packed ones.
+        time: Time code of the sample to look at; None for the default value, or the first sample.
+    """
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    return [
+        f"NVIDIA's rule {finding.rule} for splats fails: {finding.attribute}: found "
+        f"{finding.found}, expected {finding.expected}"
+        for finding in check_field(prim, _OF_FORM, [code])
+        if finding.rule
     ]
 
 

@@ -77,7 +77,7 @@ def values(sample: Sample) -> Iterator[Finding]:
         return
     for name in (tokens.SCALES, tokens.ORIENTATIONS, tokens.OPACITIES, tokens.SH_COEFFICIENTS):
         yield from _finite(sample, name)
-    yield from _scales(sample)
+    yield from scales(sample)
     yield from _quaternions(sample)
     yield from _opacities(sample)
 
@@ -97,18 +97,13 @@ def identities(sample: Sample) -> Iterator[Finding]:
 
 def half_only(sample: Sample) -> Iterator[Finding]:
     """Others ask for the float arrays."""
-    if sample.is_packed:
-        return
-    name = sample.name(tokens.SH_COEFFICIENTS)
-    if name == tokens.SH_COEFFICIENTS_HALF and sample.array(name) is not None:
-        yield sample.finding(
-            "warning",
-            name,
-            "halfOnly",
-            "half arrays without float ones",
-            f"{tokens.SH_COEFFICIENTS} and its like: NVIDIA's rule VG.035 asks for them",
-            "convert to the float form for interchange",
-        )
+    names = {} if sample.is_packed else {name: sample.name(name) for name in tokens.HALF_OF}
+    halves = [half for name, half in names.items() if half != name and len(sample.numbers(name))]
+    if halves:
+        listed = ", ".join(halves)
+        expected = "the float attributes, which others ask for"
+        cure = "convert to the float form for interchange"
+        yield sample.finding("warning", halves[0], "halfOnly", f"only {listed}", expected, cure)
 
 
 def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterator[Finding]:
@@ -144,18 +139,18 @@ def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
     )
 
 
-def _scales(sample: Sample) -> Iterator[Finding]:
+def scales(sample: Sample) -> Iterator[Finding]:
     """Negative ones are wrong, zero is legal for flat splats but refused by others."""
-    scales = sample.numbers(tokens.SCALES)
-    lowest = scales.min(axis=1, initial=np.inf) if scales.size else scales
+    deviations = sample.numbers(tokens.SCALES)
+    lowest = deviations.min(axis=1, initial=np.inf) if deviations.size else deviations
     if (lowest < 0).any():
         cure = "author standard deviations; if these are logarithms, take their exponential"
-        found = _rows(lowest < 0, scales)
+        found = _rows(lowest < 0, deviations)
         name = sample.name(tokens.SCALES)
         yield sample.finding("error", name, "negativeScale", found, "positive numbers", cure)
     if (lowest == 0).any():
-        cure = "give flat splats a small thickness: NVIDIA's rule VG.035 asks for scales above 0"
-        found = _rows(lowest == 0, scales)
+        cure = "give flat splats a small thickness: others ask for scales above 0"
+        found = _rows(lowest == 0, deviations)
         name = sample.name(tokens.SCALES)
         yield sample.finding("warning", name, "zeroScale", found, "positive numbers", cure)
 

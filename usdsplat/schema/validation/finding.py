@@ -14,6 +14,7 @@ from usdsplat.core.sh import coefficient_count
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, stock, tokens
 from usdsplat.schema.field import is_packed
+from usdsplat.schema.validation.published import broken_rule
 from usdsplat.schema.validation.value_types import fits
 from usdsplat.schema.vt import as_float32
 
@@ -43,6 +44,8 @@ class Finding:
     """Time code of the first sample that has it; None for a value that does not change."""
     samples: int = 1
     """How many samples have it."""
+    rule: str = ""
+    """The published rule that it breaks, see `published`; "" for none."""
 
     @property
     def message(self) -> str:
@@ -127,4 +130,5 @@ class Sample:
             expected=expected,
             cure=cure,
             time=self.code.GetValue() if varies and self.code.IsNumeric() else None,
+            rule=broken_rule(str(self.prim.GetTypeName()), attribute, name),
         )

@@ -45,7 +45,8 @@ def _error(prim: Usd.Prim, finding: Finding) -> UsdValidation.ValidationError:
     if finding.attribute and prim.HasAttribute(finding.attribute):
         path = path.AppendProperty(finding.attribute)
     site = UsdValidation.ValidationErrorSite(prim.GetStage(), path)
-    message = f"{finding.message}; {finding.cure}"
+    rule = f" (rule {finding.rule})" if finding.rule else ""
+    message = f"{finding.message}; {finding.cure}{rule}"
     return UsdValidation.ValidationError(finding.name, _TYPES[finding.severity], [site], message)
 
 
