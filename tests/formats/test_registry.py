@@ -17,6 +17,7 @@ from usdsplat.core.errors import FormatError, UnknownFormatError
 def test_suffixes_are_those_of_the_modules():
     """Oracle: the formats of the issue."""
     read = {".ply", ".compressed.ply", ".ksplat", ".sog", "/meta.json", ".splat", ".spz"}
+    read |= {"/lod-meta.json"}
     assert set(formats.suffixes_read()) == read | {".glb", ".gltf"}
     written = {".ply", ".sog", "/meta.json", ".splat", ".spz", ".glb"}
     assert set(formats.suffixes_written()) == written

@@ -15,7 +15,7 @@ from typing import Protocol, cast
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, splat, spz
+from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, sog_lod, splat, spz
 from usdsplat.formats.capture import Capture
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
 
@@ -59,7 +59,7 @@ class WritableFormat(Format, Protocol):
         """Write all of it."""
 
 
-FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, spz, glb, gltf, ksplat, splat)
+FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, sog_lod, spz, glb, gltf, ksplat, splat)
 """Every format, the more particular before the more general."""
 
 

@@ -16,7 +16,7 @@ from usdsplat.formats import sog_target
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
-from usdsplat.formats.sog_decoding import Span, decode, survey
+from usdsplat.formats.sog_decoding import decode, survey
 from usdsplat.formats.sog_encoding import encode
 from usdsplat.formats.sog_files import open_sog
 from usdsplat.formats.sog_meta import META
@@ -52,8 +52,9 @@ def read(path: Path, how: Reading = READING) -> Capture:
         filling = Filling(str(path), count, sog.degree, how)
         decode(
             sog,
-            [Span(slice(0, count), 0)],
+            [(0, count)],
             filling,
+            0,
             lambda done: how.progress.step(f"reading {path}", done, count),
         )
         paths = files.paths(sog.meta.files)

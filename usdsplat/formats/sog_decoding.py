@@ -50,12 +50,8 @@ _PLACES = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
 Codes = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
-    """Consecutive splats of a SOG, and the row of the cloud that the first of them fills."""
-
-    source: slice
-    row: int
+Range = tuple[int, int]
+"""Splats from the first number up to the second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,14 +92,17 @@ def survey(files: SogFiles) -> Sog:
     return Sog(files, meta, degree)
 
 
-def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[int], None]) -> None:
+def decode(
+    sog: Sog, ranges: Sequence[Range], filling: Filling, row: int, told: Callable[[int], None]
+) -> None:
     """Decode splats of a SOG into rows of a cloud, and settle these.
 
     Args:
         sog: What `survey` found.
-        spans: Which splats go where.
+        ranges: The splats, one range or more.
         filling: Arrays of a degree that is no less; what is above this one's becomes 0.
-        told: Called with the number of rows that are done, as they are.
+        row: The row that the first splat fills.
+        told: Called with the number of the row that is next.
 
     Raises:
         FormatError: If an image is missing or damaged or has another size than the splats need, a
@@ -112,16 +111,20 @@ def decode(sog: Sog, spans: Sequence[Span], filling: Filling, told: Callable[[in
     images = _read_images(sog)
     tables = _read_tables(sog, images.pop("palette", None))
     _check_labels(sog.files.source, images, tables)
-    for span in spans:
-        pieces = {name: codes[span.source] for name, codes in images.items()}
+    if len(ranges) == 1:
+        chosen: slice | npt.NDArray[np.intp] = slice(*ranges[0])
+    else:
+        chosen = np.concatenate([np.arange(*each) for each in ranges])
+    images = {name: codes[chosen] for name, codes in images.items()}
 
-        def work(rows: slice, pieces: dict[str, Codes] = pieces, row: int = span.row) -> None:
-            filled = slice(row + rows.start, row + rows.stop)
-            _decode(filling, filled, {name: codes[rows] for name, codes in pieces.items()}, tables)
-            filling.settle(filled)
+    def work(rows: slice) -> None:
+        filled = slice(row + rows.start, row + rows.stop)
+        _decode(filling, filled, {name: codes[rows] for name, codes in images.items()}, tables)
+        filling.settle(filled)
 
-        in_parallel(len(pieces["means"]), work)
-        told(span.row + len(pieces["means"]))
+    count = len(images["means"])
+    in_parallel(count, work)
+    told(row + count)
 
 
 def _read_images(sog: Sog) -> dict[str, Codes]:

@@ -50,11 +50,11 @@ class Section:
         value = self.values.get(key)
         items = [value] if length == 1 and not isinstance(value, list) else value
         if not isinstance(items, list) or len(items) != length:
-            found = f"{len(items)} values" if isinstance(items, list) else f"{_show(value)}"
+            found = f"{len(items)} values" if isinstance(items, list) else f"{show(value)}"
             raise FormatError(f"{self.where}.{key}", found, f"{length} numbers")
         for item in items:
             if not _is_number(item):
-                raise FormatError(f"{self.where}.{key}", _show(item), "a finite number")
+                raise FormatError(f"{self.where}.{key}", show(item), "a finite number")
         return np.array(items, np.float64)
 
     def whole_number(self, key: str, least: int, most: int) -> int:
@@ -63,7 +63,7 @@ class Section:
         Raises:
             FormatError: If it is none, or outside `least` to `most`.
         """
-        return _whole(f"{self.where}.{key}", self.values.get(key), least, most)
+        return whole_number(f"{self.where}.{key}", self.values.get(key), least, most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +94,8 @@ def parse_meta(source: str, text: bytes) -> Meta:
     except (ValueError, RecursionError) as error:
         raise FormatError(where, "text that is not JSON", "a JSON object") from error
     if not isinstance(meta, dict):
-        raise FormatError(where, _show(meta), "a JSON object")
-    version = _whole(f"{where}: version", meta.get("version", 1), 1, 2)
+        raise FormatError(where, show(meta), "a JSON object")
+    version = whole_number(f"{where}: version", meta.get("version", 1), 1, 2)
     sections = {
         name: _section(f"{where}: {name}", meta.get(name), files)
         for name, files in _SECTIONS.items()
@@ -107,7 +107,7 @@ def parse_meta(source: str, text: bytes) -> Meta:
         count = shape[0] if isinstance(shape, list) and shape else None
     return Meta(
         version=version,
-        count=_whole(f"{where}: count", count, 0, 1 << 32),
+        count=whole_number(f"{where}: count", count, 0, 1 << 32),
         antialiased=meta.get("antialias") is True or meta.get("model") == "antialiased",
         sections=sections,
     )
@@ -117,14 +117,14 @@ def _section(where: str, value: Any, count: int) -> Section:
     """The section under a name, if it is an object with that many file names."""
     files = value.get("files") if isinstance(value, dict) else None
     if not isinstance(files, list) or [type(name) for name in files] != [str] * count:
-        raise FormatError(where, _show(value), f"an object with {count} file names")
+        raise FormatError(where, show(value), f"an object with {count} file names")
     return Section(where, tuple(files), value)
 
 
-def _whole(where: str, value: Any, least: int, most: int) -> int:
+def whole_number(where: str, value: Any, least: int, most: int) -> int:
     """`value`, if it is a whole number in a range."""
     if type(value) is not int or not least <= value <= most:
-        raise FormatError(where, _show(value), f"a whole number from {least} to {most}")
+        raise FormatError(where, show(value), f"a whole number from {least} to {most}")
     return value
 
 
@@ -134,7 +134,7 @@ def _is_number(value: Any) -> bool:
     )  # false for NaN; whole numbers of JSON may be of any size
 
 
-def _show(value: Any) -> str:
+def show(value: Any) -> str:
     """A value of JSON as it may stand in a sentence."""
     text = reprlib.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
