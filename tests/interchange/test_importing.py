@@ -372,3 +372,19 @@ def test_a_field_equals_the_edited_cloud_in_world_space(tmp_path: Path) -> None:
         schema.fetch(field(tmp_path / "a.usdc")),
         edit.transform(formats.read(source).cloud, turn),
     )
+
+
+@pytest.mark.parametrize(
+    ("form", "degree", "said"),
+    [
+        ("float", 3, None),
+        ("packed", 4, None),
+        ("half", 1, "only orientationsh, scalesh, opacitiesh"),
+        ("float", 4, "found 4, expected at most 3"),
+    ],
+)
+def test_an_import_says_which_published_rule_its_form_breaks(tmp_path, form, degree, said) -> None:
+    """Oracle: NVIDIA's rule VG.035 for stock prims: float attributes and degrees 0 to 3."""
+    report = import_capture(capture(tmp_path, degree=degree), tmp_path / "a.usdc", form=form)
+    found = [note for note in report.notes if "VG.035" in note]
+    assert [said in note for note in found] == ([True] if said else [])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
+from usdsplat import schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
@@ -79,6 +80,7 @@ def import_capture(
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=bake_axes)
+    notes += tuple(schema.broken_rules(prim))
     memory = provenance(
         sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes
     )

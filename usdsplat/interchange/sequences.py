@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
 
-from usdsplat import formats
+from usdsplat import formats, schema
 from usdsplat.core.errors import UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.progress import Progress, silent
@@ -182,6 +182,7 @@ class _Job:
         assert capture is not None  # there is a first frame
         text = axes_text(placement(self.stage, capture.frame, None), self.bake_axes)
         notes = (*account.notes.told(), *assumptions(self.frame, unit))
+        notes += tuple(schema.broken_rules(prim))
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
         memory = provenance(
