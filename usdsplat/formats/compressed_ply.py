@@ -1,50 +1,68 @@
 """PlayCanvas's compressed PLY: chunks of 256 splats, each coded within the bounds of its chunk.
 
-16 bytes a splat, 61 with harmonics of degree 3.
+16 bytes a splat, 61 with harmonics of degree 3. Splats are written along the Z-order curve, so that
+chunks are small. Lossy: see `ERROR_BOUNDS`; identities and velocities have no place there.
 
-Source: splat-transform and SuperSplat, which write it. Element `chunk` holds bounds, `vertex` four
-words of 32 bits, `sh` a byte for each coefficient. Lossy: see `ERROR_BOUNDS`.
+Source: splat-transform and SuperSplat, which write it up to degree 3. Element `chunk` holds bounds,
+`vertex` four words of 32 bits, `sh` a byte for each coefficient: `compressed_ply_codec`.
 """
 
 from __future__ import annotations
 
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
-from usdsplat.core.encoding import decode_smallest_three, dequantize
+from usdsplat.core import morton
+from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import FormatError
-from usdsplat.core.sh import rgb_to_dc
+from usdsplat.core.output import atomic_path
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
-from usdsplat.formats.filling import Filling, blocks
-from usdsplat.formats.options import READING, Reading
+from usdsplat.formats.compressed_ply_codec import (
+    CHUNK,
+    U8,
+    U32,
+    Rows,
+    decodable,
+    decode_harmonics,
+    decode_words,
+    encode_harmonics,
+    encode_words,
+)
+from usdsplat.formats.filling import Filling, in_parallel
+from usdsplat.formats.options import READING, WRITING, Reading, Writing
 from usdsplat.formats.ply_columns import harmonics
 from usdsplat.formats.ply_header import read_header
 from usdsplat.formats.ply_table import Block, Table, open_table
 
 SUFFIXES: tuple[str, ...] = (".compressed.ply",)
+FRAME = "rdf"
 
 ERROR_BOUNDS = {
     "positions": "1/2046 of the chunk's extent",
     "scales": "1/2046 of the chunk's range of logarithms",
     "rotations": "0.2 degrees",
     "opacities": "1/510",
-    "sh": "degree 0: 1/510 of the chunk's range; above: 1/64 within +-4",
+    "sh": "degree 0: 1/510 of the chunk's range; above: 1/64 within +-3.97, 1/32 up to +-4",
 }
 
-CHUNK = 256
-"""Splats that share bounds."""
+Names = tuple[str, ...]
 
 _WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-_AXES = ("x", "y", "z")
-_RGB = ("r", "g", "b")
-_BLOCK_ROWS = 64 * CHUNK
+_BOUNDS = tuple(
+    f"{side}_{name}"
+    for attribute in (("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b"))
+    for side in ("min", "max")
+    for name in attribute
+)
+"""Properties of element chunk, in the order of the codec's bounds."""
 
-_CODES = np.arange(256, dtype=np.float32)
-_HARMONICS = (np.where(_CODES % 255 == 0, _CODES / 255, (_CODES + 0.5) / 256) - 0.5) * 8
-"""Value of each byte of element sh: the outermost mean +-4, others the middle of their interval."""
+_FILE_ROWS = 1024 * CHUNK
+"""Splats that are read or written at a time."""
+_WORK_ROWS = 16 * CHUNK
+"""Splats that a thread decodes or codes at a time: they stay in its cache."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -70,15 +88,13 @@ def read(path: Path, how: Reading = READING) -> Capture:
         _require(source, sh, rest, "u1", "sh")
         if sh.count != vertex.count:
             raise FormatError(source, f"{sh.count} rows of element sh", str(vertex.count))
-    bounds = _bounds(source, chunk, vertex.count)
+    bounds = decodable(_bounds(source, chunk, vertex.count))
     filling = Filling(source, vertex.count, degree, how)
-    for rows, block in vertex.blocks(_BLOCK_ROWS):
-        _unpack(filling, rows, block, bounds)
-    for rows, block in sh.blocks() if sh and degree else ():
-        codes = np.stack([block[name] for name in rest], axis=1)
-        filling.sh[rows, 1:] = _HARMONICS[codes.astype(np.uint8)].reshape(len(block), -1, 3)
-    for rows in blocks(vertex.count):
-        filling.settle(rows)
+    coded = sh.blocks(_FILE_ROWS) if sh and degree else repeat(None)
+    for (rows, block), piece in zip(vertex.blocks(_FILE_ROWS), coded, strict=False):
+        _fill(
+            filling, rows, block, bounds[rows.start // CHUNK :], (piece[1], rest) if piece else None
+        )
         how.progress.step(f"reading {source}", rows.stop, vertex.count)
     cloud, notes = filling.cloud()
     return Capture(
@@ -91,6 +107,39 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+    """Write packed splats along the Z-order curve.
+
+    Args:
+        cloud: Splats; logarithms of scales are clamped to +-20 and harmonics above degree 0 to +-4.
+        path: Target, replaced when the file is complete.
+        how: Whether the header notes that the splats are meant for the antialiased projection.
+
+    Raises:
+        OutputError: If nothing can be written there.
+    """
+    order = morton.order(cloud.positions)
+    rest = 3 * (cloud.sh.shape[1] - 1)
+    header = _header(len(cloud), rest, how)
+    bounds = np.empty((-(-len(cloud) // CHUNK), 3, 2, 3), "<f4")
+    first_word = len(header) + bounds.nbytes
+    first_byte = first_word + 4 * len(_WORDS) * len(cloud)
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        for start in range(0, len(cloud), _FILE_ROWS):
+            rows = order[start : start + _FILE_ROWS]
+            words = np.empty((len(rows), len(_WORDS)), "<u4")
+            codes = np.empty((len(rows), rest), np.uint8)
+            _encode(cloud, rows, words, bounds[start // CHUNK :], codes)
+            file.seek(first_word + 4 * len(_WORDS) * start)
+            file.write(words.data)
+            file.seek(first_byte + rest * start)
+            file.write(codes.data)
+            how.progress.step(f"writing {path}", start + len(rows), len(cloud))
+        file.seek(0)
+        file.write(header)
+        file.write(bounds.data)
+
+
 def _require(source: str, table: Table, names: tuple[str, ...], code: str, element: str) -> None:
     """Check that a table has the properties `names`, all of type `code`."""
     for name in names:
@@ -99,50 +148,94 @@ def _require(source: str, table: Table, names: tuple[str, ...], code: str, eleme
             raise FormatError(source, found, "one")
 
 
-def _bounds(source: str, chunk: Table, count: int) -> dict[str, F32]:
-    """Columns of element chunk, complete and finite; colours range over 0 to 1 unless it says."""
+def _bounds(source: str, chunk: Table, count: int) -> F32:
+    """Bounds of all chunks as the codec has them; colours range over 0 to 1 unless they say.
+
+    Raises:
+        FormatError: If there are too few or too many, one is missing or not finite.
+    """
     expected = -(-count // CHUNK)
     if chunk.count != expected:
         raise FormatError(source, f"{chunk.count} chunks for {count} splats", str(expected))
     stored = chunk.whole()
-    bounds = {}
-    for side, default in (("min_", 0), ("max_", 1)):
-        for name in (*_AXES, *("scale_" + axis for axis in _AXES), *_RGB):
-            if side + name in chunk.types:
-                with np.errstate(over="ignore", invalid="ignore"):  # refused below
-                    bounds[side + name] = stored[side + name].astype(np.float32)
-            elif name in _RGB and "min_r" not in chunk.types:
-                bounds[side + name] = np.full(expected, default, np.float32)
-            else:
-                raise FormatError(source, f"no property {side}{name} in element chunk", "one")
-    for name, values in bounds.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            where = f"{source}: property {name} of chunk {bad[0]}"
-            raise FormatError(where, str(values[bad[0]]), "a finite number")
-    return bounds
+    bounds = np.empty((expected, len(_BOUNDS)), np.float32)
+    for column, name in enumerate(_BOUNDS):
+        if name in chunk.types:
+            with np.errstate(over="ignore", invalid="ignore"):  # refused below
+                bounds[:, column] = stored[name]
+        elif name[-1] in "rgb" and "min_r" not in chunk.types:
+            bounds[:, column] = name.startswith("max")
+        else:
+            raise FormatError(source, f"no property {name} in element chunk", "one")
+    bad = np.argwhere(~np.isfinite(bounds.T))
+    if len(bad):
+        column, row = bad[0]
+        where = f"{source}: property {_BOUNDS[column]} of chunk {row}"
+        raise FormatError(where, str(bounds[row, column]), "a finite number")
+    return bounds.reshape(-1, 3, 2, 3)
 
 
-def _unpack(filling: Filling, rows: slice, block: Block, bounds: dict[str, F32]) -> None:
-    """Decode the words of some splats."""
-    chunk = np.arange(rows.start, rows.stop) // CHUNK
-    place, turn, size, paint = (block[name].astype(np.uint32) for name in _WORDS)
-    for axis, name in enumerate(_AXES):
-        lower, upper = bounds["min_" + name][chunk], bounds["max_" + name][chunk]
-        filling.positions[rows, axis] = _lerp(place, axis, lower, upper)
-        lower, upper = bounds["min_scale_" + name][chunk], bounds["max_scale_" + name][chunk]
-        with np.errstate(over="ignore"):  # settling names what is infinite
-            filling.scales[rows, axis] = np.exp(_lerp(size, axis, lower, upper))
-    codes = np.stack([turn >> 20 & 1023, turn >> 10 & 1023, turn & 1023], axis=1)
-    filling.rotations[rows] = decode_smallest_three(turn >> 30, codes, top=1023)
-    for channel, name in enumerate(_RGB):
-        lower, upper = bounds["min_" + name][chunk], bounds["max_" + name][chunk]
-        rgb = dequantize(paint >> (24 - 8 * channel) & 255, lower, upper, 255)
-        filling.sh[rows, 0, channel] = rgb_to_dc(rgb)
-    filling.opacities[rows] = dequantize(paint & 255, 0.0, 1.0, 255)
+def _fill(
+    filling: Filling, rows: slice, block: Block, bounds: F32, coded: tuple[Block, Names] | None
+) -> None:
+    """Decode the splats of some whole chunks on all processors.
+
+    Args:
+        filling: Filled at `rows`.
+        rows: Of the splats.
+        block: Their rows of element vertex.
+        bounds: From their first chunk on.
+        coded: Their rows of element sh and the properties in our order, None without harmonics.
+    """
+
+    def work(part: slice) -> None:
+        here = slice(rows.start + part.start, rows.start + part.stop)
+        chunks = bounds[part.start // CHUNK : -(-part.stop // CHUNK)]
+        words = tuple(block[name][part].astype(np.uint32).view(np.int32) for name in _WORDS)
+        if coded:
+            codes = _bytes(coded[0][part], coded[1])
+            decode_harmonics(filling.sh[here].reshape(len(codes), -1)[:, 3:], codes)
+        decode_words(filling, here, words, chunks)
+
+    in_parallel(len(block), work, rows=_WORK_ROWS)
 
 
-def _lerp(words: npt.NDArray[np.uint32], axis: int, lower: F32, upper: F32) -> F32:
-    """Value of the 11, 10 or 11 bits of an axis between bounds."""
-    shift, top = ((21, 2047), (11, 1023), (0, 2047))[axis]
-    return dequantize(words >> shift & top, lower, upper, top)
+def _bytes(block: Block, names: Names) -> npt.NDArray[np.uint8]:
+    """Columns `names` of rows of element sh, shape (n, number of names)."""
+    stored = block.dtype.names or ()
+    if all(block.dtype[name] == np.uint8 for name in stored):
+        table = block.view(np.uint8).reshape(len(block), -1)
+        return table.take([stored.index(name) for name in names], axis=1)
+    return np.stack([block[name].astype(np.uint8) for name in names], axis=1)
+
+
+def _header(count: int, rest: int, how: Writing) -> bytes:
+    """Of a file of `count` splats with `rest` coefficients each above degree 0."""
+    lines = ["ply", "format binary_little_endian 1.0", "comment Generated by usdsplat"]
+    if how.antialiased:
+        lines.append("comment SplatRenderMode: mip")
+    lines += [f"element chunk {-(-count // CHUNK)}", *(f"property float {n}" for n in _BOUNDS)]
+    lines += [f"element vertex {count}", *(f"property uint {name}" for name in _WORDS)]
+    if rest:
+        lines += [f"element sh {count}", *(f"property uchar f_rest_{i}" for i in range(rest))]
+    return "\n".join([*lines, "end_header\n"]).encode()
+
+
+def _encode(cloud: SplatCloud, order: Rows, words: U32, bounds: F32, codes: U8) -> None:
+    """Code the splats `order` of whole chunks on all processors.
+
+    Args:
+        cloud: All splats.
+        order: Those to code, shape (n,).
+        words: Filled with their rows of element vertex, shape (n, 4).
+        bounds: Filled with those of their chunks, from the first one on.
+        codes: Filled with their rows of element sh, shape (n, k).
+    """
+
+    def work(part: slice) -> None:
+        rows = order[part]
+        chunks = slice(part.start // CHUNK, -(-part.stop // CHUNK))
+        words[part], bounds[chunks] = encode_words(cloud, rows)
+        codes[part] = encode_harmonics(cloud, rows)
+
+    in_parallel(len(order), work, rows=_WORK_ROWS)
