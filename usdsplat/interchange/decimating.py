@@ -42,10 +42,11 @@ def decimate(
 ) -> SplatCloud:
     """Merge neighbours until `count` splats are left.
 
-    A merged splat has the place, spread, optical depth, harmonics and velocity of both, weighted by
-    optical depth times area, and the id and the place in the order of the heavier. Splats that were
-    merged with none are those that they were. A cloud that has no more than `count` is returned as
-    it is; from any other those with a number that is not finite go first.
+    A merged splat has the place, spread, harmonics and velocity of both, weighted by opacity times
+    area, is so opaque that this product is kept, and has the id and the place in the order of the
+    heavier. Splats that were merged with none are those that they were. A cloud that has no more
+    than `count` is returned as it is; from any other those with a number that is not finite go
+    first, and then there may be fewer.
 
     Args:
         cloud: Of any degree.

@@ -1,10 +1,10 @@
 """Pairs of splats that one splat can stand for, and that splat.
 
-A splat is a Gaussian of optical depth: -ln(1 - opacity) at its centre, spread by its covariance.
-Depths add where splats overlap, so a pair becomes the Gaussian with the mean and covariance of
-both, weighted by their mass, which is depth times the area that a picture shows of a splat. What
-it costs is how far the picture may change: the mass that moves to where none was, in nats (Runnalls
-2007), and the variance of colour and opacity that is lost.
+A splat has the mass that a picture shows of it: opacity times the area that it covers, seen from
+anywhere. A pair becomes the Gaussian with the mean and the covariance of both, weighted by mass,
+and as opaque as keeps their mass. What it costs is how far the picture may change: the mass that
+moves to where none was, in nats (Runnalls 2007), and the variance of colour and opacity that is
+lost.
 
 Source: Runnalls 2007, "Kullback-Leibler approach to Gaussian mixture reduction", eq. 16 and 21.
 """
@@ -22,8 +22,11 @@ BLOCK = 1024
 """Rows of an item of work; results depend on no number of threads."""
 FAINTEST = 1.0 / 255.0
 """Splats below this opacity are in no picture: they have no mass, and go for nothing."""
-DENSEST = -math.log(1.0 - 0.999)
-"""Optical depth that merged splats have at most: what is more spreads them instead."""
+OPAQUE = 0.999
+"""Opacity that merged splats have at most. Half of what is more, by its logarithm, makes them
+larger instead; the other half is taken to lie behind what can be seen."""
+SEEN = 0.75
+"""Power of its mass by which a pair counts: cameras keep away from what is large."""
 SOFTNESS = 0.03
 """Part of a splat's size, squared, that blurs it before shapes are compared: how thin a splat is
 matters to no picture once it is thin."""
@@ -101,7 +104,7 @@ def weigh(scales, rotations, opacities, covariances, masses, volumes):
     Args:
         scales, rotations, opacities: Of a cloud.
         covariances: Receives (xx, xy, xz, yy, yz, zz), (n, 6) f64.
-        masses: Receives optical depth times area [unit^2], (n,) f64.
+        masses: Receives opacity times area [unit^2], (n,) f64.
         volumes: Receives logarithms, (n,) f64.
     """
     n = scales.shape[0]
@@ -118,8 +121,8 @@ def weigh(scales, rotations, opacities, covariances, masses, volumes):
             covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
             covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
             opacity = np.float64(opacities[i])
-            depth = min(-math.log(max(1 - opacity, 0.0)), DENSEST)
-            masses[i] = depth * area(xx, xy, xz, yy, yz, zz) if opacity >= FAINTEST else 0.0
+            seen = area(xx, xy, xz, yy, yz, zz)
+            masses[i] = opacity * seen if opacity >= FAINTEST else 0.0
             volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
 
 
@@ -137,7 +140,7 @@ def cheapest(
         sh: Likewise, (n, 3 coefficients) f32.
         by_color, by_opacity: Nats that a unit of squared difference is worth, float64.
         partners: Receives entries of `rows`, (m,) i32; -1 where there is none.
-        costs: Receives what they cost [nat unit^2], (m,) f64; inf where there is none.
+        costs: Receives what they cost, (m,) f64; inf where there is none.
     """
     m = rows.shape[0]
     for b in prange((m + BLOCK - 1) // BLOCK):
@@ -156,7 +159,8 @@ def cheapest(
                     xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
                     volume = log_volume(xx, xy, xz, yy, yz, zz)
                     nats = volume - part * volumes[i] - (1 - part) * volumes[j]
-                    if mass * nats < costs[s]:
+                    seen = mass**SEEN
+                    if seen * nats < costs[s]:
                         color = np.float32(0)
                         for f in range(sh.shape[1]):
                             difference = sh[i, f] - sh[j, f]
@@ -164,7 +168,7 @@ def cheapest(
                         opacity = np.float64(opacities[i]) - opacities[j]
                         lost = by_color * color + by_opacity * opacity * opacity
                         nats += part * (1 - part) * lost
-                    cost = mass * nats
+                    cost = seen * nats
                 if cost < costs[s]:
                     partners[s], costs[s] = t, cost
 
@@ -226,15 +230,15 @@ def merge(
             sh[i, f] = part * sh[i, f] + (1 - part) * sh[j, f]
         for a in range(velocities.shape[1]):
             velocities[i, a] = part * velocities[i, a] + (1 - part) * velocities[j, a]
-        depth = mass / area(xx, xy, xz, yy, yz, zz)
-        if depth > DENSEST:
-            grow = depth / DENSEST
+        opacity = mass / area(xx, xy, xz, yy, yz, zz)
+        if opacity > OPAQUE:
+            grow = math.sqrt(opacity / OPAQUE)
             xx, xy, xz, yy, yz, zz = (
                 grow * xx, grow * xy, grow * xz, grow * yy, grow * yz, grow * zz
             )  # fmt: skip
-            depth = DENSEST
+            opacity = OPAQUE
         covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
         covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
-        opacities[i] = 1 - math.exp(-depth)
-        masses[i] = depth * area(xx, xy, xz, yy, yz, zz)
+        opacities[i] = opacity
+        masses[i] = opacity * area(xx, xy, xz, yy, yz, zz)
         volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
