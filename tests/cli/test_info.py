@@ -26,6 +26,10 @@ def test_a_captures_numbers_are_those_of_its_splats(run_json, capture):
     median = np.median(np.prod(cloud.scales.astype(float), axis=1) ** (1 / 3))
     assert told["scale"]["p50"] == pytest.approx(median, rel=1e-5)
     assert told["opacity"]["p99"] == pytest.approx(np.percentile(cloud.opacities, 99), rel=1e-5)
+    ratios = cloud.scales.max(axis=1) / cloud.scales.min(axis=1)
+    assert told["anisotropy"]["p75"] == pytest.approx(np.percentile(ratios, 75), rel=1e-5)
+    inner = np.percentile(cloud.positions, (1, 99), axis=0)
+    np.testing.assert_allclose(told["bounds_robust"], inner, rtol=1e-5)
     assert told["bytes_per_splat"] == pytest.approx(capture.stat().st_size / 300)
     assert told["color_space"] == "srgb_rec709_scene"
 
@@ -100,6 +104,24 @@ def test_a_cloud_that_is_not_finite_can_still_be_described():
     told = summary.of_cloud(cloud)
     assert told["not_finite"] == 7
     np.testing.assert_array_equal(told["bounds"][0], cloud.positions[2:].min(axis=0))
+
+
+def test_flat_splats_have_no_anisotropy_and_do_not_hide_that_of_others():
+    """Oracle: two splats by hand, of which the flat one's ratio is no number for JSON."""
+    cloud = ball(2)
+    cloud.scales[:] = [[0.1, 0.2, 0.0], [0.1, 0.4, 0.2]]
+    assert summary.of_cloud(cloud)["anisotropy"]["p50"] == pytest.approx(4)
+
+
+def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
+    """Oracle: the data's README: one statue twice, half a turn about z apart."""
+    told = run_json("info", data / "splats" / "statue_angel.compressed.ply")
+    assert told["frame"] == "rdf"
+    assert (told["frame_guess"]["up"], told["frame_guess"]["agrees"]) == ("+y", False)
+    _, out, _ = run("info", data / "splats" / "statue_angel.compressed.ply")
+    assert "+y looks like up, as in 'rub': --frame if that is so" in out
+    told = run_json("info", data / "splats" / "statue_angel.sog")["frame_guess"]
+    assert (told["up"], told["agrees"], told["remark"]) == ("-y", True, "")
 
 
 def test_an_empty_cloud_has_no_bounds():

@@ -10,14 +10,18 @@ from pxr import Usd, UsdGeom, UsdRender
 
 from usdsplat import formats, schema
 from usdsplat.core.axes import UP_AXIS_FRAME
-from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import Engine
+from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
+from usdsplat.interchange.frame_guess import guess_frame
 from usdsplat.schema.validation import splat_fields
 
-PERCENTILES = (1, 50, 99)
+PERCENTILES = (1, 25, 50, 75, 99)
+ROBUST = (1, 99)
+"""Percentiles, axis by axis, that bound what is not far away from all else."""
 
 
 def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
@@ -27,11 +31,16 @@ def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
         FormatError: If it is not what it claims to be.
         UnknownFormatError: If neither content nor suffix is known.
     """
-    capture = formats.read(path, progress=progress)
+    return of_read(formats.read(path, progress=progress))
+
+
+def of_read(capture: Capture) -> dict[str, Any]:
+    """Describe a capture that was read."""
     size = sum(file.stat().st_size for file in capture.files)
     return {
         "format": capture.format,
         "frame": capture.frame,
+        "frame_guess": _guessed(capture),
         "color_space": capture.color_space,
         "rasterize_mode": "antialiased" if capture.antialiased else "classic",
         **of_cloud(capture.cloud),
@@ -39,6 +48,19 @@ def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
         "bytes_per_splat": size / max(1, len(capture.cloud)),
         "error_bounds": dict(capture.error_bounds),
         "notes": list(capture.notes),
+    }
+
+
+def _guessed(capture: Capture) -> dict[str, Any]:
+    """What the splats say about where up is, beside what was assumed."""
+    guess = guess_frame(capture.cloud, capture.frame)
+    wrong = f"{guess.up} looks like up, as in {guess.suggested!r}: --frame if that is so"
+    return {
+        "up": guess.up,
+        "suggested": guess.suggested,
+        "agrees": guess.agrees,
+        "evidence": list(guess.evidence),
+        "remark": wrong if guess.agrees is False else "",
     }
 
 
@@ -143,21 +165,24 @@ def _plain(value: Any) -> Any:
 def of_cloud(cloud: SplatCloud) -> dict[str, Any]:
     """Return count, degree, bounds of the centres and percentiles, as JSON can hold them.
 
-    Values that are not finite are counted and otherwise left out. `scale` is the geometric mean of
-    the three standard deviations of a splat [scene unit], `opacity` its peak [0..1]; both are given
-    at the `PERCENTILES`.
+    Values that are not finite are counted and otherwise left out. `bounds` hold every centre and
+    `bounds_robust` those within `ROBUST` on each axis. `scale` is the geometric mean of the three
+    standard deviations of a splat [scene unit], `opacity` its peak [0..1] and `anisotropy` its
+    longest deviation over its shortest, of those that have one; all are given at the `PERCENTILES`.
     """
     finite = cloud.positions[np.isfinite(cloud.positions).all(axis=1)]
-    # Logarithms, since the product of three small float32 numbers may underflow.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean_scales = np.exp(np.log(cloud.scales.astype(np.float64)).mean(axis=1))
-    bounds = [finite.min(axis=0).tolist(), finite.max(axis=0).tolist()] if len(finite) else None
+    bounds, robust = None, None
+    if len(finite):
+        bounds = [finite.min(axis=0).tolist(), finite.max(axis=0).tolist()]
+        robust = np.percentile(finite, ROBUST, axis=0).tolist()
     summary: dict[str, Any] = {
         "splats": len(cloud),
         "sh_degree": cloud.sh_degree,
         "bounds": bounds,
-        "scale": _percentiles(mean_scales),
+        "bounds_robust": robust,
+        "scale": _percentiles(mean_scales(cloud)),
         "opacity": _percentiles(cloud.opacities),
+        "anisotropy": _percentiles(anisotropies(cloud)),
         "ids": cloud.ids is not None,
         "velocities": cloud.velocities is not None,
     }
@@ -166,7 +191,23 @@ def of_cloud(cloud: SplatCloud) -> dict[str, Any]:
     return {**summary, "not_finite": bad}
 
 
-def _percentiles(values: F32 | Any) -> dict[str, float] | None:
+def mean_scales(cloud: SplatCloud) -> F64:
+    """Geometric mean of the three standard deviations [scene unit], shape (n,)."""
+    # Logarithms, since the product of three small float32 numbers may underflow.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means: F64 = np.exp(np.log(cloud.scales.astype(np.float64)).mean(axis=1))
+    return means
+
+
+def anisotropies(cloud: SplatCloud) -> F64:
+    """Longest standard deviation over the shortest; infinite or NaN where that is 0, shape (n,)."""
+    scales = cloud.scales.astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios: F64 = scales.max(axis=1) / scales.min(axis=1)
+    return ratios
+
+
+def _percentiles(values: F32 | F64) -> dict[str, float] | None:
     """Percentile -> value; None where there is none."""
     values = values[np.isfinite(values)]
     if not len(values):

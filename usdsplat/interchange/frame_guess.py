@@ -1,0 +1,188 @@
+"""Which way is up in a capture, as far as its splats tell.
+
+Two traces. What stands on the ground is wider at its foot, for the ground is there too. And floors
+and tables are of flat splats that face up or down, most of them below the middle. Neither proves
+anything: a bust without a plinth, or a ceiling, misleads both. So the guess comes with what it
+rests on, and there is none where directions are as good as each other. It changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core import axes, quaternion
+from usdsplat.core.cloud import F64, SplatCloud
+
+FRAMES = {"-y": "rdf", "+y": "rub", "+z": "rfu"}
+"""Direction that is up -> the frame, of those in use, that has it so."""
+
+_MOST = 100_000
+"""Splats that are looked at."""
+_LEAST = 200
+_INSIDE = (1.0, 99.0)
+"""Percentiles of the box that counts: floaters lie outside."""
+_END = 0.15
+"""Of the height, how much counts as an end."""
+_FLAT = 0.5
+"""Shortest over middle deviation of a splat that has a face."""
+_FACING = math.cos(math.radians(20))
+_CONVINCING, _AHEAD = 0.4, 1.3
+"""Score that a direction must have, and how many times that of the next: what the captures of our
+test data, whose frames are known, never have the wrong way round."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameGuess:
+    """What the data say about a capture's frame."""
+
+    assumed: str
+    """The frame that is taken, because the format or the user says so."""
+    up: str | None
+    """The direction that looks like up, such as "-y"; None where none stands out."""
+    suggested: str | None
+    """The frame in use that has it so; None as above."""
+    evidence: tuple[str, ...]
+    """What that rests on, a sentence each."""
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the assumed frame has the same direction up; None where none stands out."""
+        return None if self.up is None else up_of(self.assumed) == self.up
+
+
+def up_of(frame: str) -> str:
+    """The direction that is up in a frame, such as "-y" in "rdf".
+
+    Raises:
+        UsageError: If there is no such frame.
+    """
+    up = axes.frame_matrix(frame).T @ (0.0, 1.0, 0.0)
+    axis = int(np.argmax(np.abs(up)))
+    return ("+" if up[axis] > 0 else "-") + "xyz"[axis]
+
+
+def guess_frame(cloud: SplatCloud, assumed: str) -> FrameGuess:
+    """Guess from where the splats are and which way the flat ones face.
+
+    Args:
+        cloud: In the capture's own frame; splats that are not finite are left out.
+        assumed: The frame that it is taken to have.
+
+    Raises:
+        UsageError: If there is no such frame.
+    """
+    up_of(assumed)
+    splats = _Splats.of(cloud)
+    if len(splats.places) < _LEAST:
+        few = f"{len(splats.places)} splats are too few to tell"
+        return FrameGuess(assumed=assumed, up=None, suggested=None, evidence=(few,))
+    scores = {}
+    for up in FRAMES:
+        axis, sign = "xyz".index(up[1]), 1 if up[0] == "+" else -1
+        height = splats.places[:, axis] if sign > 0 else 1 - splats.places[:, axis]
+        scores[up] = _Score.of(splats, axis, height)
+    best, second = sorted(scores, key=lambda up: scores[up].total, reverse=True)[:2]
+    clear = scores[best].total >= max(_CONVINCING, _AHEAD * scores[second].total)
+    if not clear:
+        tie = f"no direction stands out: {best} by a little, then {second}"
+        return FrameGuess(assumed=assumed, up=None, suggested=None, evidence=(tie,))
+    evidence = scores[best].said(best)
+    return FrameGuess(assumed=assumed, up=best, suggested=FRAMES[best], evidence=evidence)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Splats:
+    """Some splats of a capture, those far out left away."""
+
+    places: F64
+    """Centres in the box, 0 to 1 on each axis, shape (n, 3)."""
+    positions: F64
+    """Centres [scene unit], shape (n, 3)."""
+    faces: F64
+    """Normals of the flat ones, 0 for others, shape (n, 3)."""
+    weights: F64
+    """How much of a picture each covers: face times opacity, shape (n,)."""
+
+    @classmethod
+    def of(cls, cloud: SplatCloud) -> _Splats:
+        rows = slice(None, None, max(1, len(cloud) // _MOST))
+        positions = cloud.positions[rows].astype(np.float64)
+        scales = cloud.scales[rows].astype(np.float64)
+        turns = cloud.rotations[rows].astype(np.float64)
+        opacities = cloud.opacities[rows].astype(np.float64)
+        columns = (positions, scales, turns, opacities[:, None])
+        sound = np.isfinite(np.column_stack(columns)).all(axis=1)
+        if not sound.any():
+            empty = np.empty((0, 3))
+            return cls(empty, empty, empty, np.empty(0))
+        low, high = np.percentile(positions[sound], _INSIDE, axis=0)
+        kept = sound & (positions >= low).all(axis=1) & (positions <= high).all(axis=1)
+        positions, scales, turns, opacities = (
+            array[kept] for array in (positions, scales, turns, opacities)
+        )
+        order = np.sort(scales, axis=1)
+        weights = order[:, 1] * order[:, 2] * opacities
+        if len(weights):  # a few backdrops would outweigh all else
+            weights = np.minimum(weights, np.percentile(weights, 99))
+        matrices = quaternion.to_matrix(quaternion.normalize(turns))
+        shortest = np.argmin(scales, axis=1)
+        normals = np.take_along_axis(matrices, shortest[:, None, None], axis=2)[:, :, 0]
+        is_flat = order[:, 0] < _FLAT * order[:, 1]
+        extents = np.where(high > low, high - low, 1.0)
+        faces = np.where(is_flat[:, None], normals, 0.0)
+        return cls((positions - low) / extents, positions, faces, weights)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Score:
+    """What speaks for one direction."""
+
+    wider: float
+    """How many times as wide it is at the foot as at the head."""
+    facing: float
+    """Part of the flat splats' cover that faces along the axis [0..1]."""
+    below: float
+    """How far below the middle those are, -1 at the head to 1 at the foot."""
+
+    @classmethod
+    def of(cls, splats: _Splats, axis: int, height: F64) -> _Score:
+        foot, head = (
+            _spread(np.delete(splats.positions[rows], axis, axis=1))
+            for rows in (height < _END, height > 1 - _END)
+        )
+        has_face = splats.faces.any(axis=1)
+        faces_along = np.abs(splats.faces[:, axis]) > _FACING
+        total = splats.weights[has_face].sum()
+        along = splats.weights[faces_along]
+        mean = np.average(height[faces_along], weights=along) if along.sum() > 0 else 0.5
+        return cls(
+            wider=foot / head if foot > 0 and head > 0 else 1.0,
+            facing=float(along.sum() / total) if total > 0 else 0.0,
+            below=float(1 - 2 * mean),
+        )
+
+    @property
+    def total(self) -> float:
+        """The higher the more likely; 0 says nothing."""
+        return math.log(self.wider) + self.facing * self.below
+
+    def said(self, up: str) -> tuple[str, ...]:
+        """The same for people."""
+        evidence = [
+            f"with {up} up, it is {self.wider:.2g} times as wide at its foot as at its head"
+        ]
+        if self.facing * self.below > 0.05:
+            evidence.append(
+                f"{self.facing:.0%} of the flat splats' cover faces along {up[1]}, "
+                "most of it below the middle"
+            )
+        return tuple(evidence)
+
+
+def _spread(across: npt.NDArray[np.float64]) -> float:
+    """How wide splats lie around their middle [scene unit]; 0 for too few to say."""
+    return float(np.sqrt(across.var(axis=0).sum())) if len(across) >= 8 else 0.0
