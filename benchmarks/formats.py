@@ -32,6 +32,7 @@ from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange import convert
+from usdsplat.schema import Form
 
 VISIBLE = 1 / 255
 NAMES = ("position", "log scale", "rotation °", "opacity", "DC", "harmonics")
@@ -62,7 +63,7 @@ class Case:
 
 EXACT: Bound = (1e-6, 1e-6, 1e-3, 1e-6, 1e-6, 1e-6)
 CHUNKS: Bound = (5.7e-3, 1.95e-3, 0.2, 1 / 509, 7e-3, 1 / 63)
-BYTES: Bound = (1e-6, 1e-6, 1.0, 1 / 254, 1 / 254 / 0.28209, 0.0)
+BYTES: Bound = (1e-6, 1e-6, 1.8, 1 / 254, 1 / 254 / 0.28209, 0.0)  # rotations cut to 1/128
 SPZ: Bound = (1.3e-4, 1 / 31.9, 0.2, 1 / 509, 0.0132, 0.067)
 SOG: Bound = (5.4e-4, 0.0105, 1.42, 1 / 254, 0.009, INFINITE)
 CASES = (
@@ -164,16 +165,9 @@ class Sheet:
 def write(case: Case, source: Path, folder: Path) -> Path:
     """Our file."""
     target = folder / str(case.written)
-    if target.suffix == ".usdc":
-        form = target.stem if target.stem in ("half", "packed") else "float"
-        convert(source, target, form=form)  # type: ignore[arg-type]
-    else:
-        cloud = formats.read(source).cloud
-        how = formats.Writing(spz_version=case.version)
-        if formats.frame_written(target) == "rdf":
-            formats.write(cloud, target, how=how)
-        else:
-            convert(source, target)
+    form: Form = "half" if case.name == "USD half" else "float"
+    form = "packed" if case.name == "USD packed" else form
+    convert(source, target, form=form, writing=formats.Writing(spz_version=case.version))
     return target
 
 
