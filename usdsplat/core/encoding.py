@@ -76,11 +76,14 @@ def split_largest(quaternions: Floats) -> tuple[npt.NDArray[np.uint8], Floats]:
     second, fourth = size[1] > size[0], size[3] > size[2]
     upper = np.maximum(size[2], size[3]) > np.maximum(size[0], size[1])
     largest = np.where(upper, fourth + np.uint8(2), second.view(np.uint8))
-    lower_part, upper_part = np.where(second, parts[1], parts[0]), np.where(fourth, *parts[:1:-1])
-    sign = np.copysign(quaternions.dtype.type(1), np.where(upper, upper_part, lower_part))
+    lower_part, upper_part = (
+        _select(second, parts[1], parts[0]),
+        _select(fourth, parts[3], parts[2]),
+    )
+    sign = np.copysign(quaternions.dtype.type(1), _select(upper, upper_part, lower_part))
     rest = np.empty((len(quaternions), 3), quaternions.dtype)
     for column in range(3):  # what stands behind the one left out moves up
-        other = np.where(largest > column, parts[column], parts[column + 1])
+        other = _select(largest > column, parts[column], parts[column + 1])
         np.multiply(other, sign, out=rest[:, column])
     return largest, rest
 
@@ -89,17 +92,18 @@ def join_largest(largest: Codes, rest: Floats) -> npt.NDArray[np.float32]:
     """Undo `split_largest`: unit quaternions in the component order that was split, shape (n, 4).
 
     Rows whose three components are longer than 1, which no encoder writes, are scaled to length 1.
+    Computed in the type of `rest`.
     """
-    a, b, c = small = np.array(rest.T, np.float64, order="C")
+    a, b, c = small = np.array(rest.T, order="C")
     squared = a * a + b * b + c * c
     if np.any(squared > 1):
-        small /= np.sqrt(np.maximum(squared, 1.0))
-    missing = np.sqrt(np.maximum(1.0 - squared, 0.0))
+        small /= np.sqrt(np.maximum(squared, 1))
+    missing = np.sqrt(np.maximum(1 - squared, 0))
     whole = np.empty((len(rest), 4), np.float32)
-    whole[:, 0] = np.where(largest == 0, missing, a)
-    whole[:, 1] = np.where(largest == 1, missing, np.where(largest < 1, a, b))
-    whole[:, 2] = np.where(largest == 2, missing, np.where(largest < 2, b, c))
-    whole[:, 3] = np.where(largest == 3, missing, c)
+    whole[:, 0] = _select(largest == 0, missing, a)
+    whole[:, 1] = _select(largest == 1, missing, _select(largest < 1, a, b))
+    whole[:, 2] = _select(largest == 2, missing, _select(largest < 2, b, c))
+    whole[:, 3] = _select(largest == 3, missing, c)
     return whole
 
 
@@ -127,3 +131,11 @@ def decode_smallest_three(
     """Undo `encode_smallest_three`: unit quaternions, shape (n, 4)."""
     span = 2.0 * limit / top
     return join_largest(largest, codes.astype(np.float64) * span - limit)
+
+
+def _select(condition: npt.NDArray[np.bool_], a: Floats, b: Floats) -> Floats:
+    """`np.where` of floats of one type, by their bits: it has no branches to guess wrongly."""
+    bits = np.dtype(f"u{a.dtype.itemsize}")
+    mask = np.negative(condition.astype(bits))  # of ones where true
+    ones, zeros = a.view(bits), b.view(bits)
+    return (zeros ^ (ones ^ zeros) & mask).view(a.dtype)

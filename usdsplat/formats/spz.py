@@ -164,24 +164,29 @@ def _encoded(cloud: SplatCloud, header: SpzHeader) -> list[Codes]:
 
 
 def _fill(source: str, container: SpzContainer, how: Reading) -> Filling:
-    """Decode attribute after attribute, in threads, while this one unpacks what comes next."""
+    """Unpack attribute after attribute; threads decode while the last, the largest, is unpacked."""
     header = container.header
-    sizes = header.sizes()
-    first = list(container.attribute("positions", BLOCK))  # before their arrays are made
-    filling = Filling(source, header.count, header.degree, how)
+    *names, last = header.sizes()
+    planes = {
+        name: np.frombuffer(b"".join(container.attribute(name, BLOCK)), np.uint8) for name in names
+    }
+    filling = Filling(source, header.count, header.degree, how)  # that much has arrived
+
+    def work(rows: slice, piece: bytes) -> None:
+        block = {name: plane.reshape(header.count, -1)[rows] for name, plane in planes.items()}
+        block[last] = np.frombuffer(piece, np.uint8).reshape(rows.stop - rows.start, -1)
+        for name, codes in block.items():
+            decode(filling, header, name, rows, codes)
+        if header.version == 1:
+            filling.settle(rows)
+
     jobs: deque[Future[None]] = deque()
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
-        for done, (name, size) in enumerate(sizes.items(), 1):
-            pieces = first if name == "positions" else container.attribute(name, BLOCK)
-            for rows, piece in zip(blocks(header.count), pieces, strict=True):
-                codes = np.frombuffer(piece, np.uint8).reshape(-1, size)
-                jobs.append(workers.submit(decode, filling, header, name, rows, codes))
-                if len(jobs) > _WAITING:
-                    jobs.popleft().result()
-            how.progress.step(f"reading {source}", done, len(sizes))
+        for rows, piece in zip(blocks(header.count), container.attribute(last, BLOCK), strict=True):
+            jobs.append(workers.submit(work, rows, piece))
+            if len(jobs) > _WAITING:
+                jobs.popleft().result()
+            how.progress.step(f"reading {source}", rows.stop, header.count)
         for job in jobs:
             job.result()
-    if header.version == 1:
-        for rows in blocks(header.count):
-            filling.settle(rows)
     return filling

@@ -21,7 +21,7 @@ _SCALES = np.exp(np.arange(256) / 16 - 10).astype(np.float32)
 _DC = ((np.arange(256) / 255 - 0.5) / 0.15).astype(np.float32)
 
 _magnitudes = np.arange(512) / (511 * np.sqrt(2))
-_COMPONENTS = np.concatenate([_magnitudes, -_magnitudes])
+_COMPONENTS = np.concatenate([_magnitudes, -_magnitudes]).astype(np.float32)
 """Of a quaternion: a sign above nine bits of magnitude."""
 
 
@@ -49,7 +49,9 @@ def decode(filling: Filling, header: SpzHeader, name: str, rows: slice, codes: C
         case "rotations" if header.version < 3:
             filling.rotations[rows] = _derived_w(codes)
         case "rotations":
-            filling.rotations[rows] = _smallest_three(codes.view("<u4")[:, 0])
+            xyzw = _smallest_three(codes.view("<u4")[:, 0])
+            filling.rotations[rows, 0] = xyzw[:, 3]
+            filling.rotations[rows, 1:] = xyzw[:, :3]
         case "harmonics":
             signed = (codes ^ 128).view(np.int8)  # is codes - 128
             out = filling.sh[rows, 1:].reshape(codes.shape)  # a view
@@ -76,7 +78,7 @@ def _derived_w(codes: Codes) -> F32:
 
 def _smallest_three(words: npt.NDArray[np.uint32]) -> F32:
     """Rotations of version 3 on: index of the largest in (x, y, z, w), three signed magnitudes."""
-    rest = np.empty((3, len(words)))
+    rest = np.empty((3, len(words)), np.float32)
     for component, shift in zip(rest, (20, 10, 0), strict=True):
         np.take(_COMPONENTS, words >> shift & 1023, out=component, mode="clip")
-    return join_largest((words >> 30).astype(np.uint8), rest.T)[:, [3, 0, 1, 2]]
+    return join_largest((words >> 30).astype(np.uint8), rest.T)
