@@ -28,19 +28,29 @@ def blocks(count: int) -> Iterator[slice]:
         yield slice(start, min(start + BLOCK, count))
 
 
-def in_parallel(count: int, work: Callable[[slice], None], *, rows: int = BLOCK) -> None:
+def _nobody(_rows: int) -> None:
+    pass
+
+
+def in_parallel(
+    count: int,
+    work: Callable[[slice], None],
+    *,
+    rows: int = BLOCK,
+    told: Callable[[int], None] = _nobody,
+) -> None:
     """Do `work` on every block of rows 0 to `count`, on all processors.
 
-    NumPy leaves the interpreter free in its loops, so threads share the work.
+    NumPy leaves the interpreter free in its loops, so threads share the work. The caller's own
+    thread is the one that says, by `told`, how many rows are done.
 
     Raises:
         Exception: The first that `work` raised, in the order of the rows.
     """
-    starts = range(0, count, rows)
+    pieces = [slice(start, min(start + rows, count)) for start in range(0, count, rows)]
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
-        pieces = (slice(start, min(start + rows, count)) for start in starts)
-        for _ in workers.map(work, pieces):
-            pass
+        for piece, _ in zip(pieces, workers.map(work, pieces), strict=True):
+            told(piece.stop)
 
 
 def _field_name(field: str, _column: int) -> str:
