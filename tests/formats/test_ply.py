@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import tracemalloc
@@ -280,8 +281,9 @@ def test_harmonics_are_those_of_a_degree(tmp_path, rest):
 
 
 def test_reading_takes_the_memory_of_the_cloud(tmp_path):
-    """Oracle: 236 bytes a splat at degree 3, and a few blocks."""
-    formats.write(random_cloud(50_000, 3), tmp_path / "big.ply")
+    """Oracle: 236 bytes a splat at degree 3, and a few blocks for each thread."""
+    count, some_blocks = 100_000, 3_000_000 * min(8, os.cpu_count() or 1)
+    formats.write(random_cloud(count, 3), tmp_path / "big.ply")
     tracemalloc.start()
     try:
         cloud = formats.read(tmp_path / "big.ply").cloud
@@ -292,8 +294,8 @@ def test_reading_takes_the_memory_of_the_cloud(tmp_path):
         _, most_written = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most_read < 50_000 * 237 + 3_000_000
-    assert most_written - before < 3_000_000
+    assert most_read < count * 237 + some_blocks
+    assert most_written - before < some_blocks
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):

@@ -165,6 +165,9 @@ def test_a_file_cut_while_it_is_read_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-16])
     with pytest.raises(FormatError, match="found 4 rows of element vertex, expected 8"):
         list(table.blocks(4))
+    table.rows_per_block = 4
+    with pytest.raises(FormatError, match="found 4 rows of element vertex, expected 8"):
+        table.visit(lambda rows, block: None, lambda done: None)
 
 
 def test_a_file_without_vertices_is_refused(tmp_path):

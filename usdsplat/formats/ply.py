@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -21,12 +22,12 @@ from usdsplat.core.encoding import logit, sigmoid
 from usdsplat.core.errors import FormatError
 from usdsplat.core.output import atomic_path
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
-from usdsplat.formats.filling import Filling
+from usdsplat.formats.filling import Filling, in_parallel
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
 from usdsplat.formats.ply_columns import Columns, harmonics
 from usdsplat.formats.ply_header import Header, read_header
 from usdsplat.formats.ply_points import read_points
-from usdsplat.formats.ply_table import Table, open_table
+from usdsplat.formats.ply_table import Block, Table, open_table
 
 SUFFIXES: tuple[str, ...] = (".ply",)
 FRAME = "rdf"
@@ -91,13 +92,26 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
     if how.antialiased:
         lines.append("comment SplatRenderMode: mip")
     lines += [f"element vertex {len(cloud)}", *(f"property float {name}" for name in names)]
+    header = "\n".join([*lines, "end_header\n"]).encode()
+    blocks: list[F32] = []  # of threads that are between two
+    turn = Lock()
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write("\n".join([*lines, "end_header\n"]).encode())
-        block = np.zeros((_WRITTEN_ROWS, len(names)), "<f4")
-        for start in range(0, len(cloud), _WRITTEN_ROWS):
-            rows = slice(start, min(start + _WRITTEN_ROWS, len(cloud)))
-            file.write(_encode(cloud, rows, block[: rows.stop - start]).data)
-            how.progress.step(f"writing {path}", rows.stop, len(cloud))
+        file.write(header)
+
+        def work(rows: slice) -> None:
+            block = blocks.pop() if blocks else np.zeros((_WRITTEN_ROWS, len(names)), "<f4")
+            encoded = _encode(cloud, rows, block[: rows.stop - rows.start])
+            with turn:
+                file.seek(len(header) + rows.start * encoded[0].nbytes)
+                file.write(encoded.data)
+            blocks.append(block)
+
+        in_parallel(
+            len(cloud),
+            work,
+            rows=_WRITTEN_ROWS,
+            told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
+        )
 
 
 def _read_rows(source: str, table: Table, how: Reading) -> tuple[SplatCloud, tuple[str, ...]]:
@@ -114,7 +128,8 @@ def _read_rows(source: str, table: Table, how: Reading) -> tuple[SplatCloud, tup
     filling = Filling(source, table.count, degree, how)
     scales = filling.scales[:, : len(names["scales"])]
     filling.scales[:, len(names["scales"]) :] = 0
-    for rows, block in table.blocks():
+
+    def work(rows: slice, block: Block) -> None:
         columns["positions"].into(filling.positions[rows], block)
         columns["rotations"].into(filling.rotations[rows], block)
         columns["sh"].into(filling.sh[rows], block)
@@ -124,7 +139,8 @@ def _read_rows(source: str, table: Table, how: Reading) -> tuple[SplatCloud, tup
             filling.opacities[rows] = sigmoid(filling.opacities[rows])
             np.exp(scales[rows], out=scales[rows])
         filling.settle(rows, lambda field, column: f"property {names[field][column]}")
-        how.progress.step(f"reading {source}", rows.stop, table.count)
+
+    table.visit(work, lambda done: how.progress.step(f"reading {source}", done, table.count))
     return filling.cloud()
 
 

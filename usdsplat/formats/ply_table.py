@@ -6,8 +6,9 @@ What the header claims is compared with the size of the file before anything is 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
+from io import FileIO
 from itertools import islice
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.errors import FormatError
+from usdsplat.formats.filling import in_parallel
 from usdsplat.formats.ply_header import Element, Header
 
 Block = npt.NDArray[np.void]
@@ -85,6 +87,23 @@ class Table(ABC):
                 yield slice(start, start + len(block)), block
                 start += len(block)
 
+    def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
+        """Do `work` on (slice of rows, block), for all rows; a block is valid until it returns.
+
+        Rows of a fixed size are read and worked on in threads.
+
+        Args:
+            work: May be called by several threads at once.
+            told: Called with the number of rows that are done, by the caller's own thread.
+
+        Raises:
+            FormatError: As for `blocks`.
+            Exception: What `work` raised first, in the order of the rows.
+        """
+        for rows, block in self.blocks():
+            work(rows, block)
+            told(rows.stop)
+
     def remarks(self) -> tuple[str, ...]:
         """What is odd about the file's length, a sentence or none."""
         total = self._header.size
@@ -125,15 +144,33 @@ class BinaryTable(Table):
     def _offset(self) -> int:
         return sum(earlier.count * earlier.row_bytes for earlier in self._before)
 
+    def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
+        buffers: list[Block] = []  # of threads that are between two blocks
+
+        def read_and_work(rows: slice) -> None:
+            buffer = buffers.pop() if buffers else self._buffer(self.rows_per_block)
+            with self._path.open("rb", buffering=0) as file:
+                work(rows, self._read(file, rows, buffer))
+            buffers.append(buffer)
+
+        in_parallel(self.count, read_and_work, rows=self.rows_per_block, told=told)
+
     def _pieces(self, rows: int) -> Generator[Block]:
-        buffer = np.empty(min(rows, self.count), self._stored)
+        buffer = self._buffer(rows)
         with self._path.open("rb", buffering=0) as file:
-            file.seek(self._header.size + self._offset())
             for start in range(0, self.count, rows):
-                block = buffer[: self.count - start]
-                if file.readinto(block.view(np.uint8).data) < block.nbytes:
-                    raise self._short(start)  # somebody cut the file since
-                yield block.astype(self.dtype, copy=False)
+                yield self._read(file, slice(start, min(start + rows, self.count)), buffer)
+
+    def _buffer(self, rows: int) -> Block:
+        return np.empty(min(rows, self.count), self._stored)
+
+    def _read(self, file: FileIO, rows: slice, buffer: Block) -> Block:
+        """Some rows, in `buffer` if it can be."""
+        block = buffer[: rows.stop - rows.start]
+        file.seek(self._header.size + self._offset() + rows.start * self._stored.itemsize)
+        if file.readinto(block.view(np.uint8).data) < block.nbytes:
+            raise self._short(rows.start)  # somebody cut the file since
+        return block.astype(self.dtype, copy=False)
 
 
 class TextTable(Table):
