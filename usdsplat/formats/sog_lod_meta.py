@@ -8,14 +8,14 @@ Source: splat-transform's writer. Its files before version 1 say no `version` an
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from usdsplat.core.errors import FormatError
+from usdsplat.formats.json_values import a_list, parse_object, show, whole
 from usdsplat.formats.sog_decoding import Range
-from usdsplat.formats.sog_meta import META, show, whole_number
+from usdsplat.formats.sog_meta import META
 
 LOD_META = "lod-meta.json"
 LOD_META_LIMIT = 1 << 23
@@ -45,14 +45,9 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
         FormatError: If it is not JSON, or lacks something, or something has an impossible value:
             a name that leads elsewhere, splats that are in two places of a level.
     """
-    try:
-        meta = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FormatError(where, "text that is not JSON", "a JSON object") from error
-    if not isinstance(meta, dict):
-        raise FormatError(where, show(meta), "a JSON object")
-    whole_number(f"{where}: version", meta.get("version", 1), 1, 1)
-    levels = whole_number(f"{where}: lodLevels", meta.get("lodLevels"), 1, 64)
+    meta = parse_object(where, text)
+    whole(f"{where}: version", meta.get("version", 1), 1, 1)
+    levels = whole(f"{where}: lodLevels", meta.get("lodLevels"), 1, 64)
     names = _names(where, meta.get("filenames"))
     found: list[dict[int, list[Range]]] = [{} for _ in range(levels)]
     for level, file, first, last in _references(where, meta.get("tree"), levels, len(names)):
@@ -73,9 +68,7 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
 
 def _names(where: str, value: Any) -> list[str]:
     """Paths of the files, each of them once."""
-    if not isinstance(value, list):
-        raise FormatError(f"{where}: filenames", show(value), "a list of names")
-    names = [_name(f"{where}: filenames", name) for name in value]
+    names = [_name(f"{where}: filenames", name) for name in a_list(f"{where}: filenames", value)]
     if len(set(names)) < len(names):
         raise FormatError(f"{where}: filenames", "a name twice", "each once")
     return names
@@ -109,9 +102,9 @@ def _references(
             at = f"{where}: tree: level {key[:20]!r}"
             if key not in map(str, range(levels)) or not isinstance(value, dict):
                 raise FormatError(at, show(value), f"a range of a level below {levels}")
-            file = whole_number(f"{at}: file", value.get("file"), 0, files - 1)
-            first = whole_number(f"{at}: offset", value.get("offset"), 0, _MOST)
-            count = whole_number(f"{at}: count", value.get("count"), 0, _MOST)
+            file = whole(f"{at}: file", value.get("file"), 0, files - 1)
+            first = whole(f"{at}: offset", value.get("offset"), 0, _MOST)
+            count = whole(f"{at}: count", value.get("count"), 0, _MOST)
             if count:
                 yield int(key), file, first, first + count
 

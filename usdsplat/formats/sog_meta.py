@@ -6,16 +6,13 @@ Version 2 says `version`, `count` and codebooks; version 1 says none of these bu
 
 from __future__ import annotations
 
-import json
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError
+from usdsplat.formats.json_values import numbers, parse_object, show, whole
 
 META = "meta.json"
 META_LIMIT = 1 << 20
@@ -49,13 +46,7 @@ class Section:
         """
         value = self.values.get(key)
         items = [value] if length == 1 and not isinstance(value, list) else value
-        if not isinstance(items, list) or len(items) != length:
-            found = f"{len(items)} values" if isinstance(items, list) else f"{show(value)}"
-            raise FormatError(f"{self.where}.{key}", found, f"{length} numbers")
-        for item in items:
-            if not _is_number(item):
-                raise FormatError(f"{self.where}.{key}", show(item), "a finite number")
-        return np.array(items, np.float64)
+        return numbers(f"{self.where}.{key}", items, length, largest=_LARGEST)
 
     def whole_number(self, key: str, least: int, most: int) -> int:
         """The whole number under `key`.
@@ -63,7 +54,7 @@ class Section:
         Raises:
             FormatError: If it is none, or outside `least` to `most`.
         """
-        return whole_number(f"{self.where}.{key}", self.values.get(key), least, most)
+        return whole(f"{self.where}.{key}", self.values.get(key), least, most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +80,8 @@ def parse_meta(source: str, text: bytes) -> Meta:
         FormatError: If it is not JSON, or lacks something, or something has an impossible value.
     """
     where = f"{source}: meta.json"
-    try:
-        meta = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FormatError(where, "text that is not JSON", "a JSON object") from error
-    if not isinstance(meta, dict):
-        raise FormatError(where, show(meta), "a JSON object")
-    version = whole_number(f"{where}: version", meta.get("version", 1), 1, 2)
+    meta = parse_object(where, text)
+    version = whole(f"{where}: version", meta.get("version", 1), 1, 2)
     sections = {
         name: _section(f"{where}: {name}", meta.get(name), files)
         for name, files in _SECTIONS.items()
@@ -107,7 +93,7 @@ def parse_meta(source: str, text: bytes) -> Meta:
         count = shape[0] if isinstance(shape, list) and shape else None
     return Meta(
         version=version,
-        count=whole_number(f"{where}: count", count, 0, 1 << 32),
+        count=whole(f"{where}: count", count, 0, 1 << 32),
         antialiased=meta.get("antialias") is True or meta.get("model") == "antialiased",
         sections=sections,
     )
@@ -119,22 +105,3 @@ def _section(where: str, value: Any, count: int) -> Section:
     if not isinstance(files, list) or [type(name) for name in files] != [str] * count:
         raise FormatError(where, show(value), f"an object with {count} file names")
     return Section(where, tuple(files), value)
-
-
-def whole_number(where: str, value: Any, least: int, most: int) -> int:
-    """`value`, if it is a whole number in a range."""
-    if type(value) is not int or not least <= value <= most:
-        raise FormatError(where, show(value), f"a whole number from {least} to {most}")
-    return value
-
-
-def _is_number(value: Any) -> bool:
-    return (
-        type(value) in (int, float) and abs(value) < _LARGEST
-    )  # false for NaN; whole numbers of JSON may be of any size
-
-
-def show(value: Any) -> str:
-    """A value of JSON as it may stand in a sentence."""
-    text = reprlib.repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
