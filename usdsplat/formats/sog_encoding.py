@@ -137,9 +137,10 @@ def _harmonics(
     labels, palette = sog_palette.palette(cloud.sh[:, 1:], told)
     table = sog_codebook.codebook(palette)
     rows = max(-(-len(palette) // PALETTE_COLUMNS), 1)
-    texels = np.zeros((rows * PALETTE_COLUMNS, cloud.sh.shape[1] - 1, 4), np.uint8)
+    rest = cloud.sh.shape[1] - 1
+    texels = np.zeros((rows * PALETTE_COLUMNS, rest, 4), np.uint8)
     texels[..., 3] = 255
-    texels[: len(palette), :, :3] = sog_codebook.encode(palette, table).reshape(len(palette), -1, 3)
+    texels[: len(palette), :, :3] = sog_codebook.encode(palette, table).reshape(-1, rest, 3)
     images["shN_centroids.webp"] = texels.reshape(rows, -1, 4)
     ordered = labels[order]
     images["shN_labels.webp"] = _image(np.stack([ordered & 255, ordered >> 8], axis=1))
