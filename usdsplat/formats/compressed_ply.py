@@ -13,7 +13,6 @@ from itertools import repeat
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core import morton
 from usdsplat.core.cloud import F32, SplatCloud
@@ -25,11 +24,10 @@ from usdsplat.formats.compressed_ply_codec import (
     U8,
     U32,
     Rows,
-    decodable,
     decode_harmonics,
     decode_words,
-    encode_harmonics,
-    encode_words,
+    encode,
+    ranges_of,
 )
 from usdsplat.formats.filling import Filling, in_parallel
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
@@ -61,7 +59,7 @@ _BOUNDS = tuple(
 
 _FILE_ROWS = 1024 * CHUNK
 """Splats that are read or written at a time."""
-_WORK_ROWS = 16 * CHUNK
+_WORK_ROWS = 32 * CHUNK
 """Splats that a thread decodes or codes at a time: they stay in its cache."""
 
 
@@ -88,13 +86,12 @@ def read(path: Path, how: Reading = READING) -> Capture:
         _require(source, sh, rest, "u1", "sh")
         if sh.count != vertex.count:
             raise FormatError(source, f"{sh.count} rows of element sh", str(vertex.count))
-    bounds = decodable(_bounds(source, chunk, vertex.count))
+    ranges = ranges_of(_bounds(source, chunk, vertex.count))
     filling = Filling(source, vertex.count, degree, how)
     coded = sh.blocks(_FILE_ROWS) if sh and degree else repeat(None)
     for (rows, block), piece in zip(vertex.blocks(_FILE_ROWS), coded, strict=False):
-        _fill(
-            filling, rows, block, bounds[rows.start // CHUNK :], (piece[1], rest) if piece else None
-        )
+        here = ranges[..., rows.start // CHUNK :]
+        _fill(filling, rows, block, here, (piece[1], rest) if piece else None)
         how.progress.step(f"reading {source}", rows.stop, vertex.count)
     cloud, notes = filling.cloud()
     return Capture(
@@ -176,7 +173,7 @@ def _bounds(source: str, chunk: Table, count: int) -> F32:
 
 
 def _fill(
-    filling: Filling, rows: slice, block: Block, bounds: F32, coded: tuple[Block, Names] | None
+    filling: Filling, rows: slice, block: Block, ranges: F32, coded: tuple[Block, Names] | None
 ) -> None:
     """Decode the splats of some whole chunks on all processors.
 
@@ -184,29 +181,30 @@ def _fill(
         filling: Filled at `rows`.
         rows: Of the splats.
         block: Their rows of element vertex.
-        bounds: From their first chunk on.
+        ranges: From their first chunk on.
         coded: Their rows of element sh and the properties in our order, None without harmonics.
     """
+    table, columns = _bytes(*coded) if coded else (None, None)
 
     def work(part: slice) -> None:
         here = slice(rows.start + part.start, rows.start + part.stop)
-        chunks = bounds[part.start // CHUNK : -(-part.stop // CHUNK)]
-        words = tuple(block[name][part].astype(np.uint32).view(np.int32) for name in _WORDS)
-        if coded:
-            codes = _bytes(coded[0][part], coded[1])
-            decode_harmonics(filling.sh[here].reshape(len(codes), -1)[:, 3:], codes)
-        decode_words(filling, here, words, chunks)
+        if table is not None and columns is not None:
+            decode_harmonics(filling.sh[here].reshape(len(table[part]), -1), table[part], columns)
+        words = np.stack([block[name][part] for name in _WORDS])
+        chunks = ranges[..., part.start // CHUNK : -(-part.stop // CHUNK)]
+        decode_words(filling, here, words.astype(np.uint32, copy=False).view(np.int32), chunks)
 
     in_parallel(len(block), work, rows=_WORK_ROWS)
 
 
-def _bytes(block: Block, names: Names) -> npt.NDArray[np.uint8]:
-    """Columns `names` of rows of element sh, shape (n, number of names)."""
+def _bytes(block: Block, names: Names) -> tuple[U8, Rows]:
+    """Rows of element sh as plain bytes, and the columns of coefficients 0, 0, 0 and `names`."""
     stored = block.dtype.names or ()
-    if all(block.dtype[name] == np.uint8 for name in stored):
-        table = block.view(np.uint8).reshape(len(block), -1)
-        return table.take([stored.index(name) for name in names], axis=1)
-    return np.stack([block[name].astype(np.uint8) for name in names], axis=1)
+    if any(block.dtype[name] != np.uint8 for name in stored):  # text, or with more in the rows
+        block = block[list(names)].astype([(name, "u1") for name in names])
+        stored = names
+    columns = [0, 0, 0, *(stored.index(name) for name in names)]
+    return block.view(np.uint8).reshape(len(block), -1), np.array(columns)
 
 
 def _header(count: int, rest: int, how: Writing) -> bytes:
@@ -233,9 +231,7 @@ def _encode(cloud: SplatCloud, order: Rows, words: U32, bounds: F32, codes: U8) 
     """
 
     def work(part: slice) -> None:
-        rows = order[part]
         chunks = slice(part.start // CHUNK, -(-part.stop // CHUNK))
-        words[part], bounds[chunks] = encode_words(cloud, rows)
-        codes[part] = encode_harmonics(cloud, rows)
+        words[part], bounds[chunks], codes[part] = encode(cloud, order[part])
 
     in_parallel(len(order), work, rows=_WORK_ROWS)
