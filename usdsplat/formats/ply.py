@@ -11,7 +11,6 @@ Source: Kerbl et al. 2023, `scene/gaussian_model.py`: logit of opacity, logarith
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from threading import Lock
 
@@ -25,7 +24,7 @@ from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.filling import Filling, in_parallel
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
 from usdsplat.formats.ply_columns import Columns, harmonics
-from usdsplat.formats.ply_header import Header, read_header
+from usdsplat.formats.ply_header import read_header
 from usdsplat.formats.ply_points import read_points
 from usdsplat.formats.ply_table import Block, Table, open_table
 
@@ -71,7 +70,7 @@ def read(path: Path, how: Reading = READING) -> Capture:
         format=f"PLY, {header.data_kind}",
         files=(path,),
         frame="rdf",
-        antialiased=_is_antialiased(header),
+        antialiased=header.is_antialiased,
         notes=tuple(notes),
     )
 
@@ -142,12 +141,6 @@ def _read_rows(source: str, table: Table, how: Reading) -> tuple[SplatCloud, tup
 
     table.visit(work, lambda done: how.progress.step(f"reading {source}", done, table.count))
     return filling.cloud()
-
-
-def _is_antialiased(header: Header) -> bool:
-    """What a comment says: `SplatRenderMode: mip` is Brush's, the others are Postshot's."""
-    said = {" ".join(re.split(r"[\s:=]+", comment.lower())) for comment in header.comments}
-    return bool(said & {"splatrendermode mip", "antialiased 1", "postshot.anti_aliasing 1"})
 
 
 def _written_names(degree: int) -> list[str]:

@@ -76,6 +76,12 @@ class Header:
         return next((element for element in self.elements if element.name == name), None)
 
     @property
+    def is_antialiased(self) -> bool:
+        """What a comment says of splats: `SplatRenderMode: mip` is Brush's, others Postshot's."""
+        said = {" ".join(re.split(r"[\s:=]+", comment.lower())) for comment in self.comments}
+        return bool(said & {"splatrendermode mip", "antialiased 1", "postshot.anti_aliasing 1"})
+
+    @property
     def data_kind(self) -> str:
         """How the data is stored, for people."""
         kinds = {"<": "binary little endian", ">": "binary big endian", "": "ascii"}
