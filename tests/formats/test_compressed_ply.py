@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+from tests.formats.compare import differences
+from tests.formats.samples import random_cloud
 from usdsplat import formats
+from usdsplat.core import morton
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError
+from usdsplat.formats.options import Reading, Writing
 
 BOUNDS = [f"{side}_{axis}" for side in ("min", "max") for axis in "xyz"]
 BOUNDS += [f"{side}_scale_{axis}" for side in ("min", "max") for axis in "xyz"]
@@ -168,3 +174,128 @@ def test_words_of_another_type_are_refused(tmp_path):
     elements["vertex"] = elements["vertex"].astype([(name, "f4") for name in WORDS])
     with pytest.raises(FormatError, match="no uint32 property packed_position in element vertex"):
         formats.read(save(tmp_path / "a.compressed.ply", elements))
+
+
+def in_rows(cloud: SplatCloud, rows: np.ndarray) -> SplatCloud:
+    names = ("positions", "scales", "rotations", "opacities", "sh")
+    return SplatCloud(**{name: getattr(cloud, name)[rows] for name in names})
+
+
+@pytest.mark.parametrize(("count", "degree"), [(1, 0), (255, 1), (256, 2), (257, 3), (9000, 4)])
+def test_what_is_written_comes_back_within_the_bounds(tmp_path, count, degree):
+    """Oracle: half a step of each code, by plyfile's reading of the chunks: 1/2046 of their extents
+    and of their ranges of logarithms, 1/510 of their colours, 1/510 of alpha, 1/64 of harmonics
+    within +-3.96, and 4 sqrt(3) of half a step for rotations: 0.27 degrees."""
+    from plyfile import PlyData
+
+    cloud = random_cloud(count, degree, seed=2)
+    path = tmp_path / "a.compressed.ply"
+    formats.write(cloud, path)
+    sent = in_rows(cloud, morton.order(cloud.positions))
+    again = formats.read(path).cloud
+    chunk = PlyData.read(path)["chunk"]
+    of_chunk = np.arange(count) // 256
+    logs = np.log(again.scales), np.log(sent.scales)
+    for prefix, found, wanted in (("", again.positions, sent.positions), ("scale_", *logs)):
+        for axis, name in enumerate("xyz"):
+            extent = (chunk[f"max_{prefix}{name}"] - chunk[f"min_{prefix}{name}"])[of_chunk]
+            bound = extent / (2046 if name == "y" else 4094) * 1.001 + 1e-6
+            assert np.all(np.abs(found[:, axis] - wanted[:, axis]) <= bound)
+    for channel, name in enumerate("rgb"):
+        extent = (chunk[f"max_{name}"] - chunk[f"min_{name}"])[of_chunk]
+        error = np.abs(again.sh[:, 0, channel] - sent.sh[:, 0, channel]) * 0.28209479177387814
+        assert np.all(error <= extent / 510 * 1.001 + 1e-6)
+    apart = differences(again, sent)
+    assert apart.opacity <= 1 / 509
+    assert apart.rotation <= 0.27
+    inside = np.abs(sent.sh[:, 1:]) < 3.96
+    errors = np.abs(again.sh[:, 1:] - sent.sh[:, 1:])[inside]
+    assert errors.max(initial=0) <= 1 / 64 + 1e-6
+    bytes_of_data = (16 + 3 * ((degree + 1) ** 2 - 1)) * count + 72 * len(chunk)
+    assert path.stat().st_size < bytes_of_data + 3000
+
+
+def test_a_chunk_has_the_bounds_of_its_own_splats(tmp_path):
+    """Oracle: the least and the greatest of each 256 along the curve, and of the 44 left over."""
+    from plyfile import PlyData
+
+    cloud = random_cloud(300, 0)
+    formats.write(cloud, tmp_path / "a.compressed.ply")
+    chunk = PlyData.read(tmp_path / "a.compressed.ply")["chunk"]
+    order = morton.order(cloud.positions)
+    for row, part in enumerate((order[:256], order[256:])):
+        for axis, name in enumerate("xyz"):
+            values = cloud.positions[part, axis]
+            assert chunk[f"min_{name}"][row] == values.min()
+            assert chunk[f"max_{name}"][row] == values.max()
+
+
+def test_extremes_have_their_codes(tmp_path):
+    """Oracle: opacities 0 and 1 are exact; a scale of 0 is exp(-20); harmonics beyond +-4 are +-4;
+    a flat scene keeps its plane exactly, one point its place."""
+    cloud = random_cloud(600, 1)
+    cloud.positions[:, 2] = 0.1
+    cloud.positions[:300] = (5, 6, 0.1)
+    cloud.opacities[:2] = (0, 1)
+    cloud.scales[0] = (0, 1e30, 1)
+    cloud.sh[0, 1:] = 77
+    cloud.sh[1, 1:] = -77
+    formats.write(cloud, tmp_path / "a.compressed.ply")
+    order = morton.order(cloud.positions)
+    again = in_rows(formats.read(tmp_path / "a.compressed.ply").cloud, np.argsort(order))
+    assert again.opacities[:2].tolist() == [0, 1]
+    np.testing.assert_allclose(np.log(again.scales[0, :2]), [-20, 20], rtol=1e-5)
+    assert np.all(again.sh[0, 1:] == 4)
+    assert np.all(again.sh[1, 1:] == -4)
+    assert np.all(again.positions[:, 2] == np.float32(0.1))
+    np.testing.assert_allclose(again.positions[:256], [[5, 6, 0.1]] * 256, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1e-35, 3e38])
+def test_the_least_and_the_greatest_scenes_keep_their_shape(tmp_path, size):
+    """Oracle: the positions, to 1/1000 of their extent; nothing overflows on the way."""
+    cloud = random_cloud(50, 0)
+    spread = np.random.default_rng(0).uniform(0, 1, (50, 3))
+    cloud = dataclasses.replace(cloud, positions=(spread * size).astype(np.float32))
+    formats.write(cloud, tmp_path / "a.compressed.ply")
+    order = morton.order(cloud.positions)
+    again = formats.read(tmp_path / "a.compressed.ply").cloud.positions.astype(np.float64)
+    assert np.abs(again - cloud.positions[order]).max() <= size / 1000
+
+
+def test_no_splats_are_written_and_read(tmp_path):
+    """Oracle: no chunks, no words."""
+    formats.write(random_cloud(0, 2), tmp_path / "a.compressed.ply")
+    again = formats.read(tmp_path / "a.compressed.ply").cloud
+    assert (len(again), again.sh_degree) == (0, 2)
+
+
+def test_rotations_longer_than_one_are_made_unit(tmp_path):
+    """Oracle: three components of sqrt(1/2) leave none for the fourth, and are scaled together."""
+    elements = make(1)
+    elements["vertex"]["packed_rotation"] = 0x3FFFFFFF
+    turn = formats.read(save(tmp_path / "a.compressed.ply", elements)).cloud.rotations[0]
+    np.testing.assert_allclose(turn, [0, 3**-0.5, 3**-0.5, 3**-0.5], atol=1e-6)
+
+
+def test_splats_that_overflow_can_be_left_out(tmp_path):
+    """Oracle: of 300, those of the second chunk have codes that mean more than float32 can."""
+    elements = make(300)
+    elements["chunk"]["max_scale_x"][1] = 3e5
+    path = save(tmp_path / "a.compressed.ply", elements)
+    capture = formats.read(path, how=Reading(drop_nonfinite=True))
+    codes = elements["vertex"]["packed_scale"][256:] >> 21
+    low = elements["chunk"]["min_scale_x"][1]
+    lost = np.count_nonzero(low + codes / 2047 * (3e5 - low) > 88.73)
+    assert lost > 30
+    assert len(capture.cloud) == 300 - lost
+    assert f"splats dropped because a number of theirs is not finite: {lost}" in capture.notes
+
+
+def test_antialiasing_is_noted(tmp_path):
+    """Oracle: the comment that Brush writes, beside none."""
+    for is_meant in (True, False):
+        formats.write(
+            random_cloud(3, 0), tmp_path / "a.compressed.ply", how=Writing(antialiased=is_meant)
+        )
+        assert formats.read(tmp_path / "a.compressed.ply").antialiased == is_meant

@@ -41,7 +41,7 @@ FRAME = "rdf"
 ERROR_BOUNDS = {
     "positions": "1/2046 of the chunk's extent",
     "scales": "1/2046 of the chunk's range of logarithms",
-    "rotations": "0.2 degrees",
+    "rotations": "0.27 degrees",
     "opacities": "1/510",
     "sh": "degree 0: 1/510 of the chunk's range; above: 1/64 within +-3.97, 1/32 up to +-4",
 }
@@ -99,6 +99,7 @@ def read(path: Path, how: Reading = READING) -> Capture:
         format="compressed PLY",
         files=(path,),
         frame="rdf",
+        antialiased=header.is_antialiased,
         error_bounds=ERROR_BOUNDS,
         notes=(UNKNOWN_AXES, *notes, *vertex.remarks()),
     )
