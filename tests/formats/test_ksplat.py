@@ -212,3 +212,14 @@ def test_damaged_splats_can_be_left_out(tmp_path):
     capture = formats.read(path, how=options.Reading(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions, [[1, 2, 3]])
     assert "splats dropped because a number of theirs is not finite: 2" in capture.notes
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_signalling_nan_is_dropped_in_silence(tmp_path):
+    """Oracle: one of two splats is sound; NumPy warns when it meets such a number unprepared."""
+    path = save(tmp_path / "a.ksplat", 0, section(0, [splat((0, 0, 0)), splat((1, 2, 3))]))
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<I", data, 4096 + 1024 + 24, 0x7FA00000)
+    path.write_bytes(data)
+    capture = formats.read(path, how=options.Reading(drop_nonfinite=True))
+    np.testing.assert_array_equal(capture.cloud.positions, [[1, 2, 3]])

@@ -91,8 +91,8 @@ class Filling:
                     raise self._not_finite(field, rows, flat, name)
                 self._nonfinite[rows] |= ~flat.all(axis=1)
         quaternions = self.rotations[rows]
-        self._zero[rows] = ~quaternions.any(axis=1)
         with np.errstate(invalid="ignore"):  # rows that are not finite go
+            self._zero[rows] = ~quaternions.any(axis=1)
             quaternions[:] = quaternion.normalize(quaternions)
 
     def settle_linear(self, rows: slice, name: Namer = _field_name) -> None:
