@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
@@ -94,6 +96,23 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
         (["shot.usda", "b.ply", "--half"], "--half: found a stage that becomes a capture"),
         (["shot.usda", "b.ply", "--up-axis", "Z"], "--up-axis: found a stage that becomes a"),
         (["shot.usda", "b.usda", "--frame", "rub"], "--frame: found a stage that becomes a stage"),
+        (["ball.ply", "b.usda", "--frames", "1"], "--frames: found a capture that becomes a stage"),
+        (
+            ["shot.usda", "b.#.ply", "--time", "1"],
+            "--time: found a stage that becomes a capture, fra",
+        ),
+        (["ball.ply", "b.ply", "--split"], "--split: found a capture that becomes a capture"),
+        (
+            ["ball.ply", "b.ply", "--spz-version", "3"],
+            "--spz-version: found b.ply, expected an .spz",
+        ),
+        (["ball.ply", "b.ply", "--lod", "-1"], "--lod: found -1, expected a level, 0 the finest"),
+        (["ball.ply", "shot.usda", "b.usdc"], "shot.usda: found a stage among several inputs"),
+        (["ball.ply", "b.#.ply"], "b.#.ply: found a place for the frame number but no frames"),
+        (["b.#.ply", "b.ply"], "b.ply: found one file for a sequence, expected a stage, or a name"),
+        (["b.#.ply", "ball.ply", "b.usda"], "b.#.ply: found a sequence among several inputs"),
+        (["b.#.ply", "b.usda"], "b.#.ply: found no file of that name, expected one for each frame"),
+        (["ball.ply"], "convert: found no OUT, expected one; see 'usdsplat convert --help'"),
         (["shot.usda", "b.usda/"], "b.usda/: found the name of a folder, expected one of a file"),
         (["shot.usda", "b.doc"], "b.doc: found suffix '.doc', expected one of ."),
         (["folder", "b.ply"], "folder: found a directory without meta.json, expected a capture"),
@@ -118,3 +137,76 @@ def test_a_reader_is_told_that_the_axes_are_a_guess(run, capture, tmp_path):
     """Oracle: no .ply says where its axes point."""
     out = run("convert", capture, tmp_path / "a.usdc")[1]
     assert "note   the file does not say where its axes point: 'rdf' is assumed" in out
+
+
+def test_several_captures_become_one(run, run_json, capture, tmp_path):
+    """Oracle: the splats of each in turn; the second's frame is the first's, as none says one."""
+    run("convert", capture, capture.with_name("far.ply"), "--translate", "9,0,0")
+    pair = (capture, capture.with_name("far.ply"))
+    report = run_json("convert", *pair, tmp_path / "both.ply")
+    assert report["splats"] == 600
+    sources = [formats.read(path).cloud.positions for path in pair]
+    both = formats.read(tmp_path / "both.ply").cloud.positions
+    np.testing.assert_array_equal(both, np.concatenate(sources))
+    report = run_json("convert", *pair, tmp_path / "both.usdc", "--sh-degree", "0")
+    assert (report["splats"], report["degree"]) == (600, 0)
+    stage = Usd.Stage.Open(str(tmp_path / "both.usdc"))
+    memory = stage.GetPrimAtPath("/World/ball").GetCustomDataByKey("usdsplat")
+    assert memory["source"] == "ball.ply + far.ply"
+    assert list(memory["edits"]) == ["sh-degree 0"]
+
+
+def test_a_stage_and_a_capture_become_one_capture(run, capture, shot, tmp_path):
+    """Oracle: the same two, each converted alone."""
+    run("convert", shot, tmp_path / "still.ply", "--time", "2")
+    assert run("convert", shot, capture, tmp_path / "both.ply", "--time", "2")[0] == 0
+    parts = [formats.read(p).cloud.positions for p in (tmp_path / "still.ply", capture)]
+    both = formats.read(tmp_path / "both.ply").cloud.positions
+    np.testing.assert_array_equal(both, np.concatenate(parts))
+
+
+def test_a_stage_is_split_into_its_fields(run, shot, tmp_path):
+    """Oracle: a file named after the only field."""
+    status, out, _ = run("convert", shot, tmp_path / "a.ply", "--split")
+    assert (status, out.splitlines()[0]) == (0, f"{tmp_path}/a_Ball.ply: 300 splats, degree 1")
+    assert len(formats.read(tmp_path / "a_Ball.ply").cloud) == 300
+    assert not (tmp_path / "a.ply").exists()
+
+
+def test_a_sequence_goes_onto_a_stage_and_back(run, run_json, capture, tmp_path):
+    """Oracle: the files, moved by the edit; frames that are asked for and no others."""
+    for frame in (1, 2, 3):
+        move = f"{frame},0,0"
+        run("convert", capture, tmp_path / f"cap.{frame:04}.ply", "--translate", move)
+    report = run_json(
+        *("convert", tmp_path / "cap.####.ply", tmp_path / "a.usdc"),
+        *("--frames", "1-2", "--rate", "25", "--scale", "2"),
+    )
+    assert (report["frames"], report["counts"]) == ([1, 2], [300, 300])
+    assert Usd.Stage.Open(str(tmp_path / "a.usdc")).GetTimeCodesPerSecond() == 25
+    out = run("convert", tmp_path / "a.usdc", tmp_path / "back.##.ply")[1]
+    assert "600 splats, degree 1, 2 frames" in out
+    source = formats.read(capture).cloud.positions
+    for frame in (1, 2):
+        found = formats.read(tmp_path / f"back.0{frame}.ply").cloud.positions
+        np.testing.assert_allclose(found, 2 * (source + np.float32([frame, 0, 0])), atol=1e-5)
+    run("convert", tmp_path / "back.##.ply", tmp_path / "c.##.ply", "--frames", "2")
+    assert [path.name for path in sorted(tmp_path.glob("c.*"))] == ["c.02.ply"]
+
+
+def test_cameras_come_along_with_edits_that_move(run, capture, tmp_path):
+    """Oracle: a camera at (0, 0, -4) of the capture, moved and enlarged by hand; rdf to rub."""
+    pose = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, -4], [0, 0, 0, 1]]  # its y up, z back
+    frames = [{"file_path": "a.png", "transform_matrix": pose}]
+    size = {"w": 64, "h": 48, "fl_x": 50.0, "fl_y": 50.0, "cx": 32.0, "cy": 24.0}
+    (tmp_path / "transforms.json").write_text(json.dumps({**size, "frames": frames}))
+    status, out, _ = run(
+        *("convert", capture, tmp_path / "a.usdc", "--cameras", tmp_path / "transforms.json"),
+        *("--translate", "1,0,0", "--scale", "2"),
+    )
+    assert status == 0
+    assert "  seen   by 1 camera beside it" in out
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    camera = stage.GetPrimAtPath("/World/cameras/a")
+    place = UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(0).ExtractTranslation()
+    np.testing.assert_allclose(place, (2, 0, 8), atol=1e-6)

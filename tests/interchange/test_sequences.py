@@ -13,6 +13,7 @@ from pxr import Usd, UsdGeom
 from tests.interchange.samples import assert_same, capture
 from usdsplat import formats, schema
 from usdsplat.core import edit
+from usdsplat.core.edits import parsed
 from usdsplat.core.errors import FormatError, OutputError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.opening import open_capture
@@ -157,17 +158,22 @@ def test_the_field_remembers_its_files(tmp_path: Path) -> None:
     assert memory["format"] == "PLY, binary little endian"
 
 
-def test_a_reader_that_edits_is_heeded(tmp_path: Path) -> None:
-    """Oracle: the edit: every second splat."""
-
-    def halved(path: Path) -> formats.Capture:
-        read = formats.read(path)
-        kept = edit.take(read.cloud, np.arange(0, len(read.cloud), 2))
-        return replace(read, cloud=kept, notes=("halved",))
-
-    report = import_sequence(sequence(tmp_path), tmp_path / "out.usdc", read=halved)
-    assert report.counts == (6, 20, 20, 4)
-    assert report.notes[0] == "halved"
+def test_every_frame_is_edited_in_its_own_coordinates(tmp_path: Path) -> None:
+    """Oracle: the edits done to each file alone, and the provenance."""
+    edits = [parsed("translate", "0,1,0"), parsed("crop-box", "-9,1,-9,9,9,9")]
+    report = import_sequence(sequence(tmp_path), tmp_path / "out.usdc", edits=edits)
+    clouds = [formats.read(path).cloud for path in sorted(tmp_path.glob("*.ply"))]
+    kept = [edit.take(cloud, cloud.positions[:, 1] >= 0) for cloud in clouds]
+    assert report.counts == tuple(map(len, kept))
+    assert report.edits == ("translate 0,1,0", "crop-box -9,1,-9,9,9,9")
+    _stage, prim = opened(tmp_path / "out.usdc")
+    for time, cloud in zip(report.frames, kept, strict=True):
+        expected = cloud.positions + np.float32([0, 1, 0])
+        np.testing.assert_allclose(schema.fetch(prim, time).positions, expected, atol=1e-6)
+    with pytest.raises(UsageError, match=r"^edit crop-box: found rows to interpolate"):
+        import_sequence(
+            tmp_path / "cap.####.ply", tmp_path / "out.usdc", edits=edits, interpolate=True
+        )
 
 
 @pytest.mark.parametrize("clips", [False, True])

@@ -42,6 +42,8 @@ class Kind:
     """Whether splats stay as many as they were, in their order."""
     row_by_row: bool = True
     """Whether what becomes of a splat depends on that splat alone."""
+    compiles: bool = False
+    """Whether kernels do it."""
 
 
 def _is_share(values: Numbers) -> bool:
@@ -134,6 +136,7 @@ KINDS: Mapping[str, Kind] = {
         allows=lambda values: _is_whole(values[0], 1) and values[1] >= 0,
         bare="20,2",
         row_by_row=False,
+        compiles=True,
     ),
     "sh-degree": Kind(
         text="cut harmonics of a higher degree than this, 0 to 3; 0 is one colour from all sides",
@@ -150,6 +153,7 @@ KINDS: Mapping[str, Kind] = {
         expected="a number of splats, or a share such as 25%",
         allows=lambda values: 0 < values[0] < 1 or _is_whole(values[0], 1),
         row_by_row=False,
+        compiles=True,
     ),
     "morton": Kind(
         text="order splats along a Z-order curve: neighbours stand together", row_by_row=False

@@ -5,20 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
+from usdsplat.images.frames import has_place
 from usdsplat.interchange import files
-from usdsplat.interchange.exporting import capture_of, export_capture, export_each
-from usdsplat.interchange.gathering import edit_capture, joined, reading_for, turned
+from usdsplat.interchange.authoring import IN_USD_MEMORY
+from usdsplat.interchange.capturing import ToCapture
+from usdsplat.interchange.exporting import export_capture, export_each
+from usdsplat.interchange.gathering import reading_for
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport, SplitReport
+from usdsplat.interchange.sequence_exporting import export_sequence
+from usdsplat.interchange.sequences import RATE, import_sequence
 from usdsplat.schema import Form
 
 Report = ImportReport | ExportReport | SplitReport | RepackReport
@@ -35,8 +40,13 @@ def convert(
     meters_per_unit: float | None = None,
     prim_path: str | None = None,
     bake_axes: bool = False,
+    cameras: Path | str | None = None,
     time: float | None = None,
     split: bool = False,
+    frames: Sequence[float] | None = None,
+    clips: bool = False,
+    rate: float = RATE,
+    interpolate: bool = False,
     reading: Reading = READING,
     writing: Writing = WRITING,
     progress: Progress = silent,
@@ -45,8 +55,10 @@ def convert(
 
     Args:
         source: A capture or a USD file; or several, which become one: any into a capture, captures
-            into a stage, all in the coordinates of the first.
-        target: A capture or a USD file, replaced when the new one is complete.
+            into a stage, all in the coordinates of the first. A capture's name with a place for the
+            frame number, such as `cap.####.ply`, is a sequence.
+        target: A capture or a USD file, replaced when the new one is complete; or the name of a
+            sequence of captures, of a stage or of another sequence.
         edits: Done in this order. They act on the numbers of the capture that is read; of a stage,
             on those of the capture that it becomes; from stage to stage, on each field's own.
         form: Of fields in a USD target.
@@ -56,63 +68,96 @@ def convert(
         meters_per_unit: See `import_capture`.
         prim_path: Of the field that is written to, or read from, a stage.
         bake_axes: See `import_capture`.
+        cameras: See `import_capture`.
         time: See `export_capture`.
         split: Write each field of a stage to a capture of its own, see `export_each`.
+        frames: Of a sequence; None is all of them.
+        clips: See `import_sequence`.
+        rate: See `import_sequence`.
+        interpolate: See `import_sequence`.
         reading: What is asked of readers of captures.
         writing: What is asked of the writer of a capture.
         progress: Told about each step.
 
     Raises:
-        UsdSplatError: As `import_capture`, `export_capture` and `repack` say.
+        UsdSplatError: As `import_capture`, `import_sequence`, `export_capture`, `export_sequence`
+            and `repack` say.
     """
     sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
-    if not sources:
-        raise UsageError("source", "no file", "at least one")
     path = check_target(target)
+    check_sequences(sources, path)
     stages = [each for each in sources if files.is_usd(each)]
-    if files.is_usd(path):
-        if not stages:
-            return import_capture(
-                sources,
-                path,
-                edits=edits,
-                form=form,
-                frame=frame,
-                up_axis=up_axis,
-                meters_per_unit=meters_per_unit,
-                prim_path=prim_path,
-                bake_axes=bake_axes,
-                how=reading,
-                progress=progress,
-            )
+    is_sequence = has_place(sources[0]) and not stages
+    if files.is_usd(path) and stages:
         if len(sources) > 1:
             raise UsageError(str(stages[0]), "a stage among several inputs", "captures alone")
         return repack(sources[0], path, form=form, edits=edits, progress=progress)
-    if len(sources) == 1 and stages:
-        return (export_each if split else export_capture)(
+    if files.is_usd(path) and is_sequence:
+        return import_sequence(
             sources[0],
             path,
-            prim_path=prim_path,
-            time=time,
-            frame=frame,
+            frames=frames,
+            clips=clips,
+            rate=rate,
+            interpolate=interpolate,
             edits=edits,
-            how=writing,
+            form=form,
+            frame=frame,
+            up_axis=up_axis,
+            meters_per_unit=meters_per_unit,
+            prim_path=prim_path,
+            bake_axes=bake_axes,
+            read=partial(
+                formats.read,
+                how=replace(reading_for(edits, reading), empty=IN_USD_MEMORY.empty),
+            ),
             progress=progress,
         )
-    if split:
-        raise UsageError("split", ", ".join(map(str, sources)), "one stage that becomes captures")
-    files.check_not_input(path, sources)
-    own = frame or formats.frame_written(path)
-    how = reading_for(edits, reading)
-    captures = [
-        _seen(each, own, prim_path, time, progress)
-        if files.is_usd(each)
-        else formats.read(each, how=how, progress=progress)
-        for each in sources
-    ]
-    capture = edit_capture(joined(captures), edits, progress=progress)
-    is_known = frame is not None or UNKNOWN_AXES not in capture.notes
-    return _as_capture(sources, path, capture, own, is_known, writing, progress)
+    if files.is_usd(path):
+        return import_capture(
+            sources,
+            path,
+            edits=edits,
+            form=form,
+            frame=frame,
+            up_axis=up_axis,
+            meters_per_unit=meters_per_unit,
+            prim_path=prim_path,
+            bake_axes=bake_axes,
+            cameras=cameras,
+            how=reading,
+            progress=progress,
+        )
+    work = ToCapture(
+        edits=tuple(edits),
+        frame=frame,
+        prim_path=prim_path,
+        time=time,
+        reading=reading_for(edits, reading),
+        writing=writing,
+        progress=progress,
+    )
+    if is_sequence:
+        return work.each_frame(sources[0], path, frames)
+    if split and (len(sources) > 1 or not stages or has_place(path)):
+        listed = ", ".join(map(str, sources))
+        raise UsageError("split", listed, "one stage that becomes one capture for each field")
+    if len(sources) > 1 or not stages:
+        return work.write(sources, path)
+    if has_place(path):
+        return export_sequence(
+            sources[0], path, frames=frames, export=work.of_stage, progress=progress
+        )
+    return (export_each if split else export_capture)(
+        sources[0],
+        path,
+        prim_path=prim_path,
+        time=time,
+        frame=frame,
+        edits=edits,
+        how=writing,
+        progress=progress,
+    )
 
 
 def check_target(target: Path | str) -> Path:
@@ -133,34 +178,22 @@ def check_target(target: Path | str) -> Path:
     return path
 
 
-def _seen(
-    source: Path, frame: str, prim_path: str | None, time: float | None, progress: Progress
-) -> Capture:
-    """What is seen of a stage."""
-    stage = files.open_stage(source)
-    return capture_of(stage, frame, prim_path=prim_path, time=time, progress=progress)[0]
+def check_sequences(sources: Sequence[Path], target: Path) -> None:
+    """Refuse names with a place for the frame number where nothing has frames.
 
-
-def _as_capture(
-    sources: Sequence[Path],
-    target: Path,
-    capture: Capture,
-    frame: str,
-    is_known: bool,
-    how: Writing,
-    progress: Progress,
-) -> ExportReport:
-    """Write a capture with its axes turned; the file says where they point if that is known."""
-    files.check_not_input(target, capture.files)
-    cloud = turned(capture.cloud, capture.frame, frame)
-    how = replace(how, antialiased=capture.antialiased, frame=frame if is_known else None)
-    formats.write(cloud, target, how=how, progress=progress)
-    return ExportReport(
-        source=" + ".join(map(str, sources)),
-        target=str(target),
-        prim_paths=(),
-        splats=len(cloud),
-        degree=cloud.sh_degree,
-        frame=frame,
-        notes=capture.notes,
-    )
+    Raises:
+        UsageError: If a sequence is to become one with other inputs, or something else than a stage
+            or a sequence; or if there is no sequence to write.
+    """
+    patterns = [each for each in sources if has_place(each) and not files.is_usd(each)]
+    if patterns and len(sources) > 1:
+        raise UsageError(str(patterns[0]), "a sequence among several inputs", "it alone")
+    if files.is_usd(target):
+        return
+    writes = has_place(target)
+    if patterns and not writes:
+        expected = "a stage, or a name with a place for the frame number, such as ####"
+        raise UsageError(str(target), "one file for a sequence", expected)
+    if writes and not patterns and (len(sources) > 1 or not files.is_usd(sources[0])):
+        found = "a place for the frame number but no frames"
+        raise UsageError(str(target), found, "a sequence or a stage to read")

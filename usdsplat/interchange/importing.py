@@ -23,6 +23,8 @@ from usdsplat.interchange.authoring import (
     axes_text,
     prepare,
 )
+from usdsplat.interchange.cameras import import_cameras
+from usdsplat.interchange.editing import map_of
 from usdsplat.interchange.gathering import gather
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
@@ -41,6 +43,7 @@ def import_capture(
     meters_per_unit: float | None = None,
     prim_path: str | None = None,
     bake_axes: bool = False,
+    cameras: Path | str | None = None,
     how: Reading = READING,
     progress: Progress = silent,
 ) -> ImportReport:
@@ -59,6 +62,8 @@ def import_capture(
             file and the stage's own for a stage.
         prim_path: Path of the field; None is the file's name under the default prim.
         bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        cameras: Poses of the photographs that the capture was trained from, which become cameras
+            beside the field, see `import_cameras`; they go along with edits that move.
         how: What is asked of the reader besides.
         progress: Told about reading, authoring and writing.
 
@@ -86,11 +91,24 @@ def import_capture(
     )
     record(prim, memory)
     progress.step("authoring", 1, 1)
+    seen_by = None
+    if cameras is not None:
+        seen_by = import_cameras(
+            cameras,
+            prim,
+            frame=capture.frame,
+            meters_per_unit=meters_per_unit,
+            edited=map_of(edits),
+            progress=progress,
+        )
     if path:
         progress.step("writing", 0, 1)
         files.save(stage.GetRootLayer(), path)
         progress.step("writing", 1, 1)
-    return _report(sources, path, prim, capture, form, memory)
+    report = _report(sources, path, prim, capture, form, memory)
+    if seen_by is None:
+        return report
+    return replace(report, cameras=seen_by.prim_paths, notes=(*report.notes, *seen_by.notes))
 
 
 def _open_target(

@@ -29,6 +29,8 @@ class ImportReport:
     """How they became the stage's axes, one sentence."""
     meters_per_unit: float
     """Of the stage."""
+    cameras: tuple[str, ...] = ()
+    """Where the cameras of the photographs are."""
     edits: tuple[str, ...] = ()
     """What was done to the splats before, in this order."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)

@@ -59,15 +59,44 @@ def export_sequence(
     times = sorted(set(_times(stage) if frames is None else frames))
     if not times:
         raise UsageError(str(source), "no frames", "a stage with a range of them, or --frames")
+    name = stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source)
+
+    def write(path: Path, time: float) -> ExportReport:
+        return export(stage, path, time)
+
+    return write_frames(name, pattern, times, write, progress=progress)
+
+
+def write_frames(
+    source: str,
+    target: Path,
+    times: Sequence[float],
+    write: Callable[[Path, float], ExportReport],
+    *,
+    progress: Progress = silent,
+) -> SequenceExportReport:
+    """Write a file for each frame, and say so as of one.
+
+    Args:
+        source: What to call it.
+        target: A name with a place for the frame number.
+        times: The frames, at least one.
+        write: Writes the file of a frame.
+        progress: Told about each frame.
+
+    Raises:
+        UsageError: If the place is too small.
+        UsdSplatError: What `write` raises.
+    """
     reports, notes = [], Notes()
-    for done, (time, path) in enumerate(zip(times, frame_paths(pattern, times), strict=True)):
+    for done, (time, path) in enumerate(zip(times, frame_paths(target, times), strict=True)):
         progress.step("frames", done, len(times))
-        reports.append(export(stage, path, time))
+        reports.append(write(path, time))
         notes.add(time, reports[-1].notes)
     progress.step("frames", len(times), len(times))
     return SequenceExportReport(
-        source=reports[0].source if isinstance(source, Usd.Stage) else str(source),
-        target=str(pattern),
+        source=source,
+        target=str(target),
         prim_paths=tuple(dict.fromkeys(path for each in reports for path in each.prim_paths)),
         splats=sum(each.splats for each in reports),
         degree=max(each.degree for each in reports),

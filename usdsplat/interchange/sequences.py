@@ -19,6 +19,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
 
 from usdsplat import formats, schema
+from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.progress import Progress, silent
@@ -32,6 +33,7 @@ from usdsplat.interchange.authoring import (
     axes_text,
     prepare,
 )
+from usdsplat.interchange.gathering import edit_capture
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import fingerprint, provenance, record
 from usdsplat.interchange.reports import SequenceImportReport
@@ -60,6 +62,7 @@ def import_sequence(
     clips: bool = False,
     rate: float = RATE,
     interpolate: bool = False,
+    edits: Sequence[Edit] = (),
     form: Form = "float",
     frame: str | None = None,
     up_axis: str | None = None,
@@ -81,24 +84,29 @@ def import_sequence(
             target, instead of time samples. Earlier clips there are replaced.
         rate: Frames in a second [1/s].
         interpolate: Take row i for the same splat in all frames: between them it moves.
+        edits: Done in this order to each frame, in its own coordinates.
         form: How the field is stored, see `schema.author`.
         frame: Where x, y and z of the captures point, such as "rdf"; None believes the files.
         up_axis: "Y" or "Z", "Y" if None.
         meters_per_unit: Metres in a unit of the captures and the stage; None is 1.
         prim_path: Path of the field; None is the pattern's name under the default prim.
         bake_axes: Turn the splats instead of authoring a transform op on the prim.
-        read: What reads a file; one that edits what it read will do.
+        read: What reads a file.
         progress: Told about each frame.
 
     Raises:
         FormatError: If a file is missing, or not what it claims to be, or unlike the others.
-        UsageError: If an option has a value it cannot have.
+        UsageError: If an option has a value it cannot have, or edits leave nothing of a frame, or
+            do not leave rows what they were although they are to be interpolated.
         OutputError: If the target cannot be written, or is one of the files being read.
     """
     pattern, path = Path(source), Path(target)
     files.check_suffix(path)
     if not 0 < rate < math.inf:
         raise UsageError("rate", f"{rate:g}", "a positive number [1/s]")
+    for item in edits:
+        if interpolate and not item.kind.keeps_rows:
+            raise UsageError(f"edit {item.name}", "rows to interpolate", "an edit that keeps them")
     listed = files_of(pattern, frames)
     files.check_not_input(path, listed.values())
     clip_folder = Clips.folder_of(path) if clips else None
@@ -115,6 +123,7 @@ def import_sequence(
             frame=frame,
             bake_axes=bake_axes,
             interpolate=interpolate,
+            edits=edits,
             read=read,
         )
         account = Account()
@@ -141,11 +150,12 @@ class _Job:
     frame: str | None
     bake_axes: bool
     interpolate: bool
+    edits: Sequence[Edit]
     read: Callable[[Path], Capture]
 
     def add(self, account: Account, time: float, file: Path, number: int) -> None:
         """Read a frame, write it, and let go of it."""
-        capture = self.read(file)
+        capture = edit_capture(self.read(file), self.edits)
         capture = replace(capture, frame=self.frame or capture.frame)
         account.add(time, file, capture, fingerprint(capture.files))
         if not self.interpolate:
@@ -186,7 +196,13 @@ class _Job:
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
         memory = provenance(
-            [pattern], account.fingerprint(), capture, form=self.form, axes=text, notes=notes
+            [pattern],
+            account.fingerprint(),
+            capture,
+            edits=self.edits,
+            form=self.form,
+            axes=text,
+            notes=notes,
         )
         record(prim, memory)
         with files.usd_errors(self.target):
@@ -202,6 +218,7 @@ class _Job:
             frame=memory.frame,
             axes=memory.axes,
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(self.stage),
+            edits=memory.edits,
             error_bounds=memory.error_bounds,
             notes=memory.notes,
             frames=times,

@@ -1,0 +1,112 @@
+"""Captures and stages become one capture file, or a sequence of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pxr import Usd
+
+from usdsplat import formats
+from usdsplat.core.edits import Edit
+from usdsplat.core.progress import Progress, silent
+from usdsplat.formats import Capture, Reading, Writing
+from usdsplat.formats.capture import UNKNOWN_AXES
+from usdsplat.interchange import files
+from usdsplat.interchange.exporting import capture_of, export_capture
+from usdsplat.interchange.gathering import edit_capture, joined, turned
+from usdsplat.interchange.reports import ExportReport, SequenceExportReport
+from usdsplat.interchange.sequence_exporting import write_frames
+from usdsplat.interchange.sequence_files import files_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToCapture:
+    """How whatever is read becomes a capture file."""
+
+    edits: tuple[Edit, ...]
+    """Done in this order, in the coordinates of the first source; of a stage, of the target."""
+    frame: str | None
+    """Where x, y and z of the target point; None is its format's way."""
+    prim_path: str | None
+    """What of stages is read, see `export_capture`."""
+    time: float | None
+    """When stages are read, likewise."""
+    reading: Reading
+    writing: Writing
+    progress: Progress = silent
+
+    def write(self, sources: Sequence[Path], target: Path) -> ExportReport:
+        """Write captures and stages as one capture.
+
+        The file says where its axes point if that is known, or was asked for.
+
+        Raises:
+            FormatError: If a source is not what it claims to be.
+            StageError: If a stage cannot be opened or shows nothing.
+            UsageError: If edits leave no splat, or colours are of several spaces.
+            OutputError: If the target cannot be written, or is one of the sources.
+        """
+        files.check_not_input(target, sources)
+        frame = self.frame or formats.frame_written(target)
+        capture = joined([self._read(source, frame) for source in sources])
+        files.check_not_input(target, capture.files)
+        capture = edit_capture(capture, self.edits, progress=self.progress)
+        cloud = turned(capture.cloud, capture.frame, frame)
+        is_known = self.frame is not None or UNKNOWN_AXES not in capture.notes
+        how = replace(
+            self.writing, antialiased=capture.antialiased, frame=frame if is_known else None
+        )
+        formats.write(cloud, target, how=how, progress=self.progress)
+        return ExportReport(
+            source=" + ".join(map(str, sources)),
+            target=str(target),
+            prim_paths=(),
+            splats=len(cloud),
+            degree=cloud.sh_degree,
+            frame=frame,
+            notes=capture.notes,
+        )
+
+    def of_stage(self, stage: Usd.Stage, target: Path, time: float) -> ExportReport:
+        """Write what a stage shows at a time, see `export_capture`."""
+        return export_capture(
+            stage,
+            target,
+            prim_path=self.prim_path,
+            time=time,
+            frame=self.frame,
+            edits=self.edits,
+            how=self.writing,
+            progress=self.progress,
+        )
+
+    def each_frame(
+        self, source: Path, target: Path, frames: Sequence[float] | None
+    ) -> SequenceExportReport:
+        """Write a sequence of captures as another, frame by frame.
+
+        Args:
+            source: A name with a place for the frame number.
+            target: Likewise.
+            frames: Which; None is all there are, and they must leave no gap.
+
+        Raises:
+            UsdSplatError: As `write` says, and if a file is missing.
+        """
+        listed = files_of(source, frames)
+
+        def write(path: Path, time: float) -> ExportReport:
+            return self.write([listed[time]], path)
+
+        return write_frames(str(source), target, tuple(listed), write, progress=self.progress)
+
+    def _read(self, source: Path, frame: str) -> Capture:
+        """A source; of a stage what is seen, in the target's frame."""
+        if not files.is_usd(source):
+            return formats.read(source, how=self.reading, progress=self.progress)
+        stage = files.open_stage(source)
+        return capture_of(
+            stage, frame, prim_path=self.prim_path, time=self.time, progress=self.progress
+        )[0]
