@@ -71,7 +71,7 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
     ("argv", "sentence"),
     [
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
-        (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of .ply"),
+        (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of ."),
         (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
         (["ball.ply", "a.usdc", "--frame", "xyz"], "--frame: found 'xyz', expected where x, y"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
