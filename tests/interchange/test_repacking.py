@@ -12,6 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tests.interchange.samples import assert_same, capture
 from tests.schema.clouds import angles, cloud
 from usdsplat import schema
+from usdsplat.core.edits import parsed
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import import_capture, repack
@@ -252,3 +253,78 @@ def test_what_could_not_be_read_is_noted(tmp_path: Path, capfd) -> None:
     assert "none.usda" in missing
     assert unknown.startswith("/Splats: found colour space 'foo', expected one that USD knows")
     assert capfd.readouterr() == ("", "")
+
+
+def test_edits_are_done_to_each_field_in_its_own_coordinates(tmp_path: Path) -> None:
+    """Oracle: the clouds and the extent, scaled by hand; ops stay; provenance has one more edit."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    import_capture(capture(tmp_path, n=20), stage, prim_path="/A", edits=[parsed("scale", "3")])
+    schema.author(stage, "/B", cloud(n=5))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/B")).AddTranslateOp().Set((7, 0, 0))
+    stage.Save()
+    repack(stage, tmp_path / "b.usdc", form="float", edits=[parsed("scale", "2")])
+    for path in ("/A", "/B"):
+        before, after = stage.GetPrimAtPath(path), opened(tmp_path / "b.usdc", path)
+        found, source = schema.fetch(after), schema.fetch(before)
+        np.testing.assert_allclose(found.positions, 2 * source.positions, rtol=1e-6)
+        np.testing.assert_allclose(found.scales, 2 * source.scales, rtol=1e-6)
+        boxes = [np.array(prim.GetAttribute("extent").Get()) for prim in (before, after)]
+        np.testing.assert_allclose(boxes[1], 2 * boxes[0], rtol=1e-4)
+        ops = [UsdGeom.Xformable(p).GetLocalTransformation() for p in (before, after)]
+        assert ops[0] == ops[1]
+    memory = opened(tmp_path / "b.usdc", "/A").GetCustomDataByKey("usdsplat")
+    assert list(memory["edits"]) == ["scale 3", "scale 2"]
+
+
+def moving_field(path: Path) -> Usd.Stage:
+    """A field of 40 splats that drift, with two samples above a default value."""
+    stage = Usd.Stage.CreateNew(str(path))
+    first = cloud(n=40)
+    schema.author(stage, "/S", cloud(3, n=7))
+    for time, move in ((1, 0), (3, 0.5)):
+        there = replace(first, positions=first.positions + np.float32(move))
+        schema.author(stage, "/S", there, time=time)
+    stage.Save()
+    return stage
+
+
+def test_a_splat_that_stays_is_the_same_one_at_the_next_sample(tmp_path: Path) -> None:
+    """Oracle: rows picked by hand at each sample; ids say which they were, and so it is held."""
+    stage = moving_field(tmp_path / "a.usda")
+    box = parsed("crop-box", "0,-9,-9,9,9,9")
+    report = repack(stage, tmp_path / "b.usdc", form="float", edits=[box])
+    prim = opened(tmp_path / "b.usdc", "/S")
+    for time in (1, 3):
+        source = schema.fetch(stage.GetPrimAtPath("/S"), time).positions
+        rows = np.flatnonzero(source[:, 0] >= 0)
+        found = schema.fetch(prim, time)
+        np.testing.assert_array_equal(found.positions, source[rows])
+        np.testing.assert_array_equal(found.ids, rows)
+    assert schema.sample_times(prim) == [1, 3]
+    np.testing.assert_array_equal(schema.fetch(prim).ids, schema.fetch(prim, 1).ids)
+    assert report.notes[0].startswith("/S at 1: crop-box 0,-9,-9,9,9,9: ")
+
+
+@pytest.mark.parametrize(
+    "edit", [parsed("decimate", "50%"), parsed("drop-outliers", "5,1"), parsed("morton", "")]
+)
+def test_edits_that_look_at_several_splats_need_a_field_that_does_not_move(tmp_path, edit) -> None:
+    """Oracle: the documented error; a still field is edited."""
+    stage = moving_field(tmp_path / "a.usda")
+    with pytest.raises(UsageError, match=rf"^edit {edit.name}: found /S, which moves, expected"):
+        repack(stage, tmp_path / "b.usdc", form="float", edits=[edit])
+    assert not (tmp_path / "b.usdc").exists()
+    still = Usd.Stage.CreateInMemory()
+    schema.author(still, "/S", cloud(n=40))
+    assert 0 < repack(still, tmp_path / "b.usdc", form="float", edits=[edit]).splats <= 40
+
+
+def test_a_move_of_a_moving_field_keeps_its_motion(tmp_path: Path) -> None:
+    """Oracle: between samples half way, moved by hand; rows need no ids for that."""
+    stage = moving_field(tmp_path / "a.usda")
+    edits = [parsed("translate", "0,0,1"), parsed("sh-degree", "0")]
+    repack(stage, tmp_path / "b.usdc", form="float", edits=edits)
+    found = schema.fetch(opened(tmp_path / "b.usdc", "/S"), 2)
+    source = schema.fetch(stage.GetPrimAtPath("/S"), 2).positions
+    np.testing.assert_allclose(found.positions, source + np.float32([0, 0, 1]), atol=1e-6)
+    assert (found.ids, found.sh_degree) == (None, 0)

@@ -67,6 +67,9 @@ def repack(
     notes = []
     work = [(prim, time) for prim in changed for time in _times(prim)]
     splats = 0
+    for prim in changed:
+        if edits and schema.sample_times(prim):
+            _forget(after, prim.GetPath())
     for done, (prim, time) in enumerate(work):
         progress.step("repacking", done, len(work))
         cloud, said = _edited(prim, time, edits)
@@ -78,7 +81,6 @@ def repack(
         if not prim.IsDefined():
             _inherit_purpose(prim, new.GetPrimAtPath(prim.GetPath()))
         if edits:
-            _forget_defaults(new.GetPrimAtPath(prim.GetPath()))
             add_edits(new.GetPrimAtPath(prim.GetPath()), edits)
         if schema.form_of(prim) != form:
             add_form(new.GetPrimAtPath(prim.GetPath()), form)
@@ -114,12 +116,13 @@ def _edited(
     return after, [f"{place}: {note}" for note in notes]
 
 
-def _forget_defaults(prim: Usd.Prim) -> None:
-    """Take default values away beneath samples, which alone were edited."""
+def _forget(layer: Sdf.Layer, path: Sdf.Path) -> None:
+    """Take away the values of a field that is edited at its samples: those alone are its cloud."""
     for name in schema.DATA_ATTRIBUTES:
-        attribute = prim.GetAttribute(name)
-        if attribute and attribute.GetNumTimeSamples():
-            attribute.ClearDefault()
+        spec = layer.GetAttributeAtPath(path.AppendProperty(name))
+        if spec:
+            spec.ClearInfo("timeSamples")
+            spec.ClearInfo("default")
 
 
 @contextmanager
