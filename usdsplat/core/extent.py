@@ -42,7 +42,7 @@ def extent(cloud: SplatCloud, *, slack: float = 0.0) -> F64 | None:
 
 def _deviations(scales: F32, rotations: F32, slack: float) -> F32:
     """Standard deviations along x, y and z, widened, shape (3, m)."""
-    size = np.abs(scales.T)
+    size = np.abs(scales.T, order="C")
     w, x, y, z = np.ascontiguousarray(rotations.T)
     two = np.nan_to_num(2 / (w * w + x * x + y * y + z * z), posinf=0.0)  # zero: no rotation
     matrix = (
