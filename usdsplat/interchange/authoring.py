@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import __version__, schema
 from usdsplat.core import axes, edit
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.formats import Capture, Reading
 from usdsplat.interchange.placement import (
@@ -21,6 +24,7 @@ from usdsplat.schema import Form
 IN_USD_MEMORY = Reading(empty=schema.empty)
 """How to read what is to be authored: most arrays need no copy then."""
 
+_BLOCK = 1 << 16  # splats turned at a time
 _UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
 
 
@@ -59,7 +63,7 @@ def author_field(
     Args:
         stage: Its edit target is written.
         where: Path of the field.
-        capture: What to write.
+        capture: What to write. Its arrays are the stage's afterwards: nobody else may need them.
         placed: From the capture's coordinates to the stage's.
         form: How the field is stored, see `schema.author`.
         bake_axes: Turn the splats instead of authoring a transform op on the prim.
@@ -69,11 +73,12 @@ def author_field(
         UsdSplatError: As `schema.author` says.
     """
     define_ancestors(stage, where)
-    bake = bake_axes and not placed.is_identity
+    if bake_axes and not placed.is_identity:
+        _turn(capture.cloud, placed.matrix)
     prim = schema.author(
         stage,
         where,
-        edit.transform(capture.cloud, placed.matrix) if bake else capture.cloud,
+        capture.cloud,
         form=form,
         time=time,
         color_space=capture.color_space,
@@ -82,6 +87,17 @@ def author_field(
     set_op(prim, None if bake_axes else placed.matrix)
     set_default_prim(stage, where)
     return prim
+
+
+def _turn(cloud: SplatCloud, matrix: F64) -> None:
+    """Carry a cloud through a map in its own arrays, so that it is not held twice."""
+    arrays = {item.name: getattr(cloud, item.name) for item in fields(cloud)}
+    arrays = {name: array for name, array in arrays.items() if array is not None}
+    for first in range(0, len(cloud), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        turned = edit.transform(SplatCloud(**{k: a[rows] for k, a in arrays.items()}), matrix)
+        for name, array in arrays.items():
+            array[rows] = getattr(turned, name)
 
 
 def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:

@@ -65,16 +65,18 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
     attributes.silence(prim, (tokens.POSITIONS_HALF, *stale))
     positions = to_vt(cloud.positions, Vt.Vec3fArray)
     set_array(prim, tokens.POSITIONS, _Type.Point3fArray, positions, code)
-    values = {
+    values: dict[str, F32] = {
         tokens.ORIENTATIONS: cloud.rotations,
-        tokens.SCALES: _positive_half(cloud.scales) if half else cloud.scales,
+        tokens.SCALES: cloud.scales,
         tokens.OPACITIES: cloud.opacities,
         tokens.SH_COEFFICIENTS: cloud.sh.reshape(-1, 3),
     }
     for name, value in values.items():
         kind, vt_kind = (_HALF if half else _FLOAT)[name]
         target = tokens.HALF_OF[name] if half else name
-        written = set_array(prim, target, kind, to_vt(value, vt_kind), code)
+        # What is made for half alone is gone again before the next array is made.
+        exact = _positive_half(value) if half and name == tokens.SCALES else value
+        written = set_array(prim, target, kind, to_vt(exact, vt_kind), code)
         if name == tokens.SH_COEFFICIENTS:
             _set_primvar_metadata(written, cloud.sh.shape[1])
     set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
