@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,6 +195,39 @@ def test_what_is_interrupted_leaves_nothing(tmp_path: Path, clips: bool) -> None
         import_sequence(pattern, target, clips=clips, read=tired)
     assert sorted(tmp_path.iterdir()) == before
     assert target.read_text() == "older"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on file sizes")
+@pytest.mark.parametrize(
+    ("suffix", "limit", "clips"),
+    [
+        (".usdc", 60_000, False),
+        (".usda", 150_000, False),
+        (".usdz", 60_000, False),
+        (".usdc", 40_000, True),
+    ],
+)
+def test_a_disk_that_is_full_leaves_nothing(tmp_path, suffix: str, limit: int, clips: bool) -> None:
+    """In the middle of the frames; for text, whose file is the largest, after them. Oracle: the
+    kernel's limit on file sizes; one sentence, and the folder before."""
+    pattern = sequence(tmp_path, {1: 300, 2: 300, 3: 600})
+    before = sorted(tmp_path.iterdir())
+    code = f"""
+import resource, sys
+from usdsplat.core.errors import OutputError
+from usdsplat.interchange import import_sequence
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+try:
+    import_sequence(sys.argv[1], sys.argv[2], clips={clips})
+except OutputError as error:
+    print(error)
+"""
+    command = [sys.executable, "-c", code, str(pattern), str(tmp_path / f"out{suffix}")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"{tmp_path}/out{suffix}: found " in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_frames_that_cannot_be_one_field_are_refused(tmp_path: Path) -> None:

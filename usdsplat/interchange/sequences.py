@@ -132,7 +132,7 @@ def import_sequence(
             job.add(account, time, file, number)
         progress.step("frames", len(listed), len(listed))
         report = job.finish(account, pattern, tuple(listed), meters_per_unit)
-        _publish(stage.GetRootLayer(), temporary)
+        _publish(stage.GetRootLayer(), temporary, path)
         if clip_folder:
             Clips.put_in_place(scratch / clip_folder.name, clip_folder)
     return report
@@ -246,11 +246,11 @@ def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(dir=path.parent, prefix=".sequence-")
 
 
-def _publish(layer: Sdf.Layer, temporary: Path) -> None:
-    """Make of a finished crate file what the suffix of `temporary` says."""
+def _publish(layer: Sdf.Layer, temporary: Path, target: Path) -> None:
+    """Make of a finished crate file what the suffix of the target says."""
     crate = layer.realPath
-    with files.usd_errors(temporary):
-        match temporary.suffix.lower():
+    with files.usd_errors(target):
+        match target.suffix.lower():
             case ".usda":
                 layer.Export(str(temporary))
             case ".usdz":
