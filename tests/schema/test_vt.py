@@ -77,17 +77,18 @@ def test_real_numbers_do_not_become_whole_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "flat", "kind"),
+    ("shape", "flat", "dtype", "kind"),
     [
-        ((5,), (5,), Vt.FloatArray),
-        ((5, 3), (5, 3), Vt.Vec3fArray),
-        ((5, 4, 3), (20, 3), Vt.Vec3fArray),
+        ((5,), (5,), np.float32, Vt.FloatArray),
+        ((5, 3), (5, 3), np.float32, Vt.Vec3fArray),
+        ((5, 4, 3), (20, 3), np.float32, Vt.Vec3fArray),
+        ((5, 4), (5, 4), np.int32, Vt.Vec4iArray),
     ],
 )
-def test_lent_memory_is_handed_over(shape, flat, kind) -> None:
+def test_lent_memory_is_handed_over(shape, flat, dtype, kind) -> None:
     """Oracle: the address of the numbers; whoever still has the array can only read it."""
-    array = empty(shape)
-    array[:] = np.random.default_rng(0).normal(size=shape)
+    array = empty(shape, dtype)
+    array[:] = np.random.default_rng(0).normal(0, 100, shape)
     expected, address = array.copy(), array.ctypes.data
     made = to_vt(array[:].reshape(flat), kind)
     assert np.asarray(made).ctypes.data == address

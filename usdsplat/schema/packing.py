@@ -43,6 +43,7 @@ from usdsplat.core import encoding, quaternion
 from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.sh import coefficient_count, dc_to_rgb, rgb_to_dc
+from usdsplat.schema.vt import empty
 
 I32 = npt.NDArray[np.int32]
 U32 = npt.NDArray[np.uint32]
@@ -105,11 +106,11 @@ def pack(cloud: SplatCloud) -> PackedArrays:
     for name in ("scales", "rotations", "opacities"):
         if not np.isfinite(getattr(cloud, name)).all():
             raise _not_finite(name)
-    core = np.empty((len(cloud), 4), np.uint32)
+    core = empty((len(cloud), 4), np.int32)
     for rows in _chunks(len(cloud)):
-        _pack_core(cloud, color_range, rows, core[rows])
+        _pack_core(cloud, color_range, rows, core[rows].view(np.uint32))
     return PackedArrays(
-        core=core.view(np.int32),
+        core=core,
         color_range=color_range,
         harmonics=_pack_harmonics(cloud.sh, ranges),
         harmonics_range=ranges,
@@ -229,14 +230,17 @@ def _pack_harmonics(sh: F32, ranges: F32) -> I32:
     used = 3 * (k - 1)
     if not used:
         return np.empty((0, 4), np.int32)
-    codes = np.zeros((n, 16 * harmonics_width(len(ranges))), np.int8)
+    width = harmonics_width(len(ranges))
+    packed = empty((n * width, 4), np.int32)
+    codes = packed.view(np.int8).reshape(n, 16 * width)
     steps = _steps(ranges)
     slopes = np.divide(1, steps, out=np.zeros_like(steps), where=steps > 0)
     for rows in _chunks(n):
         scaled = sh[rows, 1:].reshape(-1, used) * slopes
         np.rint(scaled, out=scaled)
         codes[rows, :used] = np.clip(scaled, -127, 127, out=scaled)
-    return _little_endian(codes.view(np.int32)).reshape(-1, 4)
+        codes[rows, used:] = 0
+    return _little_endian(packed)
 
 
 def _unpack_harmonics(arrays: PackedArrays, sh: F32) -> None:

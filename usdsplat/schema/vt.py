@@ -23,6 +23,12 @@ Array = npt.NDArray[Any]
 
 _QUATERNIONS = (Vt.QuatfArray, Vt.QuathArray)
 _FROM_VT = [3, 0, 1, 2]
+_LENT: dict[tuple[type, int], Any] = {
+    (np.float32, 1): Vt.FloatArray,
+    (np.float32, 3): Vt.Vec3fArray,
+    (np.int32, 4): Vt.Vec4iArray,
+}
+"""Type of the numbers, and how many of them are in a row -> what has memory for them."""
 
 
 class _Lender:
@@ -32,25 +38,27 @@ class _Lender:
 
     def __init__(self, value: Any, shape: tuple[int, ...]) -> None:
         self.value = value
+        memory = np.asarray(value)
         self.__array_interface__ = {
             "version": 3,
             "shape": shape,
-            "typestr": np.dtype(np.float32).str,
-            "data": (np.asarray(value).ctypes.data, False),
+            "typestr": memory.dtype.str,
+            "data": (memory.ctypes.data, False),
         }
 
 
-def empty(shape: tuple[int, ...]) -> F32:
+def empty(shape: tuple[int, ...], dtype: type = np.float32) -> Array:
     """An array to be filled, and given to `to_vt` without a copy where it can be.
 
     Args:
-        shape: (n,) and (n, ..., 3) get the memory of Vt arrays of scalars and vectors; others,
-            such as quaternions, that of NumPy.
+        shape: Real (n,) and (n, ..., 3) and whole (n, 4) get the memory of Vt arrays of scalars and
+            vectors; others, such as quaternions, that of NumPy.
+        dtype: `np.float32` or `np.int32`.
     """
-    kind = Vt.FloatArray if len(shape) == 1 else Vt.Vec3fArray if shape[-1] == 3 else None
+    kind = _LENT.get((dtype, shape[-1] if len(shape) > 1 else 1))
     if kind is None or not math.prod(shape):
-        return np.empty(shape, np.float32)
-    rows = math.prod(shape[:-1]) if kind is Vt.Vec3fArray else shape[0]
+        return np.empty(shape, dtype)
+    rows = math.prod(shape[:-1]) if len(shape) > 1 else shape[0]
     return np.asarray(_Lender(kind(rows), shape))
 
 
