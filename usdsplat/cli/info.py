@@ -7,13 +7,17 @@ examples:
       every splat field with its numbers, and cameras, frames and render products
   usdsplat info shot.usd --time 12
   usdsplat info scan.sog --json
+  usdsplat info scan.sog --plot report.html
+      the same with pictures from three sides and histograms; .png works too
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
@@ -22,6 +26,9 @@ from usdsplat.cli.parsing import option
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+
+if TYPE_CHECKING:
+    from usdsplat.cli.report import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,31 +41,77 @@ class Options:
     """time code at which a stage is read; default: default values, or the first samples"""
     json: Annotated[bool, option()] = False
     """print one JSON object"""
+    plot: Annotated[Path | None, option("FILE")] = None
+    """draw it too, from the front, the right and above, with histograms: .png or .html"""
     opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:
     """Print a description of the file."""
-    from usdsplat.cli import summary
-    from usdsplat.cli.stages import check_no_stage_options, open_stage
+    from usdsplat.cli.stages import check_no_stage_options
     from usdsplat.interchange.files import is_usd
 
-    time = time_code(options.time)
-    with console.progress() as progress:
-        if is_usd(options.file):
-            stage = open_stage(options.file, options.opening)
-            described = summary.of_stage(stage, time, progress=progress)
-        else:
-            check_no_stage_options(options.file, options.opening)
-            if time is not None:
-                raise UsageError("--time", f"a capture, {options.file}", "a stage")
-            described = summary.of_capture(options.file, progress=progress)
-    described = {"file": str(options.file), **described}
+    if options.plot:
+        from usdsplat.cli.report import check_target
+
+        check_target(options.plot, options.file)
+    if is_usd(options.file):
+        described = _stage(options)
+    else:
+        check_no_stage_options(options.file, options.opening)
+        if time_code(options.time) is not None:
+            raise UsageError("--time", f"a capture, {options.file}", "a stage")
+        described = _capture(options)
     if options.json:
         console.print_json(described)
     else:
         print("\n".join(_lines(described, "")))
     return 0
+
+
+def _stage(options: Options) -> dict[str, Any]:
+    """Describe a stage, and draw it if asked."""
+    from usdsplat.cli import summary
+    from usdsplat.cli.stages import open_stage
+
+    time = time_code(options.time)
+    with console.progress() as progress:
+        stage = open_stage(options.file, options.opening)
+        described = summary.of_stage(stage, time, progress=progress)
+    described = {"file": str(options.file), **described}
+    if options.plot:
+        from usdsplat.cli import report
+
+        _draw(options, described, partial(report.of_stage, stage, time))
+    return described
+
+
+def _capture(options: Options) -> dict[str, Any]:
+    """Describe a capture, and draw it if asked."""
+    from usdsplat import formats
+    from usdsplat.cli import summary
+
+    with console.progress() as progress:
+        capture = formats.read(options.file, progress=progress)
+    described = {"file": str(options.file), **summary.of_capture(capture)}
+    if options.plot:
+        from usdsplat.cli import report
+
+        _draw(options, described, partial(report.of_capture, capture))
+    return described
+
+
+def _draw(
+    options: Options, described: dict[str, Any], make: Callable[[str, list[str]], Report]
+) -> None:
+    """Write the page that `make` makes of a title and what is printed."""
+    from usdsplat.cli import report
+    from usdsplat.kernels.compiling import on_compile
+
+    assert options.plot is not None  # who calls has asked
+    with on_compile(console.announce_compilation()):
+        page = make(options.file.name, _lines(described, ""))
+    report.write(page, options.plot)
 
 
 def _lines(value: dict[str, Any], indent: str) -> list[str]:

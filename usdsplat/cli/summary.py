@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdRender
 
-from usdsplat import formats, schema
+from usdsplat import schema
 from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import UsdSplatError
@@ -24,17 +23,7 @@ ROBUST = (1, 99)
 """Percentiles, axis by axis, that bound what is not far away from all else."""
 
 
-def of_capture(path: Path, *, progress: Progress = silent) -> dict[str, Any]:
-    """Read a capture and describe it.
-
-    Raises:
-        FormatError: If it is not what it claims to be.
-        UnknownFormatError: If neither content nor suffix is known.
-    """
-    return of_read(formats.read(path, progress=progress))
-
-
-def of_read(capture: Capture) -> dict[str, Any]:
+def of_capture(capture: Capture) -> dict[str, Any]:
     """Describe a capture that was read."""
     size = sum(file.stat().st_size for file in capture.files)
     return {
