@@ -1,8 +1,8 @@
 """Which way is up in a capture, as far as its splats tell.
 
-Two traces. What stands on the ground is wider at its foot, for the ground is there too. And floors
-and tables are of flat splats that face up or down, most of them below the middle. Neither proves
-anything: a bust without a plinth, or a ceiling, misleads both. So the guess comes with what it
+Two traces. What stands on the ground is nowhere wider than at its foot, for the ground is there
+too. And floors and tables are of flat splats that face up or down, most of them below the middle.
+Neither proves anything: what hangs from a ceiling misleads both. So the guess comes with what it
 rests on, and there is none where directions are as good as each other. It changes nothing.
 """
 
@@ -27,12 +27,15 @@ _INSIDE = (1.0, 99.0)
 """Percentiles of the box that counts: floaters lie outside."""
 _END = 0.15
 """Of the height, how much counts as an end."""
+_WIDEST = 0.75
+"""Of the widest part's width, what the foot must have to be taken for one."""
+_SLICES = 7
 _FLAT = 0.5
 """Shortest over middle deviation of a splat that has a face."""
 _FACING = math.cos(math.radians(20))
-_CONVINCING, _AHEAD = 0.4, 1.3
-"""Score that a direction must have, and how many times that of the next: what the captures of our
-test data, whose frames are known, never have the wrong way round."""
+_CONVINCING, _AHEAD = math.log(2), 1.3
+"""Score that a direction must have, and how many times that of the next: no capture of our test
+data, whose frames are known, is then guessed wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +145,7 @@ class _Score:
     """What speaks for one direction."""
 
     wider: float
-    """How many times as wide it is at the foot as at the head."""
+    """How many times as wide it is at the foot as at the head; 1 where that is no foot."""
     facing: float
     """Part of the flat splats' cover that faces along the axis [0..1]."""
     below: float
@@ -150,17 +153,18 @@ class _Score:
 
     @classmethod
     def of(cls, splats: _Splats, axis: int, height: F64) -> _Score:
-        foot, head = (
-            _spread(np.delete(splats.positions[rows], axis, axis=1))
-            for rows in (height < _END, height > 1 - _END)
-        )
+        across = np.delete(splats.positions, axis, axis=1)
+        foot, head = (_spread(across[rows]) for rows in (height < _END, height > 1 - _END))
+        slices = np.minimum((height * _SLICES).astype(int), _SLICES - 1)
+        widest = max(_spread(across[slices == each]) for each in range(_SLICES))
+        is_foot = head > 0 and foot > _WIDEST * widest
         has_face = splats.faces.any(axis=1)
         faces_along = np.abs(splats.faces[:, axis]) > _FACING
         total = splats.weights[has_face].sum()
         along = splats.weights[faces_along]
         mean = np.average(height[faces_along], weights=along) if along.sum() > 0 else 0.5
         return cls(
-            wider=foot / head if foot > 0 and head > 0 else 1.0,
+            wider=max(foot / head, 1.0) if is_foot else 1.0,
             facing=float(along.sum() / total) if total > 0 else 0.0,
             below=float(1 - 2 * mean),
         )
