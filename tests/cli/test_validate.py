@@ -38,6 +38,20 @@ def test_a_broken_stage_is_status_1_and_says_the_cure(run, shot):
     assert out.splitlines()[-1] == f"{shot}: 1 error, 1 warning"
 
 
+def test_findings_say_which_published_rule_they_break(run, shot):
+    """Oracle: NVIDIA's rule VG.035 asks for scales above 0, and nothing of a colour space."""
+    break_scales(shot)
+    stage = Usd.Stage.Open(str(shot))
+    stage.GetPrimAtPath("/World/Ball").RemoveProperty("colorSpace:name")
+    stage.GetRootLayer().Save()
+    status, out, _ = run("validate", shot)
+    assert status == 1
+    assert out.count("  rule: VG.035 of NVIDIA's validator for splats\n") == 1
+    told = json.loads(run("validate", shot, "--json")[1])
+    rules = {finding["name"]: finding["rule"] for finding in told}
+    assert (rules["negativeScale"], rules["noColorSpace"]) == ("VG.035", "")
+
+
 def test_json_findings_carry_every_field(run, shot):
     """Oracle: the fields of schema.Finding."""
     break_scales(shot)
