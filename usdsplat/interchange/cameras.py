@@ -35,6 +35,7 @@ _RANGE = 1e6
 """Far over near, at most: what depth buffers can bear."""
 _SHOWN = 0.5
 """Pixels that a photograph and a render must differ by to be worth a note."""
+_STEP = 64
 _SAMPLED = 1 << 16
 """Centres that are looked at for the clipping range."""
 
@@ -89,18 +90,17 @@ def import_cameras(
     group = _free(stage, field.GetPath().GetParentPath().AppendChild(SCOPE))
     UsdGeom.Scope.Define(stage, group)
     splats = _centres(field)
-    paths = []
-    for done, camera in enumerate(found.cameras):
-        if done % 64 == 0:
-            progress.step("authoring cameras", done, len(found.cameras))
+    names = _names([camera.name for camera in found.cameras])
+    paths = [group.AppendChild(name) for name in names]
+    for done, (camera, path) in enumerate(zip(found.cameras, paths, strict=True)):
+        if done % _STEP == 0:
+            progress.step("authoring cameras", done, len(paths))
         pose = carried(camera.to_capture, matrix)
-        path = _free(stage, group.AppendChild(_name(camera.name)))
         _author(stage, path, camera, pose, _clipping_range(pose, splats))
-        paths.append(str(path))
     progress.step("authoring cameras", len(paths), len(paths))
     notes = (*found.notes, *_about_lenses([camera.lens for camera in found.cameras]))
     return CameraReport(
-        source=str(source), format=found.format, prim_paths=tuple(paths), notes=notes
+        source=str(source), format=found.format, prim_paths=tuple(map(str, paths)), notes=notes
     )
 
 
@@ -196,10 +196,20 @@ def _clipping_range(pose: F64, points: F64) -> tuple[float, float]:
     return max(_NEAREST * float(np.median(depths)), far / _RANGE), far
 
 
-def _name(image: str) -> str:
-    """A prim's name from an image's, which may be in folders."""
-    stem = image.rpartition(".")[0] or image
-    return str(Tf.MakeValidIdentifier(stem.strip("/") or "camera"))
+def _names(images: Sequence[str]) -> list[str]:
+    """A prim's name for each image, which may be in folders, and none of them twice."""
+    taken: set[str] = set()
+    next_number: dict[str, int] = {}  # not from 1 each time: a thousand folders may have a 0001.jpg
+    names = []
+    for image in images:
+        stem = image.rpartition(".")[0] or image
+        name = base = str(Tf.MakeValidIdentifier(stem.strip("/") or "camera"))
+        while name in taken:
+            next_number[base] = next_number.get(base, 0) + 1
+            name = f"{base}_{next_number[base]}"
+        taken.add(name)
+        names.append(name)
+    return names
 
 
 def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
