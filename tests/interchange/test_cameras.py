@@ -16,11 +16,13 @@ from tests.formats.camera_files import (
     projected,
     transforms,
 )
+from tests.renders import psnr
 from usdsplat import formats, schema
-from usdsplat.core import edit
+from usdsplat.core import edit, quaternion
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
 from usdsplat.interchange import import_capture
 from usdsplat.interchange.cameras import import_cameras
@@ -107,6 +109,28 @@ def test_the_delegate_draws_points_where_the_photograph_has_them(tmp_path, sourc
         rows, columns = np.mgrid[:240, :320] + 0.5
         found = [(alpha * at).sum() / alpha.sum() for at in (columns, rows)]
         np.testing.assert_allclose(found, projected(shot, lens, point[None])[0], atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["statue_angel.sog", "pod.spz"])
+def test_a_capture_is_seen_as_its_photographs_saw_it(data, tmp_path, name: str) -> None:
+    """Oracle: gsplat 1.5.3 on CUDA through the same cameras, here from a model of COLMAP."""
+    oracle = np.load(data / "oracle" / "images" / f"{name.split('.')[0]}.npz")
+    (width, height), k = (int(oracle["width"]), int(oracle["height"])), oracle["K"]
+    lenses = {1: ("PINHOLE", width, height, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))}
+    shots = []
+    for i, matrix in enumerate(oracle["viewmats"].astype(np.float64)):
+        turn = quaternion.from_matrix(matrix[None, :3, :3])[0]
+        shots.append(Shot(f"view{i}.png", tuple(turn), tuple(matrix[:3, 3])))
+    stage = Usd.Stage.CreateInMemory()
+    report = import_capture(data / "splats" / name, stage, meters_per_unit=0.5)
+    path = colmap_binary(tmp_path / "sparse", shots, lenses)
+    field = stage.GetPrimAtPath(report.prim_path)
+    seen = import_cameras(path, field, meters_per_unit=0.5)
+    with Engine(stage) as engine:
+        for camera, expected in zip(seen.prim_paths, oracle["classic_rgb"], strict=True):
+            view = engine.view(camera, resolution=(width, height))
+            color = engine.picture(view, RenderSettings(color_mode="display"))["color"]
+            assert psnr(color[..., :3], expected) >= 60
 
 
 def test_pixels_that_are_not_square_are_drawn_as_the_note_says(tmp_path):
