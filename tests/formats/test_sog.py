@@ -116,6 +116,30 @@ def test_a_bad_rotation_tag_is_the_identity(tmp_path):
     assert cloud.rotations.tolist() == [[1, 0, 0, 0]] * 14
 
 
+def test_rotations_are_units_whatever_their_codes(tmp_path):
+    """Oracle: the length; three components of which each may be sqrt(1/2) are longer than 1."""
+    rng = np.random.default_rng(0)
+    codes = rng.choice([0, 1, 128, 254, 255], (4, 4, 4))
+    codes[..., 3] = rng.integers(252, 256, (4, 4))
+    cloud = formats.read(
+        zipped(tmp_path / "a.sog", {**sog_files(), "quats.webp": webp(codes)})
+    ).cloud
+    np.testing.assert_allclose(np.linalg.norm(cloud.rotations, axis=1), 1, rtol=1e-6)
+
+
+def test_splats_that_are_not_finite_are_dropped_if_asked(tmp_path):
+    """Oracle: the codes whose entry is infinite, by Pillow's own reading."""
+    files = sog_files()
+    meta = json.loads(files["meta.json"])
+    meta["scales"]["codebook"][128:] = [900.0] * 128
+    path = zipped(tmp_path / "a.sog", with_meta(files, scales=meta["scales"]))
+    whole = [row for row in range(14) if max(pixel(files, "scales", row)[:3]) < 128]
+    capture = formats.read(path, how=formats.Reading(drop_nonfinite=True))
+    expected = formats.read(zipped(tmp_path / "b.sog", files)).cloud.positions[whole]
+    np.testing.assert_array_equal(capture.cloud.positions, expected)
+    assert f"a number of theirs is not finite: {14 - len(whole)}" in capture.notes[-1]
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [

@@ -32,6 +32,7 @@ _IMAGE_OVERHEAD = 1 << 16
 _PIXEL_BYTES = 5  # a lossless image that cannot be packed takes 4 and a little
 _SPARE_PIXELS = 1 << 16
 _PALETTE_ROWS = 1024
+_BLOCK = 1 << 16  # splats decoded at a time: with fewer, threads wait for each other
 
 _IMAGES = {
     "means": ("means", "upper"),
@@ -79,6 +80,11 @@ class _Tables:
     palette: F32
     """Harmonics by label, those of degree 0 empty, shape (labels, coefficients, 3)."""
 
+    def are_finite(self) -> bool:
+        """Whether they hold no infinity, in use or not."""
+        held = (self.positions, self.scales, self.dc, self.opacities, self.palette)
+        return all(bool(np.isfinite(table).all()) for table in held)
+
 
 def survey(files: SogFiles) -> Sog:
     """Read `meta.json`, and of the palette what tells its degree.
@@ -116,14 +122,16 @@ def decode(
     else:
         chosen = np.concatenate([np.arange(*each) for each in ranges])
     images = {name: codes[chosen] for name, codes in images.items()}
+    is_settled = tables.are_finite()  # nothing else can come of them, and rotations are units
 
     def work(rows: slice) -> None:
         filled = slice(row + rows.start, row + rows.stop)
         _decode(filling, filled, {name: codes[rows] for name, codes in images.items()}, tables)
-        filling.settle(filled)
+        if not is_settled:
+            filling.settle(filled)
 
     count = len(images["means"])
-    in_parallel(count, work)
+    in_parallel(count, work, rows=_BLOCK)
     told(row + count)
 
 
@@ -263,7 +271,8 @@ def _look_up(table: F32, codes: npt.NDArray[np.unsignedinteger], out: F32) -> No
 
 
 def _rotations(codes: Codes) -> F32:
-    """Three components and, in alpha, which one is missing; anything else there is the identity."""
+    """Unit quaternions of three components and, in alpha, which one is missing; anything else there
+    is the identity."""
     tagged = codes[:, 3] >= ROTATION_TAG
     largest = codes[:, 3] - np.uint8(ROTATION_TAG)
     parts = _SMALL.take(codes)
@@ -271,6 +280,9 @@ def _rotations(codes: Codes) -> F32:
         largest[~tagged] = 0
         parts[~tagged] = 0
     small = parts[:, :3]
-    parts[:, 3] = np.sqrt(np.maximum(1 - np.einsum("ni,ni->n", small, small), 0))
+    squared = np.einsum("ni,ni->n", small, small)
+    parts[:, 3] = np.sqrt(np.maximum(1 - squared, 0))
+    if squared.max(initial=0) > 1:  # no encoder writes that
+        small /= np.sqrt(np.maximum(squared, 1))[:, None]
     flat = _PLACES.take(largest, axis=0) + np.arange(0, parts.size, 4)[:, None]
     return parts.reshape(-1).take(flat)
