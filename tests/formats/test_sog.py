@@ -266,6 +266,16 @@ def test_a_folder_that_lacks_an_image_is_refused(tmp_path):
         formats.read(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["q" * 300, "\ud800", "a\n"])
+def test_names_that_no_disk_has_are_refused(tmp_path, name):
+    """Oracle: the operating system's own limits."""
+    for file, data in changed("quats", "files", [name])(sog_files()).items():
+        (tmp_path / file).write_bytes(data)
+    with pytest.raises(FormatError, match="found no file") as caught:
+        formats.read(tmp_path)
+    assert len(str(caught.value).encode().splitlines()) == 1
+
+
 def test_archives_that_are_odd_are_refused(tmp_path):
     """Oracle: what zipfile itself would do with them."""
     files = sog_files()

@@ -137,6 +137,7 @@ def test_a_level_that_is_not_there_is_refused(tmp_path, level):
         ({"filenames": [7, "b.sog", "c.sog"]}, "found 7"),
         ({"filenames": ["a.ply", "b.sog", "c.sog"]}, r"found 'a.ply'"),
         ({"filenames": ["no/meta.json", "0_1.sog", "1_0.sog"]}, "no file 'no/meta.json'"),
+        ({"filenames": ["q" * 300 + ".sog", "0_1.sog", "1_0.sog"]}, "no file 'qqq"),
         ({"environment": "../env.sog"}, r"environment: found '../env.sog'"),
         ({"tree": None}, "tree: found None"),
         ({"tree": {"children": [7]}}, "tree: found 7"),

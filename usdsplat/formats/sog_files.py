@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
@@ -63,7 +64,7 @@ class _Folder(SogFiles):
 
     def _read(self, name: str, most: int) -> bytes:
         path = self._folder / name
-        if not path.is_file():
+        if not os.path.isfile(path):  # unlike Path's, it takes names too long for a disk
             raise FormatError(self.source, f"no file {name[:60]!r}", "one in the folder")
         with path.open("rb") as file:
             return file.read(most)

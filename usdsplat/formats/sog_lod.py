@@ -8,6 +8,7 @@ Source: splat-transform, which writes and reads it.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -115,7 +116,7 @@ def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
 def _opened(path: Path, name: str) -> Iterator[Sog]:
     """A SOG beside `lod-meta.json`, open and surveyed."""
     file = path.parent / name
-    if not file.is_file():
+    if not os.path.isfile(file):  # unlike Path's, it takes names too long for a disk
         raise FormatError(str(path), f"no file {name[:60]!r}", "one in its folder")
     with open_sog(file) as files:
         yield survey(files)
