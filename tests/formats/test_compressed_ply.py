@@ -299,3 +299,16 @@ def test_antialiasing_is_noted(tmp_path):
             random_cloud(3, 0), tmp_path / "a.compressed.ply", how=Writing(antialiased=is_meant)
         )
         assert formats.read(tmp_path / "a.compressed.ply").antialiased == is_meant
+
+
+def test_harmonics_are_found_by_name(tmp_path):
+    """Oracle: the same file with its properties in their own order and nothing between them."""
+    elements = make(300, rest=24)
+    wanted = formats.read(save(tmp_path / "a.compressed.ply", elements)).cloud.sh
+    names = [f"f_rest_{i}" for i in (5, 3, 1, 0, 2, 4, *range(23, 5, -1))]
+    rows = np.zeros(300, [("more", "f4"), *((name, "u1") for name in names)])
+    for name in names:
+        rows[name] = elements["sh"][name]
+    elements["sh"] = rows
+    found = formats.read(save(tmp_path / "b.compressed.ply", elements)).cloud.sh
+    np.testing.assert_array_equal(found, wanted)

@@ -91,7 +91,7 @@ def read(path: Path, how: Reading = READING) -> Capture:
     coded = sh.blocks(_FILE_ROWS) if sh and degree else repeat(None)
     for (rows, block), piece in zip(vertex.blocks(_FILE_ROWS), coded, strict=False):
         here = ranges[..., rows.start // CHUNK :]
-        _fill(filling, rows, block, here, (piece[1], rest) if piece else None)
+        _fill(filling, rows, block, here, _bytes(piece[1], len(rest)) if piece else None)
         how.progress.step(f"reading {source}", rows.stop, vertex.count)
     cloud, notes = filling.cloud()
     return Capture(
@@ -173,9 +173,7 @@ def _bounds(source: str, chunk: Table, count: int) -> F32:
     return bounds.reshape(-1, 3, 2, 3)
 
 
-def _fill(
-    filling: Filling, rows: slice, block: Block, ranges: F32, coded: tuple[Block, Names] | None
-) -> None:
+def _fill(filling: Filling, rows: slice, block: Block, ranges: F32, codes: U8 | None) -> None:
     """Decode the splats of some whole chunks on all processors.
 
     Args:
@@ -183,14 +181,13 @@ def _fill(
         rows: Of the splats.
         block: Their rows of element vertex.
         ranges: From their first chunk on.
-        coded: Their rows of element sh and the properties in our order, None without harmonics.
+        codes: Of their harmonics, shape (n, 3, k); None without.
     """
-    table, columns = _bytes(*coded) if coded else (None, None)
 
     def work(part: slice) -> None:
         here = slice(rows.start + part.start, rows.start + part.stop)
-        if table is not None and columns is not None:
-            decode_harmonics(filling.sh[here].reshape(len(table[part]), -1), table[part], columns)
+        if codes is not None:
+            decode_harmonics(filling.sh[here], codes[part])
         words = np.stack([block[name][part] for name in _WORDS])
         chunks = ranges[..., part.start // CHUNK : -(-part.stop // CHUNK)]
         decode_words(filling, here, words.astype(np.uint32, copy=False).view(np.int32), chunks)
@@ -198,14 +195,12 @@ def _fill(
     in_parallel(len(block), work, rows=_WORK_ROWS)
 
 
-def _bytes(block: Block, names: Names) -> tuple[U8, Rows]:
-    """Rows of element sh as plain bytes, and the columns of coefficients 0, 0, 0 and `names`."""
-    stored = block.dtype.names or ()
-    if any(block.dtype[name] != np.uint8 for name in stored):  # text, or with more in the rows
-        block = block[list(names)].astype([(name, "u1") for name in names])
-        stored = names
-    columns = [0, 0, 0, *(stored.index(name) for name in names)]
-    return block.view(np.uint8).reshape(len(block), -1), np.array(columns)
+def _bytes(block: Block, count: int) -> U8:
+    """The `count` codes in rows of element sh, by channel first, shape (n, 3, count / 3)."""
+    wanted = [(f"f_rest_{i}", "|u1") for i in range(count)]
+    if block.dtype.descr != wanted:  # text, in another order, or with more in a row
+        block = block[[name for name, _ in wanted]].astype(wanted)
+    return block.view(np.uint8).reshape(len(block), 3, -1)
 
 
 def _header(count: int, rest: int, how: Writing) -> bytes:

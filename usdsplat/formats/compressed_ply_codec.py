@@ -95,20 +95,22 @@ def decode_words(filling: Filling, rows: slice, words: I32, ranges: F32) -> None
         filling.settle(rows)
 
 
-def decode_harmonics(out: F32, codes: U8, columns: Rows) -> None:
-    """Fill the harmonics of some splats, the first three coefficients with nonsense.
+def decode_harmonics(out: F32, codes: U8) -> None:
+    """Fill the harmonics above degree 0 of some splats, and those of degree 0 with nonsense.
 
     The outermost codes mean +-4, the others the middle of their interval.
 
     Args:
-        out: Coefficients, shape (n, 3 + k).
-        codes: In the order of the file, shape (n, k).
-        columns: Column of `codes` for each of `out`, shape (3 + k,).
+        out: Coefficients, shape (n, k + 1, 3), contiguous.
+        codes: Channel by channel, shape (n, 3, k).
     """
-    wanted = codes.take(columns, axis=1)
-    out[:] = wanted
-    out *= np.float32(_HARMONICS_STEP)
-    out += np.float32(_HARMONICS_STEP / 2 - _HARMONICS_END)
+    wanted = np.empty(out.shape, np.uint8)
+    wanted[:, 0] = 1
+    for channel in range(3):
+        wanted[:, 1:, channel] = codes[:, channel]
+    flat = out.reshape(-1)  # a view: its loops are longer
+    np.multiply(wanted.reshape(-1), np.float32(_HARMONICS_STEP), out=flat)
+    flat += np.float32(_HARMONICS_STEP / 2 - _HARMONICS_END)
     if wanted.min() == 0 or wanted.max() == 255:
         np.copyto(out, -_HARMONICS_END, where=wanted == 0)
         np.copyto(out, _HARMONICS_END, where=wanted == 255)
@@ -229,5 +231,8 @@ def _encode_harmonics(sh: F32) -> U8:
     sh *= np.float32(1 / _HARMONICS_STEP)
     sh += np.float32(_HARMONICS_END / _HARMONICS_STEP)
     codes = sh.clip(0, 255, out=sh).astype(np.uint8)  # cuts off: codes stand for middles
-    columns = np.arange(3, sh.shape[1]).reshape(-1, 3).T.ravel()
-    return codes.take(columns, axis=1)
+    above = codes.shape[1] // 3 - 1
+    out = np.empty((len(codes), 3, above), np.uint8)
+    for channel in range(3):
+        out[:, channel] = codes[:, 3 + channel :: 3]
+    return out.reshape(len(codes), -1)
