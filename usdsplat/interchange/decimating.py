@@ -16,15 +16,21 @@ from usdsplat.core.cloud import F32, F64, I32, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.thinning import pairs as kernels
 
 NEIGHBORS = 8
 """Of which a splat's partner is one."""
+FAINTEST = 1 / 255
+"""Opacity below which renderers leave a splat out."""
 ROUND = 0.25
 """Part of the splats that a round takes away at most: the rest waits for better partners."""
+CROWD = 64
+"""Splats at one place that are too many to search among: they merge before all others."""
 STALLED = 0.02
-"""Part below which a round that wanted more has got stuck."""
+"""Part of the splats below which a round that wanted more has got stuck: too many have the same
+neighbours."""
 BY_COLOR, BY_OPACITY = 1.6, 1.0
 """What squared differences of harmonics and of opacity are worth, beside those of shape [nat]."""
 
@@ -46,7 +52,8 @@ def decimate(
     area, is so opaque that this product is kept, and has the id and the place in the order of the
     heavier. Splats that were merged with none are those that they were. A cloud that has no more
     than `count` is returned as it is; from any other those with a number that is not finite go
-    first, and then there may be fewer.
+    first, all of them, so that there may be fewer than `count`, and then those that are too faint
+    for any picture.
 
     Args:
         cloud: Of any degree.
@@ -61,19 +68,26 @@ def decimate(
         raise UsageError("decimation", f"{count} splats", "1 or more")
     if len(cloud) <= count:
         return cloud
-    cloud = edit.prune(cloud)
+    cloud = _shown(edit.prune(cloud), count)
     splats = _Splats.of(cloud, device or open_device())
-    total = len(cloud) - count
+    total = max(len(cloud) - count, 0)
     stalled = False
     while len(splats.rows) > count:
         here = len(splats.rows)
         progress.step(_LABEL, len(cloud) - here, total)
         wanted = min(here - count, max(1, int(ROUND * here)))
-        near = splats.along_curve() if stalled else splats.nearest()
-        found = splats.merge(near, wanted)
-        stalled = found < wanted and found < STALLED * here
+        found = splats.merge(splats.candidates(stalled), wanted)
+        stalled = found < min(wanted, STALLED * here)
     progress.step(_LABEL, total, total)
     return splats.cloud()
+
+
+def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
+    """Without the faintest of those that no picture shows, as long as more than `count` remain."""
+    faint = np.flatnonzero(cloud.opacities < FAINTEST)
+    faint = faint[np.argsort(cloud.opacities[faint], kind="stable")]
+    going = faint[: max(len(cloud) - count, 0)]
+    return edit.take(cloud, np.delete(np.arange(len(cloud)), going)) if len(going) else cloud
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -116,19 +130,19 @@ class _Splats:
         )  # fmt: skip
         return splats
 
-    def nearest(self) -> I32:
-        """Neighbours of each splat that is left, as entries of `rows`, shape (m, k)."""
-        points = self.positions[self.rows]
-        return nearest(self.device, points, points, NEIGHBORS + 1)[0]
+    def candidates(self, stalled: bool) -> I32:
+        """Whom each splat that is left may merge with, as entries of `rows`, shape (m, k).
 
-    def along_curve(self) -> I32:
-        """Those before and after on a curve through all splats: where many are at one place, all
-        have the same few nearest, and hardly any pair is free."""
-        order = morton.order(self.positions[self.rows]).astype(np.int32)
-        near = np.full((len(order), 2), -1, np.int32)
-        near[order[1:], 0] = order[:-1]
-        near[order[:-1], 1] = order[1:]
-        return near
+        The nearest, unless there are crowds, whose splats have all of one place at distance 0; or
+        unless that got stuck: where distances cannot be told apart, any on the way will do.
+        """
+        points = self.positions[self.rows]
+        order, ranks = coincident(points)
+        if ranks.max() >= CROWD:
+            return _beside(order, np.flatnonzero(ranks))
+        if stalled:
+            return _beside(morton.order(points), np.arange(1, len(points)))
+        return nearest(self.device, points, points, NEIGHBORS + 1)[0]
 
     def merge(self, near: I32, wanted: int) -> int:
         """Merge the cheapest pairs of neighbours, `wanted` at most; say how many."""
@@ -157,7 +171,8 @@ class _Splats:
         for first in range(0, len(changed), _CHUNK):
             rows = changed[first : first + _CHUNK]
             shapes = covariance.to_scale_rotation(self.covariances[self.rows[rows]][:, _TRIANGLE])
-            kept.scales[rows], kept.rotations[rows] = shapes
+            kept.scales[rows] = np.minimum(shapes[0], np.finfo(np.float32).max)
+            kept.rotations[rows] = shapes[1]
         velocities = None if kept.velocities is None else self.velocities[self.rows]
         return replace(
             kept,
@@ -166,3 +181,12 @@ class _Splats:
             sh=self.sh[self.rows].reshape(kept.sh.shape),
             velocities=velocities,
         )
+
+
+def _beside(order: npt.NDArray[np.integer], later: npt.NDArray[np.integer]) -> I32:
+    """Each row's neighbours in an order, shape (n, 2); -1 where `later`, the places whose row has
+    something to do with the one before, has none."""
+    near = np.full((len(order), 2), -1, np.int32)
+    near[order[later], 0] = order[later - 1]
+    near[order[later - 1], 1] = order[later]
+    return near

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core import edit
-from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.cloud import I64, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 
 NEIGHBORS, DEVIATIONS = 20, 2.0
 """Looked at, and allowed, if nothing else is asked for."""
+
+_ROUNDING = 1e-6  # of distances in float32: splats that are all as far apart are all kept
 
 
 def drop_outliers(
@@ -47,9 +51,22 @@ def drop_outliers(
     found = min(neighbors, len(sound) - 1)
     if found < 1:
         return sound
-    points = sound.positions
-    _, distances = nearest(device or open_device(), points, points, found + 1)
+    order, ranks = coincident(sound.positions)
+    # All the same to whoever is near: no more at one place than anybody asks for.
+    few = sound.positions[order[ranks <= found]]
+    alone = np.ones(len(sound), np.bool_)
+    alone[order] = ~_in_crowds(ranks, found)
+    _, distances = nearest(device or open_device(), few, sound.positions[alone], found + 1)
     # The nearest is the point itself, or another at the same place: at distance 0 either way.
-    means: F64 = distances.sum(axis=1, dtype=np.float64) / found
-    limit = means.mean() + deviations * means.std(ddof=1)
-    return edit.take(sound, np.asarray(means <= limit))
+    means = np.zeros(len(sound))
+    means[alone] = distances.sum(axis=1, dtype=np.float64) / found
+    near = np.isfinite(means)
+    limit = means[near].mean() + deviations * means[near].std(ddof=1)
+    return edit.take(sound, np.asarray(means <= (1 + _ROUNDING) * limit))
+
+
+def _in_crowds(ranks: I64, found: int) -> npt.NDArray[np.bool_]:
+    """Whether more than `found` are at a splat's place, by how many of them are before each."""
+    first = np.flatnonzero(ranks == 0)
+    counts = np.diff(first, append=len(ranks))
+    return np.repeat(counts > found, counts)

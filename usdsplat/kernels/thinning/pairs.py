@@ -20,8 +20,6 @@ from usdsplat.kernels.jit import exact, parallel, serial
 
 BLOCK = 1024
 """Rows of an item of work; results depend on no number of threads."""
-FAINTEST = 1.0 / 255.0
-"""Splats below this opacity are in no picture: they have no mass, and go for nothing."""
 OPAQUE = 0.999
 """Opacity that merged splats have at most. Half of what is more, by its logarithm, makes them
 larger instead; the other half is taken to lie behind what can be seen."""
@@ -30,6 +28,8 @@ SEEN = 0.75
 SOFTNESS = 0.03
 """Part of a splat's size, squared, that blurs it before shapes are compared: how thin a splat is
 matters to no picture once it is thin."""
+NARROW = 1e-6
+"""Width of a needle, over its length, at least: below is the rounding of its covariance."""
 TINY = 1e-30
 """Added to variances [unit^2]: splats without size have a logarithm too."""
 
@@ -68,7 +68,8 @@ def area(xx, xy, xz, yy, yz, zz):
     """Area that a picture shows of an ellipsoid, but for a constant: the root mean square over all
     directions of view [unit^2]."""
     faces = xx * yy - xy * xy + yy * zz - yz * yz + zz * xx - xz * xz
-    return math.sqrt(max(faces, 0.0) / 3)
+    narrow = NARROW * (xx + yy + zz)
+    return math.sqrt(max(faces, narrow * narrow) / 3)
 
 
 @exact
@@ -120,9 +121,7 @@ def weigh(scales, rotations, opacities, covariances, masses, volumes):
             )  # fmt: skip
             covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
             covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
-            opacity = np.float64(opacities[i])
-            seen = area(xx, xy, xz, yy, yz, zz)
-            masses[i] = opacity * seen if opacity >= FAINTEST else 0.0
+            masses[i] = opacities[i] * area(xx, xy, xz, yy, yz, zz)
             volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
 
 
@@ -169,7 +168,7 @@ def cheapest(
                         lost = by_color * color + by_opacity * opacity * opacity
                         nats += part * (1 - part) * lost
                     cost = seen * nats
-                if cost < costs[s]:
+                if partners[s] < 0 or cost < costs[s]:
                     partners[s], costs[s] = t, cost
 
 
@@ -218,7 +217,7 @@ def merge(
         if masses[j] > masses[i] or (masses[j] == masses[i] and j < i):
             i, j = j, i
         gone[j] = True
-        if masses[j] == 0:
+        if masses[j] == 0:  # a point, or nothing to be seen
             continue
         merged[i] = True
         mass = masses[i] + masses[j]

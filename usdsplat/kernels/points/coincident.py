@@ -1,0 +1,31 @@
+"""Points that are at one place, of which a search for the nearest would look at every one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I64
+
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)
+
+
+def coincident(points: F32) -> tuple[I64, I64]:
+    """An order in which points at one place follow each other.
+
+    Args:
+        points: Finite, shape (n, 3).
+
+    Returns:
+        Rows in that order, those at one place ascending, and how many at its place are before each,
+        both of shape (n,).
+    """
+    sound = points + np.float32(0)  # -0 is where 0 is
+    bits = np.ascontiguousarray(sound).view(np.uint32).astype(np.uint64)
+    key = ((bits[:, 0] * _FACTOR + bits[:, 1]) * _FACTOR + bits[:, 2]) * _FACTOR
+    order = np.argsort(key, kind="stable")
+    ranks = np.arange(len(points))
+    if len(points):
+        placed = sound[order]
+        first = np.concatenate([[True], (placed[1:] != placed[:-1]).any(axis=1)])
+        ranks -= np.maximum.accumulate(np.where(first, ranks, 0))
+    return order, ranks
