@@ -5,6 +5,8 @@ from __future__ import annotations
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from importlib import import_module
+from types import ModuleType
 from typing import BinaryIO
 
 from usdsplat.core.errors import FormatError
@@ -86,20 +88,30 @@ class Gunzip(Inflater):
     def __init__(self, source: str, file: BinaryIO) -> None:
         super().__init__(source)
         self._file = file
-        self._stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+        library = _gzip_library()
+        self._error: type[Exception] = library.error
+        self._stream = library.decompressobj(wbits=zlib.MAX_WBITS | 16)
 
     def _next(self, limit: int) -> bytes:
         while not self._stream.eof:
             data = self._stream.unconsumed_tail or self._file.read(_INPUT)
             try:
-                piece = self._stream.decompress(data, limit)
-            except zlib.error as error:
+                piece: bytes = self._stream.decompress(data, limit)
+            except self._error as error:
                 raise FormatError(self._source, f"damaged gzip data ({error})", "gzip") from error
             if piece:
                 return piece
             if not data:
                 raise FormatError(self._source, "gzip data that breaks off", "a whole gzip stream")
         return b""
+
+
+def _gzip_library() -> ModuleType:
+    """Isal's replacement of zlib where it is installed, for it is twice as fast, else zlib."""
+    try:
+        return import_module("isal.isal_zlib")
+    except ImportError:
+        return zlib
 
 
 class Unzstd(Inflater):
