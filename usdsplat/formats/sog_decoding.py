@@ -15,7 +15,7 @@ from usdsplat.core.encoding import SMALL_LIMIT, dequantize, sigmoid
 from usdsplat.core.errors import FormatError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.formats import webp
-from usdsplat.formats.filling import Filling, in_parallel
+from usdsplat.formats.filling import Filling, blocks, in_parallel
 from usdsplat.formats.inflate import check_count
 from usdsplat.formats.sog_files import SogFiles
 from usdsplat.formats.sog_meta import (
@@ -226,7 +226,9 @@ def _palette(sog: Sog, codes: Codes | None) -> F32:
         table = values[:, 0].astype(np.float32)
     rest = coefficient_count(sog.degree) - 1
     palette = np.zeros((len(codes) // rest, rest + 1, 3), np.float32)
-    palette[:, 1:] = table.take(codes[:, :3]).reshape(-1, rest, 3)
+    for rows in blocks(len(palette)):
+        texels = codes[rows.start * rest : rows.stop * rest, :3]
+        palette[rows, 1:] = table.take(texels).reshape(-1, rest, 3)
     return palette
 
 
