@@ -57,3 +57,16 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
         convert(source, tmp_path / "a.xyz")
     with pytest.raises(OutputError, match="being read"):
         convert(source, source)
+
+
+@pytest.mark.parametrize(("suffix", "degree"), [(".splat", 0), (".glb", 3), (".ply", 4)])
+def test_harmonics_that_a_format_has_no_place_for_are_said_to_go(tmp_path, suffix, degree) -> None:
+    """Oracle: the formats' own words on their degrees; a stage and a capture say the same."""
+    source = capture(tmp_path, n=5, degree=4)
+    convert(source, tmp_path / "a.usdc")
+    for first in (source, tmp_path / "a.usdc"):
+        report = convert(first, tmp_path / f"b{suffix}")
+        assert isinstance(report, ExportReport)
+        assert report.degree == degree == formats.read(tmp_path / f"b{suffix}").cloud.sh_degree
+        said = f"harmonics above degree {degree} are not written: {suffix} has no place for them"
+        assert (said in report.notes) == (degree < 4)

@@ -15,6 +15,7 @@ from typing import Protocol, cast
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, sog_lod, splat, spz
 from usdsplat.formats.capture import Capture
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
@@ -24,6 +25,7 @@ __all__ = [
     "Capture",
     "Reading",
     "Writing",
+    "degree_written",
     "find",
     "frame_written",
     "read",
@@ -50,7 +52,7 @@ class Format(Protocol):
 
 
 class WritableFormat(Format, Protocol):
-    """A module that writes as well."""
+    """A module that writes as well; `MAX_DEGREE` says how far its harmonics go if not to 4."""
 
     FRAME: str
     """Where x, y and z of its files point (`core.axes`), as is usual or as it demands."""
@@ -130,6 +132,15 @@ def frame_written(path: str | Path) -> str:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
     """
     return _writer(Path(path)).FRAME
+
+
+def degree_written(path: str | Path) -> int:
+    """Highest degree of harmonics in files of the format that the suffix names.
+
+    Raises:
+        UnknownFormatError: If the suffix is not one of `suffixes_written()`.
+    """
+    return int(getattr(_writer(Path(path)), "MAX_DEGREE", MAX_DEGREE))
 
 
 def suffixes_read() -> tuple[str, ...]:

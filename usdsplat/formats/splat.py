@@ -25,6 +25,7 @@ from usdsplat.formats.options import READING, WRITING, Reading, Writing
 
 SUFFIXES: tuple[str, ...] = (".splat",)
 FRAME = "rdf"
+MAX_DEGREE = 0
 
 ERROR_BOUNDS = {
     "rotations": "0.9 degrees, or 1.8 where the writer cut fractions off",

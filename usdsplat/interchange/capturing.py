@@ -15,7 +15,7 @@ from usdsplat.formats import Capture, Reading, Writing
 from usdsplat.formats.capture import UNKNOWN_AXES
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import capture_of, export_capture
-from usdsplat.interchange.gathering import edit_capture, joined, turned
+from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
 from usdsplat.interchange.sequence_files import files_of
@@ -52,7 +52,7 @@ class ToCapture:
         frame = self.frame or formats.frame_written(target)
         capture = joined([self._read(source, frame) for source in sources])
         files.check_not_input(target, capture.files)
-        capture = edit_capture(capture, self.edits, progress=self.progress)
+        capture = fitted(edit_capture(capture, self.edits, progress=self.progress), target)
         cloud = turned(capture.cloud, capture.frame, frame)
         is_known = self.frame is not None or UNKNOWN_AXES not in capture.notes
         how = replace(

@@ -16,7 +16,7 @@ from usdsplat.formats import Capture, Writing
 from usdsplat.formats.options import WRITING
 from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
-from usdsplat.interchange.gathering import edit_capture
+from usdsplat.interchange.gathering import edit_capture, fitted
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.reports import ExportReport, SplitReport
 
@@ -185,6 +185,7 @@ def _written(
     progress: Progress,
 ) -> ExportReport:
     """Write a capture of a stage; say so."""
+    capture = fitted(capture, target)
     how = replace(how, antialiased=capture.antialiased, frame=capture.frame)
     formats.write(capture.cloud, target, how=how, progress=progress)
     return ExportReport(

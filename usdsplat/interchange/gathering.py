@@ -110,6 +110,20 @@ def edit_capture(
     )
 
 
+def fitted(capture: Capture, target: Path) -> Capture:
+    """A capture without the harmonics that files of the target's format cannot hold; says so.
+
+    Raises:
+        UnknownFormatError: If the target's suffix is none that can be written.
+    """
+    degree = formats.degree_written(target)
+    if capture.cloud.sh_degree <= degree:
+        return capture
+    note = f"harmonics above degree {degree} are not written: {target.suffix} has no place for them"
+    cloud = edit.with_sh_degree(capture.cloud, degree)
+    return replace(capture, cloud=cloud, notes=(*capture.notes, note))
+
+
 def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
     """A cloud whose x, y and z point as `source` says, where they point as `target` says.
 
