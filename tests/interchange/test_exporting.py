@@ -102,9 +102,12 @@ def test_a_subtree_can_be_named(stage, tmp_path: Path) -> None:
     assert export_capture(stage, tmp_path / "o.ply", prim_path="/B").prim_paths == ("/B/Two",)
 
 
+@pytest.mark.parametrize("sampled", [None, 1.0])
 @pytest.mark.parametrize("time", [None, 1.0])
-def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path: Path, time) -> None:
-    """Oracle: centres moved by hand: prototype's place, instance's, forest's; one is masked."""
+def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path, time, sampled) -> None:
+    """Oracle: centres moved by hand: prototype's place, instance's half turn and place, forest's;
+    one is masked.
+    """
     forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
     forest.AddTranslateOp().Set((0, 0, 100))
     trees = {name: cloud(n, n=n) for name, n in (("Oak", 2), ("Fir", 3))}
@@ -114,8 +117,10 @@ def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path: Path,
         field = schema.author(stage, f"/Forest/{name}/Splats", own)
         UsdGeom.Xformable(field).AddScaleOp().Set((2, 2, 2))
         forest.GetPrototypesRel().AddTarget(root.GetPath())
-    forest.GetProtoIndicesAttr().Set([1, 0, 1])
-    forest.GetPositionsAttr().Set([(10, 0, 0), (20, 0, 0), (30, 0, 0)])
+    code = Usd.TimeCode.Default() if sampled is None else Usd.TimeCode(sampled)
+    forest.GetProtoIndicesAttr().Set([1, 0, 1], code)
+    forest.GetPositionsAttr().Set([(10, 0, 0), (20, 0, 0), (30, 0, 0)], code)
+    forest.GetOrientationsAttr().Set([Gf.Quath(0, Gf.Vec3h(0, 0, 1)), *[Gf.Quath(1)] * 2], code)
     forest.GetInvisibleIdsAttr().Set([2])
     schema.author(stage, "/Rock", cloud(n=4))
     report = export_capture(stage, tmp_path / "out.ply", frame="rub", time=time)
@@ -124,7 +129,7 @@ def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path: Path,
     assert len(found) == 2 + 3 + 4
     expected = [
         2 * trees["Oak"].positions + (20, 5, 100),
-        2 * trees["Fir"].positions + (10, 5, 100),
+        2 * trees["Fir"].positions * (-1, -1, 1) + (10, -5, 100),
     ]
     np.testing.assert_allclose(found.positions[:5], np.concatenate(expected), atol=1e-4)
     np.testing.assert_allclose(found.scales[:2], 2 * trees["Oak"].scales, rtol=1e-5)

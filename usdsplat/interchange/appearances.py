@@ -123,12 +123,16 @@ def _instances(
 
 def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, F64]:
     """Maps of the instances that are not masked, shape (k, 4, 4), and their prototypes, (k,)."""
-    own = UsdGeom.PointInstancer
-    with_roots = (own.IncludeProtoXform, own.IgnoreMask)
-    maps = instancer.ComputeInstanceTransformsAtTime(code(time), code(time), *with_roots)
-    matrices = np.array([_columns(each) for each in maps or ()]).reshape(-1, 4, 4)
-    kinds = np.array(instancer.GetProtoIndicesAttr().Get(code(time)) or (), np.int64)
-    mask = np.array(instancer.ComputeMaskAtTime(code(time)) or np.ones(len(kinds)), bool)
+    own, positions = UsdGeom.PointInstancer, instancer.GetPositionsAttr()
+    when = code(time)
+    if time is None and positions.Get() is None:  # as of fields, the first sample
+        when = code(next(iter(positions.GetTimeSamples()), None))
+    maps = instancer.ComputeInstanceTransformsAtTime(
+        when, when, own.IncludeProtoXform, own.IgnoreMask
+    )
+    matrices = np.array(maps or (), np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
+    kinds = np.array(instancer.GetProtoIndicesAttr().Get(when) or (), np.int64)
+    mask = np.array(instancer.ComputeMaskAtTime(when) or np.ones(len(kinds)), bool)
     if not len(matrices) == len(kinds) == len(mask):
         found = f"{len(matrices)} places for {len(kinds)} instances"
         raise StageError(str(instancer.GetPath()), found, "one for each")
