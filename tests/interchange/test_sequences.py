@@ -283,6 +283,8 @@ def test_clips_travel_with_their_stage(tmp_path: Path) -> None:
     _stage, prim = opened(tmp_path / "there" / "out.usda")
     read = formats.read(tmp_path / "cap.0002.ply").cloud
     assert_same(replace(schema.fetch(prim, 2), ids=None), read)
+    topology = Usd.Stage.Open(str(tmp_path / "there" / "out.clips" / "topology.usda"))
+    assert not topology.HasAuthoredTimeCodeRange()
     alone, prim = opened(tmp_path / "there" / "out.clips" / "frame.0002.usdc")
     assert_same(replace(schema.fetch(prim), ids=None), read)
     assert UsdGeom.GetStageUpAxis(alone) == "Z"

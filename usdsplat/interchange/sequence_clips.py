@@ -83,6 +83,8 @@ class Clips:
         first = str(next(iter(self._files.values())))
         topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
         UsdUtils.StitchClipsTopology(topology, [first])
+        for key in ("startTimeCode", "endTimeCode"):  # of the first clip alone
+            topology.pseudoRoot.ClearInfo(key)
         topology.Save()
         manifest = Sdf.Layer.CreateNew(str(self._folder / _MANIFEST))
         UsdUtils.StitchClipsManifest(manifest, topology, [first], str(where))
