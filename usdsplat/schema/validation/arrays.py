@@ -98,12 +98,18 @@ def identities(sample: Sample) -> Iterator[Finding]:
 def half_only(sample: Sample) -> Iterator[Finding]:
     """Others ask for the float arrays."""
     names = {} if sample.is_packed else {name: sample.name(name) for name in tokens.HALF_OF}
-    halves = [half for name, half in names.items() if half != name and len(sample.numbers(name))]
+    halves = [half for name, half in names.items() if half != name and _has_values(sample, name)]
     if halves:
         listed = ", ".join(halves)
         expected = "the float attributes, which others ask for"
         cure = "convert to the float form for interchange"
         yield sample.finding("warning", halves[0], "halfOnly", f"only {listed}", expected, cure)
+
+
+def _has_values(sample: Sample, attribute: str) -> bool:
+    """Whether there are any; those of half are not turned into float to see that."""
+    values = sample.array(attribute)
+    return values is not None and len(values) > 0
 
 
 def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterator[Finding]:
