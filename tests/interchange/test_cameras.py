@@ -24,6 +24,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.specs import Framing
+from usdsplat.formats.cameras.lens import lens
 from usdsplat.interchange import import_capture
 from usdsplat.interchange.cameras import import_cameras
 
@@ -93,10 +94,10 @@ def test_points_are_where_colmap_has_them(tmp_path, stage_up, bake_axes, unit):
 @pytest.mark.parametrize("source", ["colmap", "nerf"])
 def test_the_delegate_draws_points_where_the_photograph_has_them(tmp_path, source):
     """Oracle: COLMAP's projection by hand; a ball's middle is the middle of its pixels' weight."""
-    lens = ("OPENCV", 320, 240, (300.0, 300.0, 150.0, 130.0, 0.0, 0.0, 0.0, 0.0))
+    taken = ("OPENCV", 320, 240, (300.0, 300.0, 150.0, 130.0, 0.0, 0.0, 0.0, 0.0))
     shot = Shot("a.png", (0.9, 0.1, -0.3, 0.2), (0.3, -0.2, 4.0))
     if source == "colmap":
-        path = colmap_text(tmp_path / "sparse", [shot], {1: lens})
+        path = colmap_text(tmp_path / "sparse", [shot], {1: taken})
     else:
         frame = {"file_path": "a.png", "transform_matrix": nerf_pose(shot)}
         top = {"w": 320, "h": 240, "fl_x": 300.0, "cx": 150.0, "cy": 130.0}
@@ -108,7 +109,7 @@ def test_the_delegate_draws_points_where_the_photograph_has_them(tmp_path, sourc
             alpha = engine.picture(engine.view(camera, resolution=(320, 240)))["color"][..., 3]
         rows, columns = np.mgrid[:240, :320] + 0.5
         found = [(alpha * at).sum() / alpha.sum() for at in (columns, rows)]
-        np.testing.assert_allclose(found, projected(shot, lens, point[None])[0], atol=0.02)
+        np.testing.assert_allclose(found, projected(shot, taken, point[None])[0], atol=0.02)
 
 
 @pytest.mark.parametrize("name", ["statue_angel.sog", "pod.spz"])
@@ -166,6 +167,8 @@ def test_what_a_lens_bends_is_told_and_kept(tmp_path):
     report = import_cameras(colmap_binary(tmp_path / "sparse/0"), field)
     (bent,) = (note for note in report.notes if "bend" in note)
     assert bent.startswith("1 photograph of 2 through lenses that bend the picture (OPENCV)")
+    offset = lens("", LENSES[7][0], LENSES[7][1:3], LENSES[7][3]).displacement
+    assert f"off by up to {offset:.3g} pixels;" in bent
     entry = stage.GetPrimAtPath(report.prim_paths[1]).GetCustomDataByKey("usdsplat")
     assert (entry["image"], entry["width"], entry["height"]) == ("a picture.png", 400, 300)
     assert entry["lens"]["model"] == "OPENCV"

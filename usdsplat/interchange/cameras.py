@@ -228,7 +228,8 @@ def _about_lenses(lenses: Sequence[Lens]) -> list[str]:
         models = ", ".join(sorted({lens.model for lens in bent}))
         offsets = [lens.displacement for lens in bent]
         known = [offset for offset in offsets if offset is not None]
-        most = f"up to {max(known):.3g} pixels" if len(known) == len(bent) else "an unknown way"
+        some = "" if len(known) == len(bent) else ", more where that is not known"
+        most = f"up to {max(known):.3g} pixels{some}" if known else "an unknown way"
         notes.append(
             f"{counted(len(bent), 'photograph')} of {len(lenses)} through lenses that bend the "
             f"picture ({models}): renders are off by {most}; the coefficients are in customData"
