@@ -13,7 +13,7 @@ from pathlib import Path
 from usdsplat.core.errors import FormatError
 from usdsplat.core.progress import Progress
 from usdsplat.formats.cameras import colmap_binary, colmap_text
-from usdsplat.formats.cameras.posed import CameraSet, Posed, checked_count
+from usdsplat.formats.cameras.posed import CameraSet, Stored, checked_count, from_world_to_camera
 
 _FORMS = {".bin": ("COLMAP binary", colmap_binary), ".txt": ("COLMAP text", colmap_text)}
 _STEP = 256
@@ -42,17 +42,18 @@ def read(lenses: Path, images: Path, progress: Progress) -> CameraSet:
         FormatError: If one is damaged or of another kind, or cannot be opened.
     """
     name, form = _FORMS[images.suffix.lower()]
-    found: list[Posed] = []
+    found: list[Stored] = []
     try:
         known = form.lenses(lenses)
-        for posed in form.images(images, known):
+        for stored in form.images(images, known):
             checked_count(str(images), len(found) + 1)
-            found.append(posed)
+            found.append(stored)
             if len(found) % _STEP == 0:
                 progress.step("reading cameras", len(found), 0)
     except OSError as error:
         said = (error.strerror or str(error)).lower()
         raise FormatError(error.filename or str(images), said, "a readable file") from error
     checked_count(str(images), len(found))
+    cameras = from_world_to_camera(str(images), found)
     progress.step("reading cameras", len(found), len(found))
-    return CameraSet(format=name, files=(lenses, images), cameras=tuple(found))
+    return CameraSet(format=name, files=(lenses, images), cameras=cameras)

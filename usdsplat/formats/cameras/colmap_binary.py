@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 
 from usdsplat.core.errors import FormatError
 from usdsplat.formats.cameras.lens import MODELS, Lens, lens
-from usdsplat.formats.cameras.posed import Posed, checked_count, from_world_to_camera
+from usdsplat.formats.cameras.posed import Stored, checked_count
 
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<IiQQ")
@@ -39,7 +39,7 @@ def lenses(path: Path) -> dict[int, Lens]:
     return found
 
 
-def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Posed]:
+def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
     """Photographs.
 
     Raises:
@@ -58,7 +58,7 @@ def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Posed]:
             if points * _POINT_BYTES > size - file.tell():
                 raise FormatError(where, f"{points} points", "as many as the file holds")
             file.seek(points * _POINT_BYTES, os.SEEK_CUR)
-            yield from_world_to_camera(where, name, known[camera], numbers[:4], numbers[4:])
+            yield Stored(name=name, lens=known[camera], pose=numbers)
 
 
 def _take(path: Path, file: BinaryIO, layout: struct.Struct) -> tuple[Any, ...]:

@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from usdsplat.core.errors import FormatError
 from usdsplat.formats.cameras.lens import Lens, lens
-from usdsplat.formats.cameras.posed import MOST, Posed, from_world_to_camera
+from usdsplat.formats.cameras.posed import MOST, Stored
 
 _LONGEST = 1 << 13
 """Bytes of a line that is looked at; lists of points are longer, and skipped."""
@@ -34,7 +34,7 @@ def lenses(path: Path) -> dict[int, Lens]:
     return found
 
 
-def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Posed]:
+def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
     """Photographs, from lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME` and one of points.
 
     Raises:
@@ -50,7 +50,7 @@ def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Posed]:
             if camera not in known:
                 raise FormatError(where, f"camera {camera}", "one of cameras.txt")
             name = " ".join(words[9:])
-            yield from_world_to_camera(where, name, known[camera], numbers[:4], numbers[4:])
+            yield Stored(name=name, lens=known[camera], pose=numbers)
             _skip_line(file)
 
 

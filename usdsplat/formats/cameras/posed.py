@@ -45,6 +45,17 @@ class CameraSet:
     """What was assumed, a sentence each."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stored:
+    """One photograph as COLMAP has it."""
+
+    name: str
+    lens: Lens
+    pose: Sequence[float]
+    """World to camera: a quaternion (w, x, y, z) of any length, and then the world's origin as the
+    camera has it."""
+
+
 def carried(pose: F64, matrix: F64) -> F64:
     """A camera that goes where a similarity takes what it sees, and sees the same picture.
 
@@ -68,29 +79,33 @@ def carried(pose: F64, matrix: F64) -> F64:
     return moved
 
 
-def from_world_to_camera(
-    where: str, name: str, lens: Lens, rotation: Sequence[float], translation: Sequence[float]
-) -> Posed:
-    """A photograph whose pose is stored the other way round, as COLMAP does.
+def from_world_to_camera(where: str, stored: Sequence[Stored]) -> tuple[Posed, ...]:
+    """Photographs whose poses are stored the other way round, as COLMAP does.
 
     Args:
-        where: Names it in errors.
-        rotation: World to camera, a quaternion (w, x, y, z) of any length.
-        translation: The world's origin as the camera has it.
+        where: Names the file in errors.
+        stored: As the file has them.
 
     Raises:
-        FormatError: If a number is not finite, or the quaternion is zero.
+        FormatError: If a number is not finite, or a quaternion is zero.
     """
-    numbers = np.array([*rotation, *translation], np.float64)
-    length = float(np.linalg.norm(numbers[:4]))
-    if not (np.isfinite(numbers).all() and 0 < length < np.inf):
-        found = " ".join(f"{number:g}" for number in numbers)
-        raise FormatError(where, f"pose {found}", "a quaternion and a translation")
-    to_camera = quaternion.to_matrix(numbers[None, :4] / length)[0]
-    to_capture = np.eye(4)
-    to_capture[:3, :3] = to_camera.T
-    to_capture[:3, 3] = -to_camera.T @ numbers[4:]
-    return Posed(name=name, lens=lens, to_capture=to_capture)
+    poses = np.array([photograph.pose for photograph in stored], np.float64).reshape(-1, 7)
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(poses[:, :4], axis=1)
+    sound = np.isfinite(poses).all(axis=1) & (lengths > 0) & np.isfinite(lengths)
+    if not sound.all():
+        bad = int(np.argmin(sound))
+        found = " ".join(f"{number:g}" for number in poses[bad])
+        expected = "a quaternion and a translation"
+        raise FormatError(f"{where}: {stored[bad].name[:80]}", f"pose {found}", expected)
+    turns = quaternion.to_matrix(poses[:, :4] / lengths[:, None])
+    to_capture = np.tile(np.eye(4), (len(poses), 1, 1))
+    to_capture[:, :3, :3] = turns.transpose(0, 2, 1)
+    to_capture[:, :3, 3] = -np.einsum("nji,nj->ni", turns, poses[:, 4:])
+    return tuple(
+        Posed(name=photograph.name, lens=photograph.lens, to_capture=matrix)
+        for photograph, matrix in zip(stored, to_capture, strict=True)
+    )
 
 
 def checked_count(where: str, count: int) -> int:

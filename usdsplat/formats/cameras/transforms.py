@@ -29,7 +29,8 @@ NAME = "transforms.json"
 TRAINED = "dataparser_transforms.json"
 """What nerfstudio's training did to the coordinates, written beside its results."""
 
-_MOST_BYTES = 64 << 20
+_MOST_BYTES = 12 << 20
+"""Ten thousand frames; what JSON of that size can become in memory is thirty times as much."""
 _LARGEST = 1e12
 _OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """From a camera with x right, y down, z forward to one with x right, y up, z back."""
