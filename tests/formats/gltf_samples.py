@@ -74,13 +74,17 @@ class Gltf:
         """The JSON as it is."""
         return json.dumps(self.root).encode()
 
-    def glb(self, path: Path) -> Path:
-        """Write all of it into one binary file."""
+    def glb_bytes(self) -> bytes:
+        """All of it in one binary file."""
         text = self.text()
         text += b" " * (-len(text) % 4)
         chunks = struct.pack("<I4s", len(text), b"JSON") + text
         chunks += struct.pack("<I4s", len(self.data), b"BIN\0") + self.data
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    def glb(self, path: Path) -> Path:
+        """Write all of it into one binary file."""
+        path.write_bytes(self.glb_bytes())
         return path
 
     def beside(self, path: Path, uri: str = "data.bin") -> Path:

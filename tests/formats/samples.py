@@ -107,6 +107,25 @@ def sog_files(seed: int = 0, *, count: int = 14, bands: int = 1) -> dict[str, by
     return {"meta.json": json.dumps(meta).encode(), **files}
 
 
+def lod_files() -> dict[str, bytes]:
+    """Files of a streamed SOG: two levels, the finer one in two places, 14 splats in each file."""
+
+    def leaf(level: int, file: int, first: int, count: int) -> dict[str, Any]:
+        return {str(level): {"file": file, "offset": first, "count": count}}
+
+    left = {"lods": leaf(0, 0, 0, 9) | leaf(1, 1, 0, 4)}
+    right = {"lods": leaf(0, 0, 9, 5) | leaf(1, 1, 4, 2)}
+    meta = {
+        "lodLevels": 2,
+        "filenames": ["0_0/meta.json", "1_0/meta.json"],
+        "tree": {"bound": {"min": [-8] * 3, "max": [8] * 3}, "children": [left, right]},
+    }
+    files = {"lod-meta.json": json.dumps(meta).encode()}
+    for folder, seed in (("0_0", 0), ("1_0", 1)):
+        files |= {f"{folder}/{name}": data for name, data in sog_files(seed).items()}
+    return files
+
+
 SOG_IMAGES = ("means_l", "means_u", "scales", "quats", "sh0", "shN_centroids", "shN_labels")
 
 
