@@ -147,7 +147,8 @@ class Document:
                 missing or impossible.
         """
         nodes, found = self._list("nodes"), []
-        waiting = [(index, np.eye(4)) for index in reversed(self._roots(len(nodes)))]
+        scene = np.eye(4)
+        waiting = [(index, scene) for index in reversed(self._roots(len(nodes)))]
         seen: set[int] = set()
         while waiting:
             index, outer = waiting.pop()
