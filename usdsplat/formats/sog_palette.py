@@ -107,7 +107,10 @@ def _kmeans(points: F32, count: int, rng: np.random.Generator) -> F32:
         sums = np.add.reduceat(points[order], starts, axis=0)
         centres[taken] = sums / np.diff(starts, append=len(points))[:, None].astype(np.float32)
         idle = np.setdiff1d(np.arange(len(centres)), taken, assume_unique=True)
-        centres[idle] = points[rng.integers(0, len(points), len(idle))]
+        if len(idle):  # they go to the points that fare worst
+            off = points - centres[nearest]
+            worst = np.argsort(np.einsum("ij,ij->i", off, off))[-len(idle) :]
+            centres[idle] = points[worst]
     return centres
 
 
