@@ -73,7 +73,7 @@ def test_only_what_can_be_written_is_written(tmp_path, name):
 
 def test_formats_need_neither_usd_nor_numba_nor_codecs_until_they_read():
     """Oracle: the modules that a fresh process has loaded."""
-    heavy = "pxr numba PIL zstandard plyfile scipy"
+    heavy = "pxr numba PIL zstandard isal plyfile scipy"
     code = (
         f"import sys, usdsplat.formats; print([m for m in '{heavy}'.split() if m in sys.modules])"
     )

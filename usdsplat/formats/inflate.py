@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from importlib import import_module
-from types import ModuleType
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from usdsplat.core.errors import FormatError
 
@@ -18,6 +15,7 @@ BYTES_PER_SPLAT = 2
 
 _INPUT = 1 << 16
 _OUTPUT = 1 << 20
+_GZIP = 31  # window bits: a header of gzip, and the longest window
 _MAX_WINDOW = 1 << 27  # zstd's own default limit
 
 
@@ -88,9 +86,10 @@ class Gunzip(Inflater):
     def __init__(self, source: str, file: BinaryIO) -> None:
         super().__init__(source)
         self._file = file
-        library = _gzip_library()
-        self._error: type[Exception] = library.error
-        self._stream = library.decompressobj(wbits=zlib.MAX_WBITS | 16)
+        from isal import isal_zlib  # zlib's interface, and twice as fast
+
+        self._error = cast(type[Exception], isal_zlib.error)  # its stubs say an instance
+        self._stream = isal_zlib.decompressobj(wbits=_GZIP)
 
     def _next(self, limit: int) -> bytes:
         while not self._stream.eof:
@@ -104,14 +103,6 @@ class Gunzip(Inflater):
             if not data:
                 raise FormatError(self._source, "gzip data that breaks off", "a whole gzip stream")
         return b""
-
-
-def _gzip_library() -> ModuleType:
-    """Isal's replacement of zlib where it is installed, for it is twice as fast, else zlib."""
-    try:
-        return import_module("isal.isal_zlib")
-    except ImportError:
-        return zlib
 
 
 class Unzstd(Inflater):
