@@ -243,3 +243,15 @@ def test_degrees_are_cut_and_padded() -> None:
     for degree in (-1, 5):
         with pytest.raises(UsageError, match="expected 0 to 4"):
             edit.with_sh_degree(c, degree)
+
+
+def test_what_only_moves_or_grows_keeps_its_harmonics_bit_for_bit() -> None:
+    """Oracle: the arrays before; a mere move keeps shapes bit for bit too."""
+    before = cloud(n=9, degree=3)
+    grown = edit.transform(before, np.diag([2.5, 2.5, 2.5, 1]))
+    np.testing.assert_array_equal(grown.sh, before.sh)
+    move = np.eye(4)
+    move[:3, 3] = 1, 2, 3
+    moved = edit.transform(before, move)
+    for name in ("sh", "scales", "rotations", "opacities"):
+        np.testing.assert_array_equal(getattr(moved, name), getattr(before, name))

@@ -19,6 +19,7 @@ from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 
 _CHUNK = 1 << 13  # splats factored at a time: their float64 temporaries stay in the cache
 _SIMILAR = 1e-6  # relative spread of singular values that float32 rounding of a rotation explains
+_UNTURNED = 1e-12  # how far elements of a rotation by nothing may be off
 
 
 def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
@@ -40,17 +41,20 @@ def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
     linear = m[:3, :3]
     left, stretch, right = np.linalg.svd(linear)
     orthogonal = left @ right
-    if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
+    if np.array_equal(linear, np.eye(3)):
+        scales, rotations = cloud.scales, cloud.rotations
+    elif stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
         scales, rotations = _similar(cloud, orthogonal, float(stretch.mean()))
     else:
         scales, rotations = _general(cloud, linear)
     velocities = cloud.velocities
+    turns = not np.allclose(orthogonal, np.eye(3), rtol=0, atol=_UNTURNED)
     return replace(
         cloud,
         positions=(cloud.positions @ linear.T + m[:3, 3]).astype(np.float32),
         scales=scales,
         rotations=rotations,
-        sh=sh_rotation.rotate(cloud.sh, orthogonal),
+        sh=sh_rotation.rotate(cloud.sh, orthogonal) if turns else cloud.sh,
         velocities=None if velocities is None else (velocities @ linear.T).astype(np.float32),
     )
 
