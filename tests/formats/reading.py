@@ -46,10 +46,15 @@ class Outcome:
     seconds: float
 
 
-def read_in_a_process(paths: Iterable[Path]) -> list[Outcome]:
-    """Read every path in one fresh process, where warnings are errors."""
+def read_in_a_process(paths: Iterable[Path], *, drop: bool = False) -> list[Outcome]:
+    """Read every path in one fresh process, where warnings are errors.
+
+    Args:
+        paths: Captures.
+        drop: Whether splats that are not finite are left out.
+    """
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "tests.formats.reading"],
+        [sys.executable, "-W", "error", "-m", "tests.formats.reading", *["--drop"] * drop],
         input="\n".join(map(str, paths)),
         capture_output=True,
         text=True,
@@ -69,13 +74,13 @@ def check_sentence(outcome: Outcome) -> None:
     assert "\n" not in said and len(said) < 400 + 2 * len(path), said
 
 
-def _outcome(path: str) -> Outcome:
+def _outcome(path: str, how: formats.Reading) -> Outcome:
     Path("/proc/self/clear_refs").write_text("5")  # forgets the highest memory
     faulthandler.dump_traceback_later(_HANG_S, exit=True)
     started = time.perf_counter()
     splats, said, bug = -1, "", ""
     try:
-        cloud = formats.read(path).cloud
+        cloud = formats.read(path, how=how).cloud
         splats, bug = len(cloud), _flaw(cloud)
     except UsdSplatError as error:
         said = str(error)
@@ -106,5 +111,6 @@ def _flaw(cloud) -> str:
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
+    asked = formats.Reading(drop_nonfinite="--drop" in sys.argv)
     for line in sys.stdin.read().splitlines():
-        print(json.dumps(asdict(_outcome(line))), flush=True)
+        print(json.dumps(asdict(_outcome(line, asked))), flush=True)

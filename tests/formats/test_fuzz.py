@@ -17,8 +17,11 @@ CHUNKS, EACH = 8, 260
 
 
 def run(data, folder, seed, count):
-    """Read `count` damaged captures, check each, and return what came of them."""
-    outcomes = read_in_a_process(mutations(data, folder, count, seed))
+    """Read `count` damaged captures, check each, and return what came of them.
+
+    Odd seeds leave out splats that are not finite, even ones refuse them.
+    """
+    outcomes = read_in_a_process(mutations(data, folder, count, seed), drop=bool(seed % 2))
     assert len(outcomes) == count
     for outcome in outcomes:
         assert outcome.bug == "", f"{outcome.path}\n{outcome.bug}"
