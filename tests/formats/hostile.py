@@ -69,6 +69,7 @@ def bombs(folder: Path) -> list[Path]:
         "many_scenes.glb": _gltf(nodes=[{"mesh": 0}] * (1 << 15)).glb_bytes(),
         "long_tree.gltf": _gltf(nodes=[{"children": [i + 1]} for i in range(1 << 17)]).text(),
         "long_json.gltf": b'{"asset":{"version":"2.0"},"a":[' + b"[]," * (1 << 24) + b"0]}",
+        "many_values.gltf": b'{"asset":{"version":"2.0"},"a":[' + b"{}," * 1_398_000 + b"0]}",
         "deep_json.gltf": b'{"asset":{"version":"2.0"},"a":' + b"[" * (1 << 21),
         "claims.glb": _gltf(buffers=[{"byteLength": 1 << 50}]).glb_bytes(),
         "climbing.gltf": _gltf(buffers=[{"byteLength": 9, "uri": "../../secret"}]).text(),
