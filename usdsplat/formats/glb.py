@@ -43,7 +43,8 @@ MAX_DEGREE = 3
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
-_LARGEST = (1 << 32) - 1
+_LARGEST = (1 << 32) - (1 << 20)
+"""Bytes of data: 32 bits count those and the text before them, far shorter than the rest."""
 _FLOAT, _BYTE = 5126, 5121
 _VERTICES = 34962
 _POINTS = 0
@@ -107,16 +108,16 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         UsageError: If the cloud is none such.
         OutputError: If nothing can be written there, or a .glb cannot hold as much.
     """
-    _check(cloud, path, how)
     attributes = _attributes(cloud)
     ends = list(accumulate(attribute.size * len(cloud) for attribute in attributes))
+    if ends[-1] > _LARGEST:
+        found = f"{len(cloud)} splats in {ends[-1]} bytes"
+        raise OutputError(str(path), found, f"at most {_LARGEST} in a .glb")
+    _check(cloud, path, how)
     text = json.dumps(_document(cloud, attributes, ends), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     start = _HEADER.size + 2 * _CHUNK.size + len(text)
     whole = start + ends[-1]
-    if whole > _LARGEST:
-        expected = f"at most {_LARGEST}, for a .glb cannot count further"
-        raise OutputError(str(path), f"{len(cloud)} splats in {whole} bytes", expected)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(_HEADER.pack(MAGIC, 2, whole))
         file.write(_CHUNK.pack(len(text), b"JSON") + text)
