@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tests.interchange.samples import assert_same, capture, covariances, read_ply
 from tests.schema.clouds import cloud
@@ -133,6 +133,27 @@ def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path, time,
     ]
     np.testing.assert_allclose(found.positions[:5], np.concatenate(expected), atol=1e-4)
     np.testing.assert_allclose(found.scales[:2], 2 * trees["Oak"].scales, rtol=1e-5)
+
+
+@pytest.mark.parametrize("specifier", [Sdf.SpecifierOver, Sdf.SpecifierClass])
+def test_prototypes_that_do_not_show_by_themselves_are_exported_at_their_instances(
+    stage, tmp_path: Path, specifier
+) -> None:
+    """Oracle: USD's ways to keep prototypes: under an `over` or a `class`, in a hidden scope."""
+    tree = cloud(n=2)
+    schema.author(stage, "/Library/Tree", tree)
+    stage.GetRootLayer().GetPrimAtPath("/Library").specifier = specifier
+    UsdGeom.Scope.Define(stage, "/Hidden").MakeInvisible()
+    schema.author(stage, "/Hidden/Bush", cloud(n=3))
+    forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
+    for path in ("/Library/Tree", "/Hidden/Bush"):
+        forest.GetPrototypesRel().AddTarget(path)
+    forest.GetProtoIndicesAttr().Set([0, 1, 0])
+    forest.GetPositionsAttr().Set([(10, 0, 0), (20, 0, 0), (30, 0, 0)])
+    export_capture(stage, tmp_path / "out.ply", frame="rub")
+    found = formats.read(tmp_path / "out.ply").cloud
+    assert len(found) == 2 + 3 + 2
+    np.testing.assert_allclose(found.positions[:2], np.add(tree.positions, (10, 0, 0)), atol=1e-5)
 
 
 def test_instances_that_are_not_seen_stay_out(stage, tmp_path: Path) -> None:

@@ -18,6 +18,9 @@ MOST_SPLATS = 1 << 28
 """A cloud of more is a slip with an instancer, not an export: it would take 60 GB."""
 
 _PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+_IN_WORLD = Usd.TraverseInstanceProxies()
+_IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+"""Prototypes may be kept under an `over` or a `class`, so that they do not show by themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,7 +71,7 @@ def appearances(
         return [_once(root, places)], []
     found: list[Appearance] = []
     notes: list[str] = []
-    prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies()))
+    prims = iter(Usd.PrimRange(root, _IN_WORLD))
     for prim in prims:
         if prim.IsA(UsdGeom.PointInstancer):
             found += _instances(UsdGeom.PointInstancer(prim), places, time, notes)
@@ -113,10 +116,11 @@ def _instances(
         here = to_world @ to_instancer[kinds == kind]
         if not prototype or not len(here):
             continue
-        for prim in Usd.PrimRange(prototype, Usd.TraverseInstanceProxies()):
+        is_defined = prototype.IsDefined() and not prototype.IsAbstract()
+        for prim in Usd.PrimRange(prototype, _IN_WORLD if is_defined else _IN_PROTOTYPE):
             if prim.IsA(UsdGeom.PointInstancer):
                 notes.append(f"{prim.GetPath()}: point instances of instances are not exported")
-            elif schema.is_splat_field(prim) and _is_visible(prim, time):
+            elif schema.is_splat_field(prim) and _is_visible(prim, time, prototype):
                 inner, _ = places.ComputeRelativeTransform(prim, prototype)
                 yield Appearance(prim=prim, to_world=here @ _columns(inner))
 
@@ -148,9 +152,17 @@ def _columns(matrix: object) -> F64:
     return np.array(matrix, np.float64).T
 
 
-def _is_visible(prim: Usd.Prim, time: float | None) -> bool:
-    """Whether renders show the prim."""
-    imageable = UsdGeom.Imageable(prim)
-    if imageable.ComputePurpose() not in _PURPOSES:
-        return False
-    return bool(imageable.ComputeVisibility(code(time)) != UsdGeom.Tokens.invisible)
+def _is_visible(prim: Usd.Prim, time: float | None, root: Usd.Prim | None = None) -> bool:
+    """Whether renders show the prim; what is above `root`, a prototype's, hides nothing in it."""
+    purpose = ""
+    while prim and not prim.IsPseudoRoot():
+        imageable = UsdGeom.Imageable(prim)
+        if imageable:
+            if imageable.GetVisibilityAttr().Get(code(time)) == UsdGeom.Tokens.invisible:
+                return False
+            own = imageable.GetPurposeAttr()
+            purpose = purpose or (str(own.Get()) if own.HasAuthoredValue() else "")
+        if prim == root:
+            break
+        prim = prim.GetParent()
+    return not purpose or purpose in _PURPOSES
