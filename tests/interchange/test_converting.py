@@ -50,6 +50,14 @@ def test_a_capture_can_be_turned_on_the_way(tmp_path: Path) -> None:
     np.testing.assert_allclose(covariances(after), expected, atol=1e-5)
 
 
+def test_a_file_whose_name_could_be_a_sequence_is_itself(tmp_path: Path) -> None:
+    """Oracle: a person's expectation of a file that is there."""
+    source = capture(tmp_path).rename(tmp_path / "take#2.ply")
+    assert convert(source, tmp_path / "a.usda").splats == len(formats.read(source).cloud)
+    assert Usd.Stage.Open(str(tmp_path / "a.usda")).GetDefaultPrim()
+    assert type(convert(source, tmp_path / "b.ply")) is ExportReport
+
+
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """Oracle: the documented errors."""
     source = capture(tmp_path)

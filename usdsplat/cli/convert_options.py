@@ -129,11 +129,12 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
     from usdsplat.images.frames import has_place
     from usdsplat.interchange.converting import check_sequences, check_target
     from usdsplat.interchange.files import is_usd
+    from usdsplat.interchange.sequence_files import is_sequence
 
     becomes = is_usd(check_target(target))
     check_sequences(sources, Path(target))
     kinds = sorted({(is_usd(source), becomes) for source in sources})
-    of_frames = any(has_place(each) and not is_usd(each) for each in (*sources, Path(target)))
+    of_frames = any(map(is_sequence, sources)) or (has_place(target) and not becomes)
     tables = (_MEANINGFUL, _OF_FRAMES if of_frames else _OF_ONE)
     found = (name for kind in kinds for table in tables for name in table.get(kind, ()))
     meaningful = list(dict.fromkeys(found))

@@ -23,6 +23,7 @@ from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport, SplitReport
 from usdsplat.interchange.sequence_exporting import export_sequence
+from usdsplat.interchange.sequence_files import is_sequence
 from usdsplat.interchange.sequences import RATE, import_sequence
 from usdsplat.schema import Form
 
@@ -87,12 +88,11 @@ def convert(
     path = check_target(target)
     check_sequences(sources, path)
     stages = [each for each in sources if files.is_usd(each)]
-    is_sequence = has_place(sources[0]) and not stages
     if files.is_usd(path) and stages:
         if len(sources) > 1:
             raise UsageError(str(stages[0]), "a stage among several inputs", "captures alone")
         return repack(sources[0], path, form=form, edits=edits, progress=progress)
-    if files.is_usd(path) and is_sequence:
+    if files.is_usd(path) and is_sequence(sources[0]):
         return import_sequence(
             sources[0],
             path,
@@ -137,7 +137,7 @@ def convert(
         writing=writing,
         progress=progress,
     )
-    if is_sequence:
+    if is_sequence(sources[0]):
         return work.each_frame(sources[0], path, frames)
     if split and (len(sources) > 1 or not stages or has_place(path)):
         listed = ", ".join(map(str, sources))
@@ -185,7 +185,7 @@ def check_sequences(sources: Sequence[Path], target: Path) -> None:
         UsageError: If a sequence is to become one with other inputs, or something else than a stage
             or a sequence; or if there is no sequence to write.
     """
-    patterns = [each for each in sources if has_place(each) and not files.is_usd(each)]
+    patterns = [each for each in sources if is_sequence(each)]
     if patterns and len(sources) > 1:
         raise UsageError(str(patterns[0]), "a sequence among several inputs", "it alone")
     if files.is_usd(target):

@@ -13,10 +13,16 @@ import numpy as np
 from usdsplat.core import edit
 from usdsplat.core.errors import FormatError
 from usdsplat.formats import Capture
-from usdsplat.images.frames import frame_paths, frames_found
+from usdsplat.images.frames import frame_paths, frames_found, has_place
+from usdsplat.interchange.files import is_usd
 
 _MOST_LISTED = 8
 """Runs of frames that a sentence lists."""
+
+
+def is_sequence(source: Path) -> bool:
+    """Whether a name of what is read stands for many captures; a file of that very name is one."""
+    return has_place(source) and not is_usd(source) and not source.exists()
 
 
 def files_of(pattern: Path, frames: Sequence[float] | None = None) -> dict[float, Path]:
