@@ -111,12 +111,12 @@ def _times(stage: Usd.Stage) -> list[float]:
     """The frames of a stage that changes over time."""
     if stage.HasAuthoredTimeCodeRange():
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-        count = int(last - first + 1e-6) + 1
-        if not 1 <= count <= LIMIT:
+        span = last - first + 1e-6
+        if not 0 <= span < LIMIT:  # nor is it infinite then
             expected = f"1 to {LIMIT} frames, or --frames that says which"
             name = stage.GetRootLayer().identifier
             raise UsageError(name, f"time codes {first:g} to {last:g}", expected)
-        return [first + i for i in range(count)]
+        return [first + i for i in range(int(span) + 1)]
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
     fields = (prim for prim in prims if schema.is_splat_field(prim))
     return [time for prim in fields for time in schema.sample_times(prim)]
