@@ -53,6 +53,13 @@ def test_where_all_are_alike_all_stay(deviations) -> None:
     assert_same(drop_outliers(cloud, neighbors=1, deviations=deviations), cloud)
 
 
+def test_where_no_distance_is_known_all_stay() -> None:
+    """Oracle: closed form: one of nine neighbours of each is infinitely far."""
+    cloud = random_cloud(10, 0)
+    cloud.positions[0] = 1e30
+    assert_same(drop_outliers(cloud), cloud)
+
+
 def test_one_beyond_what_can_be_squared_goes_alone() -> None:
     """Oracle: closed form: its distance is infinite, and says nothing of the others'."""
     cloud = random_cloud(300, 0)

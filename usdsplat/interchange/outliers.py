@@ -60,8 +60,10 @@ def drop_outliers(
     # The nearest is the point itself, or another at the same place: at distance 0 either way.
     means = np.zeros(len(sound))
     means[alone] = distances.sum(axis=1, dtype=np.float64) / found
-    near = np.isfinite(means)
-    limit = means[near].mean() + deviations * means[near].std(ddof=1)
+    known = means[np.isfinite(means)]
+    if len(known) < 2:  # too far apart for float32: nobody can say what is usual
+        return sound
+    limit = known.mean() + deviations * known.std(ddof=1)
     return edit.take(sound, np.asarray(means <= (1 + _ROUNDING) * limit))
 
 
