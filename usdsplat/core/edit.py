@@ -38,6 +38,8 @@ def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
     m = np.asarray(matrix, np.float64)
     if m.shape != (4, 4) or not np.isfinite(m).all() or not np.allclose(m[3], (0, 0, 0, 1)):
         raise UsageError("matrix", np.array2string(m), "a finite affine 4x4, last row 0 0 0 1")
+    if np.array_equal(m, np.eye(4)):
+        return cloud
     linear = m[:3, :3]
     left, stretch, right = np.linalg.svd(linear)
     orthogonal = left @ right

@@ -43,7 +43,7 @@ class Appearance:
             raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
         turned = np.eye(4)
         turned[:3, :3] = turn
-        clouds = [_moved(own, turned @ matrix) for matrix in self.to_world]
+        clouds = [edit.transform(own, turned @ matrix) for matrix in self.to_world]
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
 
 
@@ -141,10 +141,6 @@ def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, 
         found = f"{len(matrices)} places for {len(kinds)} instances"
         raise StageError(str(instancer.GetPath()), found, "one for each")
     return matrices[mask], kinds[mask]
-
-
-def _moved(cloud: SplatCloud, matrix: F64) -> SplatCloud:
-    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
 
 
 def _columns(matrix: object) -> F64:

@@ -56,7 +56,7 @@ def edited(
         progress.step("editing", done, len(steps))
         group, before = [item for _, item in step], len(cloud)
         if group[0].kind.moves:
-            cloud = _moved(cloud, group)
+            cloud = edit.transform(cloud, map_of(group))
         else:
             cloud = _WORK[group[0].name](cloud, group[0].values, progress)
         if before and not len(cloud) and not may_empty:
@@ -107,12 +107,6 @@ def _step(numbered: tuple[int, Edit]) -> int:
     return -1 if item.kind.moves else place
 
 
-def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
-    """The cloud after all these maps, the first first."""
-    matrix = map_of(moves)
-    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
-
-
 def _rotation(degrees: Numbers) -> F64:
     """Turn about x, then y, then z; right angles exactly."""
     matrix = np.eye(3)
@@ -161,9 +155,8 @@ def _drop_nan(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
 
 
 def _drop_outliers(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
-    from usdsplat.interchange.outliers import (
-        drop_outliers,
-    )  # loads a compiler, which most do without
+    # Loads a compiler, which most do without.
+    from usdsplat.interchange.outliers import drop_outliers
 
     return drop_outliers(cloud, neighbors=int(values[0]), deviations=values[1])
 
@@ -173,7 +166,8 @@ def _cut_harmonics(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatClou
 
 
 def _decimate(cloud: SplatCloud, values: Numbers, progress: Progress) -> SplatCloud:
-    from usdsplat.interchange.decimating import decimate  # loads a compiler, which most do without
+    # Likewise.
+    from usdsplat.interchange.decimating import decimate
 
     wanted = values[0] if values[0] >= 1 else max(round(values[0] * len(cloud)), 1)
     return decimate(cloud, int(wanted), progress=progress)

@@ -132,7 +132,7 @@ def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
     """
     matrix = np.eye(4)
     matrix[:3, :3] = axes.change(source, target)
-    return cloud if np.array_equal(matrix, np.eye(4)) else edit.transform(cloud, matrix)
+    return edit.transform(cloud, matrix)
 
 
 def _widest(bounds: Sequence[Mapping[str, str]]) -> dict[str, str]:
