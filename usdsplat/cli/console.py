@@ -57,8 +57,20 @@ def announce_compilation(text: str = PICTURES) -> Callable[[str], None]:
 
 
 def print_json(value: Any) -> None:
-    """Print a result for machines: one JSON value on stdout."""
-    print(json.dumps(value, indent=2, allow_nan=False))
+    """Print a result for machines: one JSON value on stdout, null for numbers that are not finite.
+
+    Stages may hold such numbers anywhere, and JSON has no word for them.
+    """
+    print(json.dumps(_with_null(value), indent=2, allow_nan=False))
+
+
+def _with_null(value: Any) -> Any:
+    """A value of which JSON can hold every number."""
+    if isinstance(value, dict):
+        return {key: _with_null(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_null(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def duration(seconds: float) -> str:
