@@ -56,7 +56,7 @@ def test_bounds_and_modes_are_those_that_hold_for_all() -> None:
     first = kept("a.ply", antialiased=True, error_bounds={"sh": "1/8"}, notes=("one", "both"))
     second = kept("b.ply", error_bounds={"sh": "1/16", "scales": "1 %"}, notes=("both",))
     both = joined([first, second])
-    assert both.error_bounds == {"sh": "1/8 or 1/16", "scales": "1 %"}
+    assert both.error_bounds == {"sh": "1/8 or 1/16", "scales": "exact or 1 %"}
     assert not both.antialiased
     assert both.notes[:2] == ("one", "both")
     assert "rasterised differently" in both.notes[2]

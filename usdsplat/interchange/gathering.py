@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from usdsplat.formats.options import READING
 from usdsplat.interchange.editing import bounds_after, edited
 
 _MIXED = "captures are rasterised differently; the result says classic for all"
+_EXACT = "exact"
 
 
 def gather(
@@ -86,7 +88,7 @@ def joined(captures: Sequence[Capture]) -> Capture:
         frame=first.frame,
         antialiased=modes == {True},
         color_space=first.color_space,
-        error_bounds=_widest([capture.error_bounds for capture in captures]),
+        error_bounds=reduce(widened, [capture.error_bounds for capture in captures]),
         notes=tuple(notes),
     )
 
@@ -135,10 +137,12 @@ def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
     return edit.transform(cloud, matrix)
 
 
-def _widest(bounds: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """What can be said of splats that have any of these bounds."""
-    names = sorted({name for each in bounds for name in each})
-    return {
-        name: " or ".join(dict.fromkeys(each[name] for each in bounds if name in each))
-        for name in names
-    }
+def either(first: str, second: str) -> str:
+    """Words for what is one thing here and another there."""
+    return first if second in (first, *first.split(" or ")) else f"{first} or {second}"
+
+
+def widened(first: Mapping[str, str], second: Mapping[str, str]) -> Mapping[str, str]:
+    """Error bounds of which any may hold; what is not in one of them is exact there."""
+    names = sorted({*first, *second})
+    return {name: either(first.get(name, _EXACT), second.get(name, _EXACT)) for name in names}

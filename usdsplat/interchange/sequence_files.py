@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +15,7 @@ from usdsplat.core.errors import FormatError
 from usdsplat.formats import Capture
 from usdsplat.images.frames import frame_paths, frames_found, has_place
 from usdsplat.interchange.files import is_usd
+from usdsplat.interchange.gathering import either, widened
 
 _MOST_LISTED = 8
 """Runs of frames that a sentence lists."""
@@ -109,8 +110,8 @@ class Account:
                 raise FormatError(str(path), f"{name} {found}", f"{first}, as in the first frame")
         self.capture = replace(
             self.capture,
-            format=_either(self.capture.format, capture.format),
-            error_bounds=_widened(self.capture.error_bounds, capture.error_bounds),
+            format=either(self.capture.format, capture.format),
+            error_bounds=widened(self.capture.error_bounds, capture.error_bounds),
         )
 
     def fingerprint(self) -> str:
@@ -128,18 +129,6 @@ def _shared(capture: Capture) -> tuple[object, ...]:
     """What all frames must have in common, in the order of `_SHARED`."""
     degree = capture.cloud.sh_degree
     return degree, capture.frame, capture.antialiased, capture.color_space
-
-
-def _either(first: str, second: str) -> str:
-    """Words for what is one thing here and another there."""
-    return first if second in first.split(" or ") else f"{first} or {second}"
-
-
-def _widened(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:
-    """Bounds of which any may hold."""
-    names = sorted({*first, *second})
-    both = {name: (first.get(name, "exact"), second.get(name, "exact")) for name in names}
-    return {name: a if b == a else _either(a, b) for name, (a, b) in both.items()}
 
 
 def _gaps(times: Sequence[float]) -> list[tuple[float, float]]:
