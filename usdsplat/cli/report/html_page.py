@@ -7,7 +7,6 @@ import io
 from html import escape
 from pathlib import Path
 
-from usdsplat.cli.report.png_page import summary
 from usdsplat.cli.report.values import Histogram, Picture, Report
 
 _STYLE = """
@@ -77,5 +76,5 @@ def _chart(histogram: Histogram) -> str:
         f'<svg viewBox="0 0 1 1" preserveAspectRatio="none">{bars}'
         f'<line x1="{middle:.4f}" x2="{middle:.4f}" y1="0" y2="1"/></svg>'
         f'<div class="ticks">{ticks}</div>'
-        f"<figcaption>{escape(summary(histogram))}</figcaption></figure>"
+        f"<figcaption>{escape(histogram.summary())}</figcaption></figure>"
     )

@@ -81,13 +81,7 @@ def _chart(draw: ImageDraw, histogram: Histogram, at: tuple[int, int]) -> None:
         draw.line([(tick, foot), (tick, foot + 4)], fill=_INK)
         anchor = "lt" if place < 0.05 else "rt" if place > 0.95 else "mt"
         _write(draw, (tick, foot + 7), text, color=_FAINT, anchor=anchor)
-    _write(draw, (x, foot + _LINE + 4), summary(histogram), color=_MARK)
-
-
-def summary(histogram: Histogram) -> str:
-    """The median, and how many splats have no place in the bars."""
-    beyond = f", {histogram.beyond} left out" if histogram.beyond else ""
-    return f"median {histogram.median:.4g}{beyond}"
+    _write(draw, (x, foot + _LINE + 4), histogram.summary(), color=_MARK)
 
 
 def _line(draw: ImageDraw, line: str, y: int) -> None:

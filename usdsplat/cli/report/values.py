@@ -23,7 +23,7 @@ class Histogram:
     logarithmic: bool
     """Whether the bars are evenly spaced in the logarithm."""
     median: float
-    """Of all splats."""
+    """Of the values that have a place."""
     beyond: int
     """Splats without a place: not finite, or 0 where that has no logarithm."""
 
@@ -32,6 +32,11 @@ class Histogram:
         ends = np.array([self.edges[0], value, self.edges[-1]])
         low, at, high = np.log(ends) if self.logarithmic else ends
         return float((at - low) / (high - low))
+
+    def summary(self) -> str:
+        """The median, and how many splats have no place in the bars."""
+        beyond = f", {self.beyond} left out" if self.beyond else ""
+        return f"median {self.median:.4g}{beyond}"
 
     def ticks(self) -> list[tuple[float, str]]:
         """Where to write which numbers, a few, each between 0 and 1."""
