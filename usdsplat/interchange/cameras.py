@@ -177,7 +177,7 @@ def _centres(field: Usd.Prim) -> F64:
     name = tokens.POSITIONS if packed else stock.source_name(field, tokens.POSITIONS)
     found = attributes.array(field, name, code)
     centres = np.empty((0, 3)) if found is None else found
-    centres = centres[:: max(1, len(centres) // _SAMPLED)]
+    centres = centres[:: max(1, -(-len(centres) // _SAMPLED))]
     box = np.asarray(field.GetAttribute(tokens.EXTENT).Get(code) or ())
     corners = np.array(np.meshgrid(*box.T)).reshape(3, 8).T if box.shape == (2, 3) else ()
     points = np.concatenate([centres, np.reshape(corners, (-1, 3))]).astype(np.float64)

@@ -112,7 +112,7 @@ class _Splats:
 
     @classmethod
     def of(cls, cloud: SplatCloud) -> _Splats:
-        rows = slice(None, None, max(1, len(cloud) // _MOST))
+        rows = slice(None, None, max(1, -(-len(cloud) // _MOST)))
         positions = cloud.positions[rows].astype(np.float64)
         scales = cloud.scales[rows].astype(np.float64)
         turns = cloud.rotations[rows].astype(np.float64)
