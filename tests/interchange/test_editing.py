@@ -140,6 +140,14 @@ def test_an_edit_that_leaves_nothing_is_named() -> None:
     assert len(edited(CLOUD, edits, may_empty=True)[0]) == 0
 
 
+@pytest.mark.parametrize("typed", [("scale 1e39",), ("scale 1e308", "scale 1e308")])
+def test_an_edit_that_leaves_float32_is_named(typed) -> None:
+    """Oracle: the largest float32, 3.4e38."""
+    with pytest.raises(UsageError, match=r"^edit scale: found splats beyond all float32 numbers"):
+        after(*typed)
+    assert after("scale 1e37", "scale 1e-37").positions == pytest.approx(CLOUD.positions, rel=1e-6)
+
+
 def test_bounds_say_what_multiplies_or_mixes_them() -> None:
     """Oracle: centres grow with a scale, harmonics mix in a turn, opacities stay."""
     bounds = {"positions": "0.1", "opacities": "1/255", "sh": "4 %"}

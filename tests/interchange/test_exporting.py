@@ -172,6 +172,16 @@ def test_instances_that_are_not_seen_stay_out(stage, tmp_path: Path) -> None:
     assert report.notes == ("/Forest: left out, it is not shown in renders",)
 
 
+@pytest.mark.parametrize("factor", [1e39, np.inf])
+def test_a_place_that_float32_cannot_hold_is_refused(stage, tmp_path: Path, factor) -> None:
+    """Oracle: the largest float32, 3.4e38; nothing is written."""
+    prim = schema.author(stage, "/Far", cloud(n=2))
+    UsdGeom.Xformable(prim).AddScaleOp(UsdGeom.XformOp.PrecisionDouble).Set((factor,) * 3)
+    with pytest.raises(StageError, match=r"^/Far: found "):
+        export_capture(stage, tmp_path / "out.ply")
+    assert not list(tmp_path.iterdir())
+
+
 def test_more_splats_than_fit_are_refused_before_they_are_made(stage, tmp_path: Path) -> None:
     """Oracle: 40 million instances of 10 splats, a slip that would take 90 GB."""
     forest = UsdGeom.PointInstancer.Define(stage, "/Forest")

@@ -28,6 +28,7 @@ def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
     Centres and velocities are mapped; covariances become A S A^T, factored again into scales and
     rotation; harmonics turn by the orthogonal factor of A's polar decomposition, its reflection
     included. Uniform scale with rotation or mirroring keeps the axes of every splat as they are.
+    What becomes too large for float32 is infinite: see `overflows`.
 
     Args:
         matrix: Affine map of the cloud's space, column vectors, shape (4, 4), finite.
@@ -40,24 +41,15 @@ def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
         raise UsageError("matrix", np.array2string(m), "a finite affine 4x4, last row 0 0 0 1")
     if np.array_equal(m, np.eye(4)):
         return cloud
-    linear = m[:3, :3]
-    left, stretch, right = np.linalg.svd(linear)
-    orthogonal = left @ right
-    if np.array_equal(linear, np.eye(3)):
-        scales, rotations = cloud.scales, cloud.rotations
-    elif stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
-        scales, rotations = _similar(cloud, orthogonal, float(stretch.mean()))
-    else:
-        scales, rotations = _general(cloud, linear)
-    velocities = cloud.velocities
-    turns = not np.allclose(orthogonal, np.eye(3), rtol=0, atol=_UNTURNED)
-    return replace(
-        cloud,
-        positions=(cloud.positions @ linear.T + m[:3, 3]).astype(np.float32),
-        scales=scales,
-        rotations=rotations,
-        sh=sh_rotation.rotate(cloud.sh, orthogonal) if turns else cloud.sh,
-        velocities=None if velocities is None else (velocities @ linear.T).astype(np.float32),
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _mapped(cloud, m)
+
+
+def overflows(before: SplatCloud, after: SplatCloud) -> bool:
+    """Whether a map took finite centres or scales to where float32 ends."""
+    return any(
+        np.isfinite(getattr(after, name)).sum() < np.isfinite(getattr(before, name)).sum()
+        for name in ("positions", "scales")
     )
 
 
@@ -132,6 +124,29 @@ def with_sh_degree(cloud: SplatCloud, degree: int) -> SplatCloud:
     if missing <= 0:
         return replace(cloud, sh=np.ascontiguousarray(cloud.sh[:, :count]))
     return replace(cloud, sh=np.pad(cloud.sh, ((0, 0), (0, missing), (0, 0))))
+
+
+def _mapped(cloud: SplatCloud, m: F64) -> SplatCloud:
+    """What `transform` does, by a matrix that is affine and finite."""
+    linear = m[:3, :3]
+    left, stretch, right = np.linalg.svd(linear)
+    orthogonal = left @ right
+    if np.array_equal(linear, np.eye(3)):
+        scales, rotations = cloud.scales, cloud.rotations
+    elif stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
+        scales, rotations = _similar(cloud, orthogonal, float(stretch.mean()))
+    else:
+        scales, rotations = _general(cloud, linear)
+    velocities = cloud.velocities
+    turns = not np.allclose(orthogonal, np.eye(3), rtol=0, atol=_UNTURNED)
+    return replace(
+        cloud,
+        positions=(cloud.positions @ linear.T + m[:3, 3]).astype(np.float32),
+        scales=scales,
+        rotations=rotations,
+        sh=sh_rotation.rotate(cloud.sh, orthogonal) if turns else cloud.sh,
+        velocities=None if velocities is None else (velocities @ linear.T).astype(np.float32),
+    )
 
 
 def _similar(cloud: SplatCloud, orthogonal: F64, factor: float) -> tuple[F32, F32]:

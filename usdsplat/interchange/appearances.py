@@ -35,7 +35,8 @@ class Appearance:
         """All its splats in world space, whose axes are turned by `turn`, shape (3, 3).
 
         Raises:
-            StageError: If these are more than `MOST_SPLATS`, or the field cannot be read.
+            StageError: If these are more than `MOST_SPLATS`, the field cannot be read, or float32
+                cannot hold where they are in the world.
         """
         own = schema.fetch(self.prim, time)
         total = len(own) * len(self.to_world)
@@ -43,8 +44,19 @@ class Appearance:
             raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
         turned = np.eye(4)
         turned[:3, :3] = turn
-        clouds = [edit.transform(own, turned @ matrix) for matrix in self.to_world]
+        clouds = [self._placed(own, turned @ matrix) for matrix in self.to_world]
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
+
+    def _placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
+        """The field's cloud after a map that is finite."""
+        if not np.isfinite(matrix).all():
+            found = "a transform that is not finite"
+            raise StageError(str(self.prim.GetPath()), found, "finite numbers")
+        placed = edit.transform(own, matrix)
+        if edit.overflows(own, placed):
+            found = "splats beyond all float32 numbers in world space"
+            raise StageError(str(self.prim.GetPath()), found, "a smaller transform")
+        return placed
 
 
 def appearances(

@@ -48,7 +48,7 @@ def edited(
         The cloud, and a sentence for each edit that dropped splats.
 
     Raises:
-        UsageError: If no splat is left, naming the edit.
+        UsageError: If no splat is left, or float32 cannot hold what they become, naming the edit.
     """
     steps = [list(group) for _, group in groupby(enumerate(edits), key=_step)]
     notes = []
@@ -56,7 +56,7 @@ def edited(
         progress.step("editing", done, len(steps))
         group, before = [item for _, item in step], len(cloud)
         if group[0].kind.moves:
-            cloud = edit.transform(cloud, map_of(group))
+            cloud = _moved(cloud, group)
         else:
             cloud = _WORK[group[0].name](cloud, group[0].values, progress)
         if before and not len(cloud) and not may_empty:
@@ -105,6 +105,17 @@ def _step(numbered: tuple[int, Edit]) -> int:
     """Equal for edits that move and stand together, of its own for any other."""
     place, item = numbered
     return -1 if item.kind.moves else place
+
+
+def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
+    """The cloud after all these maps, the first first."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = map_of(moves)
+    moved = edit.transform(cloud, matrix) if np.isfinite(matrix).all() else None
+    if moved is None or edit.overflows(cloud, moved):
+        names = " and ".join(dict.fromkeys(item.name for item in moves))
+        raise UsageError(f"edit {names}", "splats beyond all float32 numbers", "smaller numbers")
+    return moved
 
 
 def _rotation(degrees: Numbers) -> F64:
