@@ -249,10 +249,20 @@ def test_what_could_not_be_read_is_noted(tmp_path: Path, capfd) -> None:
     stage.DefinePrim("/Lost").GetReferences().AddReference("./none.usda")
     stage.Save()
     capfd.readouterr()
-    missing, unknown = repack(tmp_path / "a.usda", tmp_path / "b.usdc", form="half").notes
+    missing, unknown, _ = repack(tmp_path / "a.usda", tmp_path / "b.usdc", form="half").notes
     assert "none.usda" in missing
     assert unknown.startswith("/Splats: found colour space 'foo', expected one that USD knows")
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("form", "rules"), [("float", 0), ("half", 1), ("packed", 0)])
+def test_the_published_rule_that_a_form_breaks_is_noted(tmp_path: Path, form, rules) -> None:
+    """Oracle: VG.035 asks for the float attributes of stock fields."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/A", cloud(n=2), form="packed" if form == "float" else "float")
+    notes = repack(stage, tmp_path / "b.usda", form=form).notes
+    assert len(notes) == rules
+    assert all(note.startswith("/A: NVIDIA's rule VG.035 for splats fails:") for note in notes)
 
 
 def test_edits_are_done_to_each_field_in_its_own_coordinates(tmp_path: Path) -> None:

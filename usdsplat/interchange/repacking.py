@@ -78,12 +78,14 @@ def repack(
             schema.author(new, prim.GetPath(), cloud, form=form, time=time)
         splats += len(cloud)
     for prim in changed:
+        written = new.GetPrimAtPath(prim.GetPath())
         if not prim.IsDefined():
-            _inherit_purpose(prim, new.GetPrimAtPath(prim.GetPath()))
+            _inherit_purpose(prim, written)
         if edits:
-            add_edits(new.GetPrimAtPath(prim.GetPath()), edits)
+            add_edits(written, edits)
         if schema.form_of(prim) != form:
-            add_form(new.GetPrimAtPath(prim.GetPath()), form)
+            add_form(written, form)
+        notes += [f"{prim.GetPath()}: {rule}" for rule in schema.broken_rules(written)]
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
     return RepackReport(
