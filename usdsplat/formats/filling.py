@@ -32,6 +32,11 @@ def _nobody(_rows: int) -> None:
     pass
 
 
+def threads() -> ThreadPoolExecutor:
+    """As many as there are processors, up to 8: further ones wait for memory."""
+    return ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
+
+
 def in_parallel(
     count: int,
     work: Callable[[slice], None],
@@ -48,7 +53,7 @@ def in_parallel(
         Exception: The first that `work` raised, in the order of the rows.
     """
     pieces = [slice(start, min(start + rows, count)) for start in range(0, count, rows)]
-    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
+    with threads() as workers:
         for piece, _ in zip(pieces, workers.map(work, pieces), strict=True):
             told(piece.stop)
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from os import cpu_count
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +13,7 @@ from usdsplat.core.encoding import SMALL_LIMIT, dequantize, sigmoid
 from usdsplat.core.errors import FormatError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.formats import webp
-from usdsplat.formats.filling import Filling, blocks, in_parallel
+from usdsplat.formats.filling import Filling, blocks, in_parallel, threads
 from usdsplat.formats.inflate import check_count
 from usdsplat.formats.sog_files import SogFiles
 from usdsplat.formats.sog_meta import (
@@ -147,7 +145,7 @@ def _read_images(sog: Sog) -> dict[str, Codes]:
                 found[kind] = _packed_palette(sog.files, sog.meta)[:2]
             else:
                 found[kind] = _image_data(sog.files, file, sog.meta.count)
-    with ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1)) as workers:
+    with threads() as workers:
         images = workers.map(lambda image: webp.decode(*image), found.values())
         unpacked = dict(zip(found, images, strict=True))
     return {k: v if k == "palette" else v[: sog.meta.count] for k, v in unpacked.items()}

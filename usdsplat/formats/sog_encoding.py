@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from os import cpu_count
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.encoding import encode_smallest_three, quantize
 from usdsplat.core.errors import OutputError
 from usdsplat.formats import sog_codebook, sog_palette, webp
+from usdsplat.formats.filling import threads
 from usdsplat.formats.sog_meta import PALETTE_COLUMNS, ROTATION_TAG
 
 Codes = npt.NDArray[np.uint8]
@@ -79,7 +78,7 @@ def encode(
         sections |= {"antialias": True, "model": "antialiased"}  # as the document, as its tool say
     if cloud.sh_degree:
         sections["shN"] = _harmonics(cloud, order, images, told)
-    with ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1)) as workers:
+    with threads() as workers:
         packed = dict(zip(images, workers.map(webp.encode, images.values()), strict=True))
     told(len(cloud))
     return EncodedSog(images=packed, sections=sections)

@@ -10,9 +10,8 @@ and others, pack PLY files without turning them, so most files in the wild hold 
 
 from __future__ import annotations
 
-import os
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -23,7 +22,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
-from usdsplat.formats.filling import BLOCK, Filling, blocks, in_parallel
+from usdsplat.formats.filling import BLOCK, Filling, blocks, in_parallel, threads
 from usdsplat.formats.options import READING, SPZ_VERSIONS, WRITING, Reading, Writing
 from usdsplat.formats.spz_container import (
     ANTIALIASED,
@@ -181,7 +180,7 @@ def _fill(source: str, container: SpzContainer, how: Reading) -> Filling:
             filling.settle(rows)
 
     jobs: deque[Future[None]] = deque()
-    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as workers:
+    with threads() as workers:
         for rows, piece in zip(blocks(header.count), container.attribute(last, BLOCK), strict=True):
             jobs.append(workers.submit(work, rows, piece))
             if len(jobs) > _WAITING:

@@ -7,14 +7,13 @@ fast as zlib's default and within 5 % of its size, and version 4 with a short se
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import BinaryIO
 
+from usdsplat.formats.filling import threads
 from usdsplat.formats.spz_container import HEADER4_SIZE, TABLE_ENTRY, TABLE_OFFSET, SpzHeader
 from usdsplat.formats.spz_decoding import Codes
 
@@ -48,7 +47,7 @@ def write_gzip(
     pieces = [memoryview(header.pack()), *pieces, memoryview(extensions)]
     checksum = length = 0
     file.write(_MEMBER_HEAD)
-    with _workers() as workers:
+    with threads() as workers:
         deflated = workers.map(_deflate, pieces)
         for done, (piece, packed) in enumerate(zip(pieces, deflated, strict=True), 1):
             file.write(packed)
@@ -75,7 +74,7 @@ def write_frames(
     def compress(plane: Codes) -> bytes:
         return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plane.data)
 
-    with _workers() as workers:  # the last one, the harmonics, takes longest: it goes first
+    with threads() as workers:  # the last one, the harmonics, takes longest: it goes first
         frames = []
         for done, frame in enumerate(workers.map(compress, planes[::-1]), 1):
             frames.append(frame)
@@ -89,10 +88,6 @@ def write_frames(
         file.write(TABLE_ENTRY.pack(len(frame), plane.nbytes))
     for frame in frames:
         file.write(frame)
-
-
-def _workers() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
 
 
 def _deflate(piece: memoryview) -> bytes:
