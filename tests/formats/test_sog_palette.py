@@ -66,3 +66,24 @@ def test_every_row_is_told_of_and_runs_agree():
     again = sog_palette.palette(rows, silent)
     np.testing.assert_array_equal(labels, again[0])
     np.testing.assert_array_equal(table, again[1])
+
+
+@pytest.mark.parametrize("faint", [0.0, 1e-6], ids=["none", "hardly any"])
+def test_rows_without_harmonics_leave_the_palette_to_the_others(faint):
+    """Oracle: all but a few of the 1000 others have an entry of their own; with one for every
+    second splat, as the palette's size is, half of them would err by 1."""
+    rng = np.random.default_rng(0)
+    rows = (rng.normal(size=(8000, 15, 3)) * faint).astype(np.float32)
+    rows[::8] = rng.normal(size=(1000, 15, 3))
+    labels, table = sog_palette.palette(rows, silent)
+    assert len(table) <= 4096
+    assert rms(rows, labels, table) < 0.05
+
+
+def test_groups_of_one_row_leave_the_palette_its_size():
+    """Oracle: labels have 16 bits, however the rows are spread."""
+    counts = np.array([10**6, 0, *[1] * 254])
+    for errors in (counts.astype(float), np.ones(256), np.zeros(256)):
+        shares = sog_palette._shares(counts, errors, 1 << 16)
+        assert shares.sum() == (1 << 16 if errors[0] else 255)
+        assert (np.minimum(counts, 1) <= shares).all() and (shares <= counts).all()

@@ -2,6 +2,7 @@
 
 Rows are parted into groups by k-means, then each group into cells of its own. A row meets the
 centres of its group only, which costs the root of what one level would, for a little more error.
+Equal rows go through it as one that weighs more: a capture may have any number without harmonics.
 
 Source: Linde, Buzo & Gray 1980, "An algorithm for vector quantizer design"; two levels as Gersho &
 Gray 1992, "Vector Quantization and Signal Compression", chapter 12.
@@ -11,20 +12,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from os import cpu_count
 
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
-from usdsplat.formats.filling import in_parallel
+from usdsplat.core.cloud import F32, F64
+from usdsplat.formats.filling import in_parallel, threads
 
 LARGEST = 1 << 16
 """Rows of a palette whose labels have 16 bits."""
 
 _ROUNDS = 6
 _SAMPLES = 64  # rows for each centre that groups are found from
+_NEGLIGIBLE = 1e-3  # share of the errors that is not worth the search for more centres
 _BLOCK = 2048  # rows whose distances are looked at together
 _TILE = 32  # rows of a product too small for BLAS to wake threads of its own: they get in our way
 
@@ -51,30 +51,68 @@ def palette(rows: F32, told: Callable[[int], None]) -> tuple[npt.NDArray[np.uint
     size = size_for(count)
     if not size:
         return np.empty(0, np.uint16), np.empty((0, width), np.float32)
+    first, place, weights = _kinds(rows)
+    kinds = rows if len(first) == count else rows[first]
+    if len(kinds) <= size:
+        return place.astype(np.uint16), kinds.reshape(-1, width)
+    labels, table = _quantized(kinds, weights, size, told)
+    return labels[place], table
+
+
+def _kinds(rows: F32) -> tuple[Labels, Labels, F32]:
+    """Where each kind of row stands first, which kind each row is, and how many are of a kind.
+
+    Where all differ, each row is the kind of its own number.
+    """
+    factors = np.random.default_rng(0).integers(1 << 63, size=math.prod(rows.shape[1:]), dtype="u8")
+    marks = np.empty(len(rows), np.uint64)  # two kinds in 2^64 share one
+
+    def mark(block: slice) -> None:
+        bits = rows[block].reshape(-1, len(factors)).view(np.uint32)
+        marks[block] = np.einsum("ij,j->i", bits, factors, dtype=np.uint64, casting="same_kind")
+
+    in_parallel(len(rows), mark)
+    _, first, place, weights = np.unique(
+        marks, return_index=True, return_inverse=True, return_counts=True
+    )
+    if len(first) == len(rows):
+        first = place = np.arange(len(rows))
+    return first, place, weights.astype(np.float32)
+
+
+def _quantized(
+    rows: F32, weights: F32, size: int, told: Callable[[int], None]
+) -> tuple[npt.NDArray[np.uint16], F32]:
+    """Labels and a palette of at most `size` rows, for more rows than that."""
+    count = len(rows)
+    width = math.prod(rows.shape[1:])
     rng = np.random.default_rng(0)
     groups = math.isqrt(size)
-    sample = rng.permutation(count)[: groups * _SAMPLES]
-    centres = _kmeans(rows[np.sort(sample)].reshape(-1, width), groups, rng)
+    sample = np.sort(rng.permutation(count)[: groups * _SAMPLES])
+    centres = _kmeans(rows[sample].reshape(-1, width), weights[sample], groups, rng)
     group = np.empty(count, np.intp)
+    errors = np.empty(count, np.float32)
 
     def find_groups(block: slice) -> None:
-        group[block] = _nearest(rows[block].reshape(-1, width), centres)
+        points = rows[block].reshape(-1, width)
+        group[block] = _nearest(points, centres)
+        errors[block] = _errors(points, centres[group[block]], weights[block])
 
     in_parallel(count, find_groups)
-    members = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
-    members = [rows_of for rows_of in members if len(rows_of)]
-    wanted = _shares(np.array([len(rows_of) for rows_of in members]), size)
+    counts = np.bincount(group)
+    members = np.split(np.argsort(group, kind="stable"), np.cumsum(counts)[:-1])
+    wanted = _shares(counts, np.bincount(group, errors).astype(np.float64), size)
 
     def cells(task: tuple[Labels, int, int]) -> tuple[Labels, F32, Labels]:
         mine, many, seed = task
         points = rows[mine].reshape(-1, width)
-        found = _kmeans(points, many, np.random.default_rng(seed))
+        found = _kmeans(points, weights[mine], many, np.random.default_rng(seed))
         return mine, found, _nearest(points, found)
 
     labels = np.empty(count, np.uint16)
     table: list[F32] = []
     done = used = 0
-    with ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1)) as workers:
+    with threads() as workers:
         tasks = zip(members, wanted.tolist(), range(len(members)), strict=True)
         for mine, found, nearest in workers.map(cells, tasks):
             labels[mine] = nearest + used
@@ -85,17 +123,20 @@ def palette(rows: F32, told: Callable[[int], None]) -> tuple[npt.NDArray[np.uint
     return labels, np.concatenate(table)
 
 
-def _shares(counts: Labels, size: int) -> Labels:
-    """Centres for each group, `size` in all: by its rows, at least one and no more than those."""
-    edges = np.rint(np.cumsum(counts) * (size / counts.sum())).astype(np.intp)
-    shares = np.maximum(np.diff(edges, prepend=0), 1)
-    surplus = int(shares.sum()) - size
-    for largest in np.argsort(-shares, kind="stable")[: max(surplus, 0)]:
-        shares[largest] -= shares[largest] > 1
-    return np.minimum(shares, counts)
+def _shares(counts: Labels, errors: F64, size: int) -> Labels:
+    """Centres for each group, at most `size` in all: one, and of the others by the errors of its
+    rows, for many alike need few; but no more than its rows."""
+    shares = np.minimum(counts, 1)
+    for _ in range(_ROUNDS):  # what a group has no rows for goes to the others
+        claims = np.cumsum(np.where(shares < counts, errors, 0))
+        if not claims[-1] > _NEGLIGIBLE * errors.sum():
+            break
+        ends = np.rint(claims / claims[-1] * (size - shares.sum())).astype(np.intp)
+        shares = np.minimum(shares + np.diff(ends, prepend=0), counts)
+    return shares
 
 
-def _kmeans(points: F32, count: int, rng: np.random.Generator) -> F32:
+def _kmeans(points: F32, weights: F32, count: int, rng: np.random.Generator) -> F32:
     """At most `count` centres of points, shape (centres, width); they start as some of these."""
     if count >= len(points):
         return points
@@ -104,14 +145,20 @@ def _kmeans(points: F32, count: int, rng: np.random.Generator) -> F32:
         nearest = _nearest(points, centres)
         order = np.argsort(nearest.astype(np.uint16), kind="stable")
         taken, starts = np.unique(nearest[order], return_index=True)
-        sums = np.add.reduceat(points[order], starts, axis=0)
-        centres[taken] = sums / np.diff(starts, append=len(points))[:, None].astype(np.float32)
+        heavy = weights[order, None]
+        sums = np.add.reduceat(points[order] * heavy, starts, axis=0)
+        centres[taken] = sums / np.add.reduceat(heavy, starts, axis=0)
         idle = np.setdiff1d(np.arange(len(centres)), taken, assume_unique=True)
         if len(idle):  # they go to the points that fare worst
-            off = points - centres[nearest]
-            worst = np.argsort(np.einsum("ij,ij->i", off, off))[-len(idle) :]
+            worst = np.argsort(_errors(points, centres[nearest], weights))[-len(idle) :]
             centres[idle] = points[worst]
     return centres
+
+
+def _errors(points: F32, centres: F32, weights: F32) -> F32:
+    """Squared distance of each point from its centre, as often as the point counts."""
+    off = points - centres
+    return np.einsum("ij,ij->i", off, off) * weights
 
 
 def _nearest(points: F32, centres: F32) -> Labels:
