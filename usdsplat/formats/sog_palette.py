@@ -26,7 +26,8 @@ _ROUNDS = 6
 _SAMPLES = 64  # rows for each centre that groups are found from
 _NEGLIGIBLE = 1e-3  # share of the errors that is not worth the search for more centres
 _BLOCK = 2048  # rows whose distances are looked at together
-_TILE = 32  # rows of a product too small for BLAS to wake threads of its own: they get in our way
+_TILE = 32  # rows of one product
+_ALONE = 1 << 18  # multiplications up to which BLAS wakes no threads: they get in the way of ours
 
 Labels = npt.NDArray[np.intp]
 
@@ -165,13 +166,18 @@ def _nearest(points: F32, centres: F32) -> Labels:
     """Row of the centre nearest to each point."""
     half = np.einsum("ij,ij->i", centres, centres) / 2
     across = np.ascontiguousarray(centres.T)
+    columns = max(_ALONE // (_TILE * max(points.shape[1], 1)), 1)
     nearest = np.empty(len(points), np.intp)
     for start in range(0, len(points), _BLOCK):
         block = points[start : start + _BLOCK]
         whole = len(block) - len(block) % _TILE
         tiles = block[:whole].reshape(-1, _TILE, block.shape[1])
         for piece, first in ((tiles, start), (block[whole:], start + whole)):
-            closeness = (piece @ across).reshape(-1, len(centres))
+            products = np.empty((*piece.shape[:-1], len(centres)), np.float32)
+            for left in range(0, len(centres), columns):
+                few = slice(left, left + columns)
+                np.matmul(piece, across[:, few], out=products[..., few])
+            closeness = products.reshape(-1, len(centres))
             closeness -= half
             nearest[first : first + len(closeness)] = closeness.argmax(axis=1)
     return nearest
