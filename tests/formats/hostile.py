@@ -94,12 +94,13 @@ def zeros_in_gzip(start: bytes, size: int = 2 * GIGABYTE) -> bytes:
     pack = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
     first = pack.compress(start) + pack.flush(zlib.Z_FULL_FLUSH)
     middle = pack.compress(_ZEROS) + pack.flush(zlib.Z_FULL_FLUSH)  # may be repeated as it is
-    times = size // len(_ZEROS)
+    times, rest = divmod(size, len(_ZEROS))
     check = zlib.crc32(start)
     for _ in range(times):
         check = zlib.crc32(_ZEROS, check)
-    tail = struct.pack("<II", check, (len(start) + times * len(_ZEROS)) & 0xFFFFFFFF)
-    return b"\x1f\x8b\x08" + bytes(6) + b"\xff" + first + middle * times + pack.flush() + tail
+    last = pack.compress(bytes(rest)) + pack.flush()
+    tail = struct.pack("<II", zlib.crc32(bytes(rest), check), (len(start) + size) & 0xFFFFFFFF)
+    return b"\x1f\x8b\x08" + bytes(6) + b"\xff" + first + middle * times + last + tail
 
 
 def _header(kind: str, count: int, names: tuple[str, ...] = SPLAT_NAMES) -> bytes:

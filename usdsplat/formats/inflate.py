@@ -8,8 +8,8 @@ from typing import BinaryIO, cast
 
 from usdsplat.core.errors import FormatError
 
-TRUSTED_COUNT = 1 << 20
-"""Splats that a compressed file of any size may claim (degree 3: 250 MB in memory)."""
+TRUSTED_COUNT = 1 << 19
+"""Splats that a compressed file of any size may claim (degree 4: 180 MB in memory)."""
 BYTES_PER_SPLAT = 2
 """Above `TRUSTED_COUNT`, bytes of file that each splat must have: real captures take 7 or more."""
 
