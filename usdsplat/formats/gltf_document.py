@@ -115,7 +115,7 @@ class Document:
             raise FormatError(source, f"{len(text)} bytes of JSON", f"at most {_TEXT_LIMIT}")
         self._data = kept
         self._root = parse_object(source, text)
-        self._primitives: dict[tuple[int, int], Primitive | None] = {}
+        self._meshes: dict[int, tuple[list[Primitive], int]] = {}
         self.others = 0
         """Placed primitives that hold no splats."""
         self._check()
@@ -199,19 +199,17 @@ class Document:
         """Splats of a mesh; other primitives are counted only."""
         meshes = self._list("meshes")
         index = whole(f"{where}: mesh", value, 0, len(meshes) - 1)
-        where = f"{self._source}: mesh {index}"
-        mesh = an_object(where, meshes[index])
-        found = []
-        for number, item in enumerate(a_list(f"{where}: primitives", mesh.get("primitives"))):
-            key = (index, number)
-            if key not in self._primitives:
-                self._primitives[key] = self._primitive(f"{where}, primitive {number}", item)
-            primitive = self._primitives[key]
-            if primitive is None:
-                self.others += 1
-            else:
-                found.append(primitive)
-        return found
+        if index not in self._meshes:  # many nodes may show the primitives of one
+            where = f"{self._source}: mesh {index}"
+            items = a_list(
+                f"{where}: primitives", an_object(where, meshes[index]).get("primitives")
+            )
+            looked = (self._primitive(f"{where}, primitive {i}", it) for i, it in enumerate(items))
+            splats = [primitive for primitive in looked if primitive is not None]
+            self._meshes[index] = splats, len(items) - len(splats)
+        splats, others = self._meshes[index]
+        self.others += others
+        return splats
 
     def _primitive(self, where: str, value: Any) -> Primitive | None:
         """A primitive, if it holds splats."""
