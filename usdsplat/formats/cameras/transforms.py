@@ -10,9 +10,8 @@ Source: instant-ngp, docs/nerf_dataset_tips.md; nerfstudio, "Data conventions" i
 
 from __future__ import annotations
 
-import json
 import math
-import reprlib
+from collections import ChainMap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from usdsplat.core.errors import FormatError
 from usdsplat.core.progress import Progress
 from usdsplat.formats.cameras.lens import Lens, lens
 from usdsplat.formats.cameras.posed import CameraSet, Posed, carried, checked_count
+from usdsplat.formats.json_values import a_list, an_object, parse_object, show
 
 NAME = "transforms.json"
 TRAINED = "dataparser_transforms.json"
@@ -53,21 +53,19 @@ def read(path: Path, progress: Progress) -> CameraSet:
         FormatError: If it is not one, or cannot be opened.
     """
     top = _load(path)
-    frames = top.get("frames")
-    if not isinstance(frames, list):
-        raise FormatError(f"{path}: frames", _show(frames), "a list of frames")
+    frames = a_list(f"{path}: frames", top.get("frames"))
     checked_count(f"{path}: frames", len(frames))
     trained, notes = _training(path, top)
     found = []
     for index, frame in enumerate(frames):
         where = f"{path}: frame {index}"
-        if not isinstance(frame, dict):
-            raise FormatError(where, _show(frame), "an object")
+        frame = dict(an_object(where, frame))
         name = frame.get("file_path")
         name = name if isinstance(name, str) and name else f"frame_{index:05d}"
         pose = _pose(f"{where}: transform_matrix", frame.get("transform_matrix"))
         to_capture = carried(pose @ _OPENCV, trained)
-        taken = _lens(where, {**top, **frame}, path.parent / name)
+        # Not one dictionary of both for each frame: there may be many, with much at the top.
+        taken = _lens(where, ChainMap(frame, top), path.parent / name)
         found.append(Posed(name=name.removeprefix("./"), lens=taken, to_capture=to_capture))
     progress.step("reading cameras", len(found), len(found))
     files = (path, path.with_name(TRAINED)) if path.with_name(TRAINED).is_file() else (path,)
@@ -84,13 +82,7 @@ def _load(path: Path) -> dict[str, Any]:
         raise FormatError(str(path), said, "a readable file") from error
     if len(text) > _MOST_BYTES:
         raise FormatError(str(path), f"more than {_MOST_BYTES} bytes", "fewer")
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FormatError(str(path), "text that is not JSON", "a JSON object") from error
-    if not isinstance(value, dict):
-        raise FormatError(str(path), _show(value), "a JSON object")
-    return value
+    return dict(parse_object(str(path), text))
 
 
 def _training(path: Path, top: Mapping[str, Any]) -> tuple[F64, tuple[str, ...]]:
@@ -122,7 +114,7 @@ def _pose(where: str, value: Any) -> F64:
     """A rotation and a translation of 3 or 4 rows; a scale on the rotation is taken off."""
     rows = value if isinstance(value, list) else []
     if len(rows) not in (3, 4) or not all(isinstance(r, list) and len(r) == 4 for r in rows):
-        raise FormatError(where, _show(value), "3 or 4 rows of 4 numbers")
+        raise FormatError(where, show(value), "3 or 4 rows of 4 numbers")
     matrix = np.eye(4)
     for i, row in enumerate(rows[:3]):
         matrix[i] = [_number(where, item) for item in row]
@@ -140,7 +132,7 @@ def _lens(where: str, of: Mapping[str, Any], picture: Path) -> Lens:
     """Intrinsics of a frame; without a size they are those of the picture itself."""
     name = of.get("camera_model", "OPENCV_FISHEYE" if of.get("is_fisheye") is True else "OPENCV")
     if not isinstance(name, str) or name not in _MODELS:
-        raise FormatError(f"{where}: camera_model", _show(name), f"one of {', '.join(_MODELS)}")
+        raise FormatError(f"{where}: camera_model", show(name), f"one of {', '.join(_MODELS)}")
     if "w" in of and "h" in of:
         width, height = (_number(f"{where}: {side}", of[side]) for side in "wh")
     else:
@@ -197,11 +189,5 @@ def _size(where: str, picture: Path) -> tuple[float, float]:
 def _number(where: str, value: Any) -> float:
     """A number of JSON that is one."""
     if type(value) not in (int, float) or not abs(value) < _LARGEST:
-        raise FormatError(where, _show(value), "a finite number")
+        raise FormatError(where, show(value), "a finite number")
     return float(value)
-
-
-def _show(value: Any) -> str:
-    """A value of JSON as it may stand in a sentence."""
-    text = reprlib.repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
