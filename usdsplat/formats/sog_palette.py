@@ -69,7 +69,8 @@ def _kinds(rows: F32) -> tuple[Labels, Labels, F32]:
     marks = np.empty(len(rows), np.uint64)  # two kinds in 2^64 share one
 
     def mark(block: slice) -> None:
-        bits = rows[block].reshape(-1, len(factors)).view(np.uint32)
+        numbers = rows[block].reshape(-1, len(factors)) + np.float32(0)  # -0 is 0
+        bits = numbers.view(np.uint32)
         marks[block] = np.einsum("ij,j->i", bits, factors, dtype=np.uint64, casting="same_kind")
 
     in_parallel(len(rows), mark)
