@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import io
 import math
+import threading
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from functools import partial
 
 import numpy as np
 
@@ -41,8 +41,6 @@ SEMANTICS = {
 Told = Callable[[int], None]
 """Told how many rows are done."""
 
-_STEP = 1 << 18
-"""Rows between two words on progress."""
 _FIELDS = ("positions", "scales", "rotations", "opacities", "sh")
 _SPZ_FRAME = "rub"  # the library's own; an SPZ file may name another
 
@@ -117,6 +115,7 @@ class _Attributes(Part):
             if accessor.dtype.kind != "f"
         }
         self.notes = Counter()
+        self._lock = threading.Lock()
         self._logarithms = any(
             (self._read(self._own["scales"], first, min(BLOCK, self.count - first)) < 0).any()
             for first in range(0, self.count, BLOCK)
@@ -139,7 +138,7 @@ class _Attributes(Part):
             _carry(filling, into, matrix)
             filling.settle(into, self._name)
 
-        _share(self.count, work, told)
+        in_parallel(self.count, work, told=told)
 
     def _accessor(self, primitive: Primitive, name: str, width: int) -> Accessor:
         """An accessor whose bytes are there."""
@@ -174,7 +173,8 @@ class _Attributes(Part):
         opacities = filling.opacities[rows]
         beyond = int(np.count_nonzero((opacities < 0) | (opacities > 1)))
         if beyond:
-            self.notes["opacities beyond 0 to 1, clamped"] += beyond
+            with self._lock:
+                self.notes["opacities beyond 0 to 1, clamped"] += beyond
             np.clip(opacities, 0, 1, out=opacities)
 
     def _name(self, field: str, column: int) -> str:
@@ -220,7 +220,7 @@ class _Packed(Part):
             _carry(filling, into, whole)
             filling.settle(into)
 
-        _share(len(cloud), work, told)
+        in_parallel(len(cloud), work, told=told)
 
     def _data(self) -> bytes:
         return self._buffers.read(self._view.buffer, self._view.offset, self._view.size)
@@ -236,21 +236,6 @@ def _ordered(field: str, values: F32) -> F32:
 def _bound(accessor: Accessor) -> str:
     """Rounding of whole numbers."""
     return f"1/{2 * np.iinfo(accessor.dtype).max}" if accessor.normalized else "1/2"
-
-
-def _share(count: int, work: Callable[[slice], None], told: Told) -> None:
-    """Do `work` on all rows."""
-    for first in range(0, count, _STEP):
-        stop = min(first + _STEP, count)
-        if stop - first <= BLOCK:  # threads would cost more than they save
-            work(slice(first, stop))
-        else:
-            in_parallel(stop - first, partial(_shifted, work, first))
-        told(stop)
-
-
-def _shifted(work: Callable[[slice], None], first: int, rows: slice) -> None:
-    work(slice(first + rows.start, first + rows.stop))
 
 
 def _carry(filling: Filling, rows: slice, matrix: F64) -> None:
