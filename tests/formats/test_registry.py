@@ -11,7 +11,7 @@ import pytest
 
 from tests.formats.samples import SPLAT_ROW, ply, random_cloud, sog_files, spz, zipped
 from usdsplat import formats
-from usdsplat.core.errors import FormatError, UnknownFormatError
+from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError
 
 
 def test_suffixes_are_those_of_the_modules():
@@ -68,6 +68,17 @@ def test_only_what_can_be_written_is_written(tmp_path, name):
     """Oracle: the suffixes that can."""
     with pytest.raises(UnknownFormatError, match=r"expected one of \."):
         formats.write(random_cloud(1, 0), tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", formats.suffixes_written())
+@pytest.mark.parametrize("field", ["positions", "scales", "rotations", "opacities", "sh"])
+def test_numbers_that_are_not_finite_are_refused_and_nothing_written(tmp_path, suffix, field):
+    """Oracle: our readers, which refuse such files; bytes would say something else in silence."""
+    cloud = random_cloud(10, 1)
+    getattr(cloud, field)[3] = np.nan
+    with pytest.raises(OutputError, match=f"found {field} that are not finite, expected"):
+        formats.write(cloud, f"{tmp_path}/a{suffix}")
     assert list(tmp_path.iterdir()) == []
 
 

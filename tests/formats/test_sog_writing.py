@@ -159,16 +159,6 @@ def test_the_projection_is_written_and_equal_clouds_are_equal_files(tmp_path, an
     assert (tmp_path / "a.sog").read_bytes() == (tmp_path / "b.sog").read_bytes()
 
 
-@pytest.mark.parametrize("field", ["positions", "scales", "rotations", "opacities", "sh"])
-def test_numbers_that_are_not_finite_are_refused(tmp_path, field):
-    """Oracle: a table holds none; nothing is written."""
-    cloud = random_cloud(10, 1)
-    getattr(cloud, field)[3] = np.nan
-    with pytest.raises(OutputError, match=f"found {field} that are not finite"):
-        formats.write(cloud, tmp_path / "a.sog")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_is_written_and_replaced(tmp_path):
     """Oracle: the archive of the same clouds; the files that `meta.json` names, and no others."""
     meta = tmp_path / "scan" / "meta.json"

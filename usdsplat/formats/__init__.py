@@ -12,12 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, cast
 
+import numpy as np
+
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import FormatError, UnknownFormatError
+from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, sog_lod, splat, spz
 from usdsplat.formats.capture import Capture
+from usdsplat.formats.filling import in_parallel
 from usdsplat.formats.options import READING, WRITING, Reading, Writing
 
 __all__ = [
@@ -119,10 +122,13 @@ def write(
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
-        OutputError: If nothing can be written there.
+        OutputError: If nothing can be written there, or a number of the cloud is not finite.
+        UsageError: If the format cannot hold such a cloud, or what `how` asks for.
     """
     path = Path(path)
-    _writer(path).write(cloud, path, replace(how, progress=progress))
+    writer = _writer(path)
+    _check_finite(cloud, path)
+    writer.write(cloud, path, replace(how, progress=progress))
 
 
 def frame_written(path: str | Path) -> str:
@@ -152,6 +158,18 @@ def suffixes_written() -> tuple[str, ...]:
     """Ends of names that can be written."""
     able = [module for module in FORMATS if hasattr(module, "write")]
     return tuple(suffix for module in able for suffix in module.SUFFIXES)
+
+
+def _check_finite(cloud: SplatCloud, path: Path) -> None:
+    """Refuse what bytes cannot say and readers refuse, before anything is written."""
+
+    def check(rows: slice) -> None:
+        for field in ("positions", "scales", "rotations", "opacities", "sh"):
+            if not np.isfinite(getattr(cloud, field)[rows]).all():
+                expected = "finite numbers: drop the splats that have others first"
+                raise OutputError(str(path), f"{field} that are not finite", expected)
+
+    in_parallel(len(cloud), check)
 
 
 def _writer(path: Path) -> WritableFormat:

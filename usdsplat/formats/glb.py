@@ -49,8 +49,6 @@ _FLOAT, _BYTE = 5126, 5121
 _VERTICES = 34962
 _POINTS = 0
 _COLOR = "COLOR_0"
-_STEP = 1 << 18
-"""Rows between two words on progress."""
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 __all__ = ["FRAME", "MAX_DEGREE", "SUFFIXES", "read", "recognises", "write"]
@@ -100,7 +98,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
     """Write `cloud` as one primitive.
 
     Args:
-        cloud: At least one splat, centres finite, harmonics up to degree 3, in glTF's frame.
+        cloud: At least one splat, all finite, harmonics up to degree 3, in glTF's frame.
         path: Target, replaced when the file is complete.
         how: Its frame must be glTF's, if it is known.
 
@@ -117,25 +115,24 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
     text = json.dumps(_document(cloud, attributes, ends), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     start = _HEADER.size + 2 * _CHUNK.size + len(text)
-    whole = start + ends[-1]
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(_HEADER.pack(MAGIC, 2, whole))
+        file.write(_HEADER.pack(MAGIC, 2, start + ends[-1]))
         file.write(_CHUNK.pack(len(text), b"JSON") + text)
         file.write(_CHUNK.pack(ends[-1], b"BIN\0"))
         lock = threading.Lock()
 
-        def work(first: int, block: slice) -> None:
-            rows = slice(first + block.start, first + block.stop)
+        def work(rows: slice) -> None:
             for attribute, end in zip(attributes, ends, strict=True):
                 data = np.ascontiguousarray(attribute.rows(rows))
                 with lock:
                     file.seek(start + end - attribute.size * (len(cloud) - rows.start))
                     file.write(data.data)
 
-        for first in range(0, len(cloud), _STEP):
-            stop = min(first + _STEP, len(cloud))
-            in_parallel(stop - first, partial(work, first))
-            how.progress.step(f"writing {path}", stop, len(cloud))
+        in_parallel(
+            len(cloud),
+            work,
+            told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,5 +240,3 @@ def _check(cloud: SplatCloud, path: Path, how: Writing) -> None:
         raise UsageError(where, f"harmonics of degree {cloud.sh_degree}", expected)
     if not len(cloud):
         raise UsageError(where, "no splats", "at least one: nothing in glTF may be empty")
-    if not np.isfinite(cloud.positions).all():
-        raise UsageError(where, "a centre that is not finite", "finite ones: drop the others first")

@@ -74,12 +74,12 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
     """Write version 2; identities, velocities and the order of the splats are lost.
 
     Args:
-        cloud: Splats; a scale of 0 becomes exp(-20), for a table holds no logarithm of it.
+        cloud: Finite splats; a scale of 0 becomes exp(-20), for a table holds no logarithm of it.
         path: A file, or `meta.json` in a folder that is new, empty or holds a SOG.
         how: Whether the file says that the splats are meant for the antialiased projection.
 
     Raises:
-        OutputError: If nothing can be written there, or a number is not finite.
+        OutputError: If nothing can be written there.
     """
     encoded = encode(
         str(path),

@@ -55,14 +55,15 @@ def encode(
 
     Args:
         target: Named in errors.
-        cloud: Splats; identities and velocities have no place in the files.
+        cloud: Finite splats; identities and velocities have no place in the files.
         antialiased: Whether they are meant for the antialiased projection.
         told: Called with the number of splats that are done, now and then.
 
     Raises:
-        OutputError: If a number is not finite, or there are more splats than an image has pixels.
+        OutputError: If there are more splats than an image has pixels.
     """
-    _check(target, cloud)
+    if len(cloud) > webp.LONGEST_SIDE**2:
+        raise OutputError(target, f"{len(cloud)} splats", f"at most {webp.LONGEST_SIDE**2}")
     order = morton.order(cloud.positions)
     images: dict[str, Codes] = {}
     sections: dict[str, Any] = {
@@ -82,16 +83,6 @@ def encode(
         packed = dict(zip(images, workers.map(webp.encode, images.values()), strict=True))
     told(len(cloud))
     return EncodedSog(images=packed, sections=sections)
-
-
-def _check(target: str, cloud: SplatCloud) -> None:
-    """Refuse what the layout cannot hold."""
-    if len(cloud) > webp.LONGEST_SIDE**2:
-        raise OutputError(target, f"{len(cloud)} splats", f"at most {webp.LONGEST_SIDE**2}")
-    for field in ("positions", "scales", "rotations", "opacities", "sh"):
-        if not np.isfinite(getattr(cloud, field)).all():
-            found = f"{field} that are not finite"
-            raise OutputError(target, found, "finite numbers: a SOG holds no others")
 
 
 def _means(positions: F32, images: dict[str, Codes]) -> dict[str, Any]:

@@ -106,13 +106,12 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
     around; `spz_encoding` says what is clamped.
 
     Args:
-        cloud: The splats.
+        cloud: Finite splats.
         path: Target, replaced when the file is complete.
         how: Version, projection flag, and the frame, which becomes an extension record if known.
 
     Raises:
-        OutputError: If a coordinate is past 8 388 607 or not finite, or if nothing can be written
-            there.
+        OutputError: If a coordinate is past 8 388 607, or if nothing can be written there.
         UsageError: If there is no such version, or SPZ has no word for the frame.
     """
     if how.spz_version not in SPZ_VERSIONS:
@@ -120,8 +119,9 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         raise UsageError("SPZ version", str(how.spz_version), known)
     bits = finest_bits(cloud.positions)
     if bits is None:
-        found = "a coordinate that is farther out or not finite"
-        raise OutputError(str(path), found, f"at most {LARGEST_STEP} in SPZ")
+        raise OutputError(
+            str(path), "a coordinate that is farther out", f"at most {LARGEST_STEP} in SPZ"
+        )
     extensions = b"" if how.frame is None else frame_record(how.frame)
     flags = (ANTIALIASED if how.antialiased else 0) | (HAS_EXTENSIONS if extensions else 0)
     header = SpzHeader(MAGIC, how.spz_version, len(cloud), cloud.sh_degree, bits, flags, 0)
