@@ -143,7 +143,7 @@ def _error_bounds(header: SpzHeader) -> dict[str, str]:
     derived = header.version < 3
     return {
         "positions": "half precision" if half else f"2^-{header.fractional_bits + 1}",
-        "scales": "a factor of exp(1/32)",
+        "scales": "a factor of exp(1/32) within exp(-10) to exp(5.94)",
         "rotations": "some degrees where w is near 0, else 0.7" if derived else "0.28 degrees",
         "opacities": "1/510",
         "sh": "degree 0: 0.013 within +-3.33; degree 1: 1/32, above: 1/16, within +-1",
