@@ -91,17 +91,35 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
-        (["ball.ply", "b.ply", "--packed"], "--packed: found a capture that becomes a capture"),
-        (["ball.ply", "b.usda", "--time", "1"], "--time: found a capture that becomes a stage"),
-        (["shot.usda", "b.ply", "--half"], "--half: found a stage that becomes a capture"),
-        (["shot.usda", "b.ply", "--up-axis", "Z"], "--up-axis: found a stage that becomes a"),
-        (["shot.usda", "b.usda", "--frame", "rub"], "--frame: found a stage that becomes a stage"),
-        (["ball.ply", "b.usda", "--frames", "1"], "--frames: found a capture that becomes a stage"),
+        (
+            ["ball.ply", "b.ply", "--packed"],
+            "--packed: found it with a capture that becomes a capture",
+        ),
+        (
+            ["ball.ply", "b.usda", "--time", "1"],
+            "--time: found it with a capture that becomes a stage",
+        ),
+        (["shot.usda", "b.ply", "--half"], "--half: found it with a stage that becomes a capture"),
+        (
+            ["shot.usda", "b.ply", "--up-axis", "Z"],
+            "--up-axis: found it with a stage that becomes a",
+        ),
+        (
+            ["shot.usda", "b.usda", "--frame", "rub"],
+            "--frame: found it with a stage that becomes a stage",
+        ),
+        (
+            ["ball.ply", "b.usda", "--frames", "1"],
+            "--frames: found it with a capture that becomes a stage",
+        ),
         (
             ["shot.usda", "b.#.ply", "--time", "1"],
-            "--time: found a stage that becomes a capture, fra",
+            "--time: found it with a stage that becomes a capture, fra",
         ),
-        (["ball.ply", "b.ply", "--split"], "--split: found a capture that becomes a capture"),
+        (
+            ["ball.ply", "b.ply", "--split"],
+            "--split: found it with a capture that becomes a capture",
+        ),
         (
             ["ball.ply", "b.ply", "--spz-version", "3"],
             "--spz-version: found b.ply, expected an .spz",

@@ -142,7 +142,8 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
         if name not in meaningful:
             words = ["a stage" if kind else "a capture" for kind in (kinds[0][0], becomes)]
             said = f"{words[0]} that becomes {words[1]}" + (", frame by frame" if of_frames else "")
-            raise UsageError(_flag(name), said, f"only {', '.join(map(_flag, meaningful))} then")
+            listed = ", ".join(map(_flag, meaningful))
+            raise UsageError(_flag(name), f"it with {said}", f"only {listed}, or edits")
     lod, version = options.captures.lod, options.captures.spz_version
     if lod is not None and lod < 0:
         raise UsageError("--lod", str(lod), "a level, 0 the finest")

@@ -85,7 +85,7 @@ KINDS: Mapping[str, Kind] = {
         keeps_rows=True,
     ),
     "crop-box": Kind(
-        text="keep splats whose centre is in a box, given by two corners",
+        text="keep splats whose centre is in a box: its least x, y, z and its greatest",
         values="X,Y,Z,X,Y,Z",
         count=6,
         expected="six numbers: the least x,y,z and the greatest",
@@ -139,7 +139,7 @@ KINDS: Mapping[str, Kind] = {
         compiles=True,
     ),
     "sh-degree": Kind(
-        text="cut harmonics of a higher degree than this, 0 to 3; 0 is one colour from all sides",
+        text="cut harmonics of a higher degree than this, 0 to 4; 0 is one colour from all sides",
         values="D",
         count=1,
         expected="a whole number from 0 to 4",
