@@ -141,7 +141,7 @@ def frame_written(path: str | Path) -> str:
 
 
 def degree_written(path: str | Path) -> int:
-    """Highest degree of harmonics in files of the format that the suffix names.
+    """Highest degree of harmonics that others read in files of the format that the suffix names.
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.

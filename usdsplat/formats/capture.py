@@ -33,3 +33,8 @@ class Capture:
     not listed were stored as floats."""
     notes: tuple[str, ...] = ()
     """What a careful reader would want to be told, a sentence each."""
+
+    @property
+    def states_frame(self) -> bool:
+        """Whether the file, or what its format demands, says where its axes point."""
+        return UNKNOWN_AXES not in self.notes

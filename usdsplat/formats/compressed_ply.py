@@ -37,6 +37,8 @@ from usdsplat.formats.ply_table import Block, Table, open_table
 
 SUFFIXES: tuple[str, ...] = (".compressed.ply",)
 FRAME = "rdf"
+MAX_DEGREE = 3
+"""Readers of others know no higher, though there would be room."""
 
 ERROR_BOUNDS = {
     "positions": "1/2046 of the chunk's extent",

@@ -24,7 +24,7 @@ SPZ = f"{EXTENSION}_compression_spz_2"
 _UNDERSTOOD = (EXTENSION, SPZ, "KHR_mesh_quantization")
 _TEXT_LIMIT = 1 << 22
 """[byte] of JSON without data URIs."""
-_MOST_NODES = 1 << 15
+_MOST_NODES = 1 << 13
 _MOST_PLACED = 1 << 10
 """Primitives with splats that a scene may show, each as often as it does."""
 _LARGEST = 1e15

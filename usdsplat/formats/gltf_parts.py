@@ -22,7 +22,6 @@ from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import FormatError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.formats import spz
-from usdsplat.formats.capture import UNKNOWN_AXES
 from usdsplat.formats.filling import BLOCK, Filling, in_parallel
 from usdsplat.formats.gltf_buffers import Buffers
 from usdsplat.formats.gltf_document import EXTENSION, Accessor, Primitive, View
@@ -205,7 +204,7 @@ class _Packed(Part):
         data = self._data()
         capture = spz.unpack(self._where, io.BytesIO(data), len(data), READING)
         self.error_bounds = capture.error_bounds
-        stated = _SPZ_FRAME if UNKNOWN_AXES in capture.notes else capture.frame
+        stated = capture.frame if capture.states_frame else _SPZ_FRAME
         turn = np.eye(4)
         turn[:3, :3] = axes.change(stated, "luf")
         whole, cloud = matrix @ turn, capture.cloud

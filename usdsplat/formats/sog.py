@@ -23,6 +23,8 @@ from usdsplat.formats.sog_meta import META
 
 SUFFIXES: tuple[str, ...] = (".sog", f"/{META}")
 FRAME = "rdf"
+MAX_DEGREE = 3
+"""Readers of others know no higher, though there would be room."""
 
 ERROR_BOUNDS = {
     "positions": "1/65535 of the range of sign(x) ln(1 + |x|)",

@@ -12,7 +12,6 @@ from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, Reading, Writing
-from usdsplat.formats.capture import UNKNOWN_AXES
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import capture_of, export_capture
 from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned
@@ -54,7 +53,7 @@ class ToCapture:
         files.check_not_input(target, capture.files)
         capture = fitted(edit_capture(capture, self.edits, progress=self.progress), target)
         cloud = turned(capture.cloud, capture.frame, frame)
-        is_known = self.frame is not None or UNKNOWN_AXES not in capture.notes
+        is_known = self.frame is not None or capture.states_frame
         how = replace(
             self.writing, antialiased=capture.antialiased, frame=frame if is_known else None
         )
