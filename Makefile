@@ -29,6 +29,10 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks.frame
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.author
+	$(BIN)/python -m benchmarks.formats
+	$(BIN)/python -m benchmarks.converters
+	$(BIN)/python -m benchmarks.decimation
+	$(BIN)/python -m benchmarks.convert_memory
 	$(BIN)/python -m benchmarks.deep
 	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.colour
