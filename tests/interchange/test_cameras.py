@@ -214,3 +214,11 @@ def test_what_no_camera_can_do_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(StageError, match="/World/scan"):
         import_cameras(path, field)
     assert not stage.GetPrimAtPath("/World/cameras")
+
+
+def test_numbered_photographs_keep_their_numbers(tmp_path):
+    """Oracle: USD's rule, no digit first; 0001 and 1001 are not told apart by their order."""
+    _, field = staged(tmp_path, dots(points()))
+    shots = [Shot(f"{number}.png", (1, 0, 0, 0), (0, 0, 3)) for number in ("0001", "1001")]
+    report = import_cameras(colmap_text(tmp_path / "sparse", shots), field)
+    assert report.prim_paths == ("/World/cameras/_0001", "/World/cameras/_1001")

@@ -192,10 +192,16 @@ def test_the_way_of_rasterising_is_kept(tmp_path: Path, antialiased: bool) -> No
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("my scan-2.ply", "my_scan_2"), ("2024.ply", "_024"), ("a.b.PLY", "a_b"), (".ply", "Splats")],
+    [
+        ("my scan-2.ply", "my_scan_2"),
+        ("2024.ply", "_2024"),
+        ("Flügel.ply", "Flugel"),
+        ("a.b.PLY", "a_b"),
+        (".ply", "Splats"),
+    ],
 )
 def test_prims_are_named_after_files(tmp_path: Path, name: str, expected: str) -> None:
-    """Oracle: USD's rule for names: letters, digits and underscores, no digit first."""
+    """Oracle: USD's rule for names: letters, digits and underscores; no digit first, none lost."""
     source = capture(tmp_path)
     source.rename(tmp_path / name)
     report = import_capture(tmp_path / name, tmp_path / "out.usdc")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.cloud import F64
@@ -20,7 +20,7 @@ from usdsplat.core.wording import counted
 from usdsplat.formats import cameras
 from usdsplat.formats.cameras import Lens, Posed
 from usdsplat.formats.cameras.posed import carried
-from usdsplat.interchange.placement import OP, placement
+from usdsplat.interchange.placement import OP, identifier, placement
 from usdsplat.interchange.provenance import KEY
 from usdsplat.schema import attributes, stock, tokens
 
@@ -203,7 +203,7 @@ def _names(images: Sequence[str]) -> list[str]:
     names = []
     for image in images:
         stem = image.rpartition(".")[0] or image
-        name = base = str(Tf.MakeValidIdentifier(stem.strip("/") or "camera"))
+        name = base = identifier(stem.strip("/") or "camera")
         while name in taken:
             next_number[base] = next_number.get(base, 0) + 1
             name = f"{base}_{next_number[base]}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,7 +127,17 @@ def prim_name(source: Path) -> str:
     name = source.parent.name if source.name == "meta.json" else source.name
     fitting = (s for s in formats.suffixes_read() if name.lower().endswith(s))
     name = name[: len(name) - len(max(fitting, key=len, default=""))]
-    return str(Tf.MakeValidIdentifier(name)) if name else "Splats"
+    return identifier(name) if name else "Splats"
+
+
+def identifier(text: str) -> str:
+    """A name for a prim: letters without accents; what starts with a digit keeps it behind a `_`.
+
+    USD's own rule would put the `_` in the digit's place: 0001 and 1001 would be one name.
+    """
+    letters = unicodedata.normalize("NFKD", text)
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return str(Tf.MakeValidIdentifier(f"_{plain}" if plain[:1].isdecimal() else plain))
 
 
 def define_ancestors(stage: Usd.Stage, path: Sdf.Path) -> None:
