@@ -122,7 +122,9 @@ def _told(report: Report) -> str:
     if isinstance(report, RepackReport):
         found = counted(len(report.prim_paths), "field")
         samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
-        lines = [f"{report.target}: {found}, {samples}, {splats}, now {report.form}"]
+        changed = f"{found}, {samples}, {splats}, now {report.form}"
+        as_it_was = f"no field had to change, all are {report.form}"
+        lines = [f"{report.target}: {changed if report.samples else as_it_was}"]
         return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
     lines = [f"{report.target}: {counted(report.splats, 'splat')}, degree {report.degree}"]
     if isinstance(report, SequenceImportReport | SequenceExportReport):
