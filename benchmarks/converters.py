@@ -4,7 +4,8 @@
     python -m benchmarks.converters [SPLATS]
 
 One capture of degree 3 in every format that gsply has too. Both sides take turns, warm, and have
-the same file and the same arrays; gsply hands over logarithms and logits, ours are undone.
+the same file and the same arrays. gsply hands over logarithms, logits and views of the file's rows;
+"physical" is the same with what ours hands over: scales, opacities, and harmonics in one array.
 The floor is a plain copy of the file's bytes.
 """
 
@@ -109,6 +110,12 @@ def files(table: Table, cloud: SplatCloud, folder: Path, peer: Gsply | None) -> 
         ours, beside = in_turns(lambda path=path: formats.read(path), theirs)
         floor, _ = timed(path.read_bytes)
         row(table, f"read {name}", ours, beside, floor, path.stat().st_size)
+        if peer:
+            request = {"do": "read", "path": str(path), "physical": True}
+            ours, beside = in_turns(
+                lambda path=path: formats.read(path), lambda r=request: asked(peer, **r)
+            )
+            row(table, f"read {name}, physical", ours, beside, floor, path.stat().st_size)
 
 
 def to_usd(table: Table, cloud: SplatCloud, folder: Path) -> None:

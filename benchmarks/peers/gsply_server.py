@@ -1,10 +1,13 @@
 """Run by gsply's own interpreter: reads a request a line, answers with seconds, until input ends.
 
     {"do": "read", "path": "a.ply"}                   -> {"wall": 0.3, "cpu": 0.3, "splats": 1000}
+    {"do": "read", "path": "a.ply", "physical": true}
     {"do": "write", "path": "b.spz", "version": 4}    -> {"wall": 2.6, "cpu": 2.6}
 
-`write` writes what was read last, from plain arrays, as whoever made splats would have them.
-`save` keeps what was read last as NumPy arrays in `path`, for comparison.
+With `physical`, logarithms, logits and views of the file's rows become what ours hands over:
+scales, opacities, and contiguous harmonics with degree 0 first. `write` writes what was read last,
+from plain arrays, as whoever made splats would have them. `save` keeps what was read last as NumPy
+arrays in `path`, for comparison.
 """
 
 import json
@@ -41,6 +44,15 @@ def plain(data):
     return gsply.GSData(**arrays)
 
 
+def physical(data):
+    """Scales, opacities and harmonics as a renderer takes them, in arrays of their own."""
+    one = np.float32(1)
+    opacities = one / (one + np.exp(-data.opacities))
+    sh = np.empty((len(data), 1 + data.shN.shape[1], 3), np.float32)
+    sh[:, 0], sh[:, 1:] = data.sh0, data.shN
+    return np.array(data.means), np.array(data.quats), np.exp(data.scales), opacities, sh
+
+
 def answer(request, state):
     """Do what one line says."""
     if request["do"] == "save":
@@ -49,6 +61,8 @@ def answer(request, state):
     wall, cpu = time.perf_counter(), time.process_time()
     if request["do"] == "read":
         data = read(request["path"])
+        if request.get("physical"):
+            physical(data)
     else:
         write(request["path"], state["data"], request.get("version", 3))
         data = state["data"]

@@ -11,7 +11,7 @@ import pytest
 
 from tests.formats.samples import SPLAT_ROW, ply, random_cloud, sog_files, spz, zipped
 from usdsplat import formats
-from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError
+from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError, UsageError
 
 
 def test_suffixes_are_those_of_the_modules():
@@ -90,3 +90,19 @@ def test_formats_need_neither_usd_nor_numba_nor_codecs_until_they_read():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_level_that_a_capture_does_not_have_is_refused(tmp_path):
+    """Oracle: where: found X, expected Y."""
+    formats.write(random_cloud(1, 0), tmp_path / "a.ply")
+    with pytest.raises(UsageError, match=r"a\.ply: level of detail: found 2, expected 0"):
+        formats.read(tmp_path / "a.ply", how=formats.Reading(lod=2))
+
+
+@pytest.mark.parametrize("suffix", sorted({".ply", ".splat", ".spz", ".sog", ".compressed.ply"}))
+def test_what_writing_costs_is_what_reading_says(tmp_path, suffix):
+    """Oracle: the bounds that the reader of the same file gives."""
+    path = tmp_path / f"a{suffix}"
+    bounds = formats.write(random_cloud(5, 0), path)
+    assert bounds == formats.read(path).error_bounds
+    assert bool(bounds) == (suffix != ".ply")

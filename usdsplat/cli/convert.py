@@ -135,8 +135,8 @@ def _told(report: Report) -> str:
         if report.cameras:
             lines.append(f"  seen   by {counted(len(report.cameras), 'camera')} beside it")
         lines.append(f"  axes   {report.axes}")
-        lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
     else:
         lines += [f"  prim   {path}" for path in report.prim_paths]
         lines.append(f"  axes   {report.frame}")
+    lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
     return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])

@@ -8,6 +8,7 @@ only when the content is unknown, for files get renamed.
 from __future__ import annotations
 
 import stat
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, cast
@@ -15,7 +16,7 @@ from typing import Protocol, cast
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError
+from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, sog_lod, splat, spz
@@ -60,8 +61,8 @@ class WritableFormat(Format, Protocol):
     FRAME: str
     """Where x, y and z of its files point (`core.axes`), as is usual or as it demands."""
 
-    def write(self, cloud: SplatCloud, path: Path, how: Writing) -> None:
-        """Write all of it."""
+    def write(self, cloud: SplatCloud, path: Path, how: Writing) -> Mapping[str, str]:
+        """Write all of it; returns how far values may be off, as `Capture.error_bounds` has it."""
 
 
 FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, sog_lod, spz, glb, gltf, ksplat, splat)
@@ -84,8 +85,12 @@ def read(
     Raises:
         FormatError: If the file cannot be opened, or is not what it claims to be.
         UnknownFormatError: If neither content nor suffix is known.
+        UsageError: If a level is asked for that the capture does not have.
     """
-    return find(path).read(Path(path), replace(how, progress=progress))
+    module = find(path)
+    if how.lod and not getattr(module, "HAS_LEVELS", False):
+        raise UsageError(f"{path}: level of detail", str(how.lod), "0, it has no others")
+    return module.read(Path(path), replace(how, progress=progress))
 
 
 def find(path: str | Path) -> Format:
@@ -111,14 +116,18 @@ def write(
     *,
     how: Writing = WRITING,
     progress: Progress = silent,
-) -> None:
-    """Write `cloud` in the format that the suffix names; see its module for what is lost.
+) -> Mapping[str, str]:
+    """Write `cloud` in the format that the suffix names.
 
     Args:
         cloud: The splats.
         path: Target; an older file there is replaced when the new one is complete.
         how: What else the file is to say; `progress` takes the place of its own.
         progress: Told how many splats are written.
+
+    Returns:
+        Field of the cloud -> how far the written values may be from it; what is not listed is
+        stored as floats.
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
@@ -128,7 +137,7 @@ def write(
     path = Path(path)
     writer = _writer(path)
     _check_finite(cloud, path)
-    writer.write(cloud, path, replace(how, progress=progress))
+    return writer.write(cloud, path, replace(how, progress=progress))
 
 
 def frame_written(path: str | Path) -> str:

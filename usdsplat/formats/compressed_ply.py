@@ -9,6 +9,7 @@ Source: splat-transform and SuperSplat, which write it up to degree 3. Element `
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import repeat
 from pathlib import Path
 
@@ -107,13 +108,16 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write packed splats along the Z-order curve.
 
     Args:
         cloud: Splats; logarithms of scales are clamped to +-20 and harmonics above degree 0 to +-4.
         path: Target, replaced when the file is complete.
         how: Whether the header notes that the splats are meant for the antialiased projection.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         OutputError: If nothing can be written there.
@@ -138,6 +142,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         file.seek(0)
         file.write(header)
         file.write(bounds.data)
+    return ERROR_BOUNDS
 
 
 def _require(source: str, table: Table, names: tuple[str, ...], code: str, element: str) -> None:

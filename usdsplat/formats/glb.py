@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import struct
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
@@ -94,13 +94,16 @@ def read(path: Path, how: Reading = READING) -> Capture:
     return read_splats(path, text, chunk, how)
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write `cloud` as one primitive.
 
     Args:
         cloud: At least one splat, all finite, harmonics up to degree 3, in glTF's frame.
         path: Target, replaced when the file is complete.
         how: Its frame must be glTF's, if it is known.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         UsageError: If the cloud is none such.
@@ -133,6 +136,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
             work,
             told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
         )
+    return {}
 
 
 @dataclass(frozen=True, slots=True)

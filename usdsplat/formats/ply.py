@@ -11,6 +11,7 @@ Source: Kerbl et al. 2023, `scene/gaussian_model.py`: logit of opacity, logarith
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from threading import Lock
 
@@ -75,13 +76,16 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write `cloud` as binary little endian float32; identities and velocities have no place there.
 
     Args:
         cloud: Splats; opacity 0 and 1 become infinite logits, scale 0 an infinite logarithm.
         path: Target, replaced when the file is complete.
         how: Whether the header notes that the splats are meant for the antialiased projection.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         OutputError: If nothing can be written there.
@@ -111,6 +115,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
             rows=_WRITTEN_ROWS,
             told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
         )
+    return {}
 
 
 def _read_rows(source: str, table: Table, how: Reading) -> tuple[SplatCloud, tuple[str, ...]]:

@@ -9,6 +9,7 @@ Source: PlayCanvas, "The SOG Format"; for version 1 the reader of splat-transfor
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from usdsplat.core.cloud import SplatCloud
@@ -72,13 +73,16 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write version 2; identities, velocities and the order of the splats are lost.
 
     Args:
         cloud: Finite splats; a scale of 0 becomes exp(-20), for a table holds no logarithm of it.
         path: A file, or `meta.json` in a folder that is new, empty or holds a SOG.
         how: Whether the file says that the splats are meant for the antialiased projection.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         OutputError: If nothing can be written there.
@@ -93,3 +97,4 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         sog_target.write_folder(path, encoded)
     else:
         sog_target.write_archive(path, encoded)
+    return ERROR_BOUNDS

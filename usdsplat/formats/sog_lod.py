@@ -25,6 +25,7 @@ from usdsplat.formats.sog_files import open_sog
 from usdsplat.formats.sog_lod_meta import LOD_META, LOD_META_LIMIT, LodMeta, parse_lod_meta
 
 SUFFIXES: tuple[str, ...] = (f"/{LOD_META}",)
+HAS_LEVELS = True
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -10,6 +10,7 @@ off where this module rounds, which halves the error; both decode alike.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -75,13 +76,16 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write the splats that matter most first, as viewers that show a part of a file expect.
 
     Args:
         cloud: Splats; colours outside 0 to 1 are clamped.
         path: Target, replaced when the file is complete.
         how: Only its progress matters: the file can say nothing about itself.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         OutputError: If nothing can be written there, or there is no splat: an empty file is none.
@@ -93,6 +97,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         for rows in blocks(len(cloud)):
             file.write(_encode(cloud, order[rows]).data)
             how.progress.step(f"writing {path}", rows.stop, len(cloud))
+    return ERROR_BOUNDS
 
 
 def _decode(filling: Filling, rows: slice, records: npt.NDArray[np.void]) -> None:

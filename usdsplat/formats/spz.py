@@ -11,6 +11,7 @@ and others, pack PLY files without turning them, so most files in the wild hold 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -99,7 +100,7 @@ def unpack(source: str, file: BinaryIO, size: int, how: Reading = READING) -> Ca
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
+def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
     """Write `cloud` in `how.spz_version`; identities and velocities have no place there.
 
     Positions get as many bits after the point as the farthest splat leaves them, so that none wraps
@@ -109,6 +110,9 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
         cloud: Finite splats.
         path: Target, replaced when the file is complete.
         how: Version, projection flag, and the frame, which becomes an extension record if known.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
 
     Raises:
         OutputError: If a coordinate is past 8 388 607, or if nothing can be written there.
@@ -135,6 +139,7 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> None:
             extensions,
             lambda *done: how.progress.step(f"writing {path}", *done),
         )
+    return _error_bounds(header)
 
 
 def _error_bounds(header: SpzHeader) -> dict[str, str]:

@@ -15,6 +15,7 @@ from usdsplat.formats import Capture, Reading, Writing
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import capture_of, export_capture
 from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned
+from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
 from usdsplat.interchange.sequence_files import files_of
@@ -57,7 +58,7 @@ class ToCapture:
         how = replace(
             self.writing, antialiased=capture.antialiased, frame=frame if is_known else None
         )
-        formats.write(cloud, target, how=how, progress=self.progress)
+        bounds = formats.write(cloud, target, how=how, progress=self.progress)
         return ExportReport(
             source=" + ".join(map(str, sources)),
             target=str(target),
@@ -65,6 +66,7 @@ class ToCapture:
             splats=len(cloud),
             degree=cloud.sh_degree,
             frame=frame,
+            error_bounds=joined_bounds(capture.error_bounds, bounds),
             notes=capture.notes,
         )
 

@@ -18,6 +18,7 @@ from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.gathering import edit_capture, fitted
 from usdsplat.interchange.placement import stage_frame
+from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
 
 
@@ -187,7 +188,7 @@ def _written(
     """Write a capture of a stage; say so."""
     capture = fitted(capture, target)
     how = replace(how, antialiased=capture.antialiased, frame=capture.frame)
-    formats.write(capture.cloud, target, how=how, progress=progress)
+    bounds = formats.write(capture.cloud, target, how=how, progress=progress)
     return ExportReport(
         source=_name(source),
         target=str(target),
@@ -195,6 +196,7 @@ def _written(
         splats=len(capture.cloud),
         degree=capture.cloud.sh_degree,
         frame=capture.frame,
+        error_bounds=joined_bounds(capture.error_bounds, bounds),
         notes=capture.notes,
     )
 

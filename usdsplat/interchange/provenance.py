@@ -55,7 +55,7 @@ def provenance(
         frame=capture.frame,
         axes=axes,
         edits=tuple(map(str, edits)),
-        error_bounds=_joined(capture.error_bounds, schema.error_bounds(form)),
+        error_bounds=joined_bounds(capture.error_bounds, schema.error_bounds(form)),
         notes=notes,
     )
 
@@ -73,7 +73,7 @@ def add_form(prim: Usd.Prim, form: Form) -> None:
     """Add what another form costs to the bounds that a prim remembers, if it remembers any."""
     entry = prim.GetCustomDataByKey(KEY)
     if isinstance(entry, dict):
-        bounds = _joined(entry.get("error_bounds", {}), schema.error_bounds(form))
+        bounds = joined_bounds(entry.get("error_bounds", {}), schema.error_bounds(form))
         prim.SetCustomDataByKey(f"{KEY}:error_bounds", bounds)
 
 
@@ -109,7 +109,7 @@ def _whole(source: Path) -> Path:
     return source.parent if source.name == "meta.json" else source
 
 
-def _joined(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:
+def joined_bounds(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:
     """Bounds that add up, field by field."""
     names = sorted({*first, *second})
     return {name: " + ".join(b[name] for b in (first, second) if name in b) for name in names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from pathlib import Path
 
 from pxr import Usd
@@ -13,6 +14,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.images.frames import LIMIT, frame_paths, has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.gathering import widened
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_files import Notes
 
@@ -101,6 +103,7 @@ def write_frames(
         splats=sum(each.splats for each in reports),
         degree=max(each.degree for each in reports),
         frame=reports[0].frame,
+        error_bounds=reduce(widened, [each.error_bounds for each in reports]),
         notes=notes.told(),
         frames=tuple(times),
         counts=tuple(each.splats for each in reports),
