@@ -25,7 +25,7 @@ def kept(name: str, **said: object) -> Capture:
     cloud = random_cloud(20, 1, seed=len(name))
     return replace(
         Capture(cloud=cloud, format="PLY", files=(Path(name),), frame="rdf"),
-        **said,  # type: ignore[arg-type]
+        **said,
     )
 
 
