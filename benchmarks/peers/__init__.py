@@ -20,7 +20,7 @@ from typing import Any
 FOLDER = Path(os.environ.get("USDSPLAT_PEERS") or Path(__file__).parent / "installed")
 
 PYTHON_PEERS = {
-    "gsply": ("gsply==0.4.6", "imagecodecs", "zstandard"),
+    "gsply": ("gsply[spz]==0.4.6", "imagecodecs"),
     "usd_convert": ("usd-convert-gsplat==0.1.15", "usd-core", "plyfile"),
 }
 """Environment -> what is installed there."""
