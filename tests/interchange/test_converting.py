@@ -12,6 +12,7 @@ from tests.interchange.samples import capture, covariances, read_ply
 from usdsplat import formats, schema
 from usdsplat.core.errors import OutputError, UnknownFormatError
 from usdsplat.interchange import ExportReport, ImportReport, RepackReport, convert
+from usdsplat.interchange.provenance import joined_bounds
 
 
 def test_a_capture_becomes_a_stage_and_a_capture_again(tmp_path: Path) -> None:
@@ -78,3 +79,10 @@ def test_harmonics_that_a_format_has_no_place_for_are_said_to_go(tmp_path, suffi
         assert report.degree == degree == formats.read(tmp_path / f"b{suffix}").cloud.sh_degree
         said = f"harmonics above degree {degree} are not written: {suffix} has no place for them"
         assert (said in report.notes) == (degree < 4)
+
+
+def test_what_has_no_bound_gets_none_by_what_writing_costs():
+    """Oracle: rounding adds to a bound, and to no bound nothing."""
+    merged = "unbounded: splats were merged by decimate 25%"
+    joined = joined_bounds({"scales": merged, "sh": "1/8"}, {"scales": "1 %", "sh": "1/16"})
+    assert joined == {"scales": merged, "sh": "1/8 + 1/16"}

@@ -25,7 +25,9 @@ _CHANGED = {
     "decimate": _FIELDS,
 }
 """Edit -> fields of the cloud whose numbers it mixes or multiplies, and their errors with them."""
-_MERGED = "unbounded: splats were merged by "
+UNBOUNDED = "unbounded"
+"""How a bound begins that is none."""
+_MERGED = f"{UNBOUNDED}: splats were merged by "
 """How the bound begins of what was exact before a decimation."""
 
 

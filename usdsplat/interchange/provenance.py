@@ -12,7 +12,7 @@ from pxr import Usd, Vt
 from usdsplat import __version__, schema
 from usdsplat.core.edits import Edit
 from usdsplat.formats import Capture
-from usdsplat.interchange.editing import bounds_after
+from usdsplat.interchange.editing import UNBOUNDED, bounds_after
 from usdsplat.schema import Form
 
 KEY = "usdsplat"
@@ -110,6 +110,12 @@ def _whole(source: Path) -> Path:
 
 
 def joined_bounds(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:
-    """Bounds that add up, field by field."""
-    names = sorted({*first, *second})
-    return {name: " + ".join(b[name] for b in (first, second) if name in b) for name in names}
+    """Bounds that add up, field by field; what has none stays so."""
+    both = {name: [b[name] for b in (first, second) if name in b] for name in {*first, *second}}
+    return {name: _sum(both[name]) for name in sorted(both)}
+
+
+def _sum(bounds: Sequence[str]) -> str:
+    """Of one field."""
+    without = [bound for bound in bounds if bound.startswith(UNBOUNDED)]
+    return without[0] if without else " + ".join(bounds)

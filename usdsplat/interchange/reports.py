@@ -63,7 +63,8 @@ class ExportReport:
     frame: str
     """Where x, y and z of the written file point."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)
-    """Field of the cloud -> how far it may be from the original; what is not listed is exact."""
+    """Field of the cloud -> how far it may be from the original, or, of a stage, from what
+    that says; what is not listed is exact."""
     notes: tuple[str, ...] = ()
 
 
