@@ -21,7 +21,9 @@ from usdsplat.kernels.device import CpuDevice, open_device
 
 def test_an_unknown_device_is_one_sentence():
     """Oracle: the wording of errors, where: found, expected."""
-    with pytest.raises(BackendError, match="device: found 'abacus', expected auto or one of: cpu"):
+    with pytest.raises(
+        BackendError, match="device: found 'abacus', expected auto or one of: cpu, cuda"
+    ):
         open_device("abacus")
 
 

@@ -63,7 +63,7 @@ class Options:
     time: Annotated[float | None, option("FRAME")] = None
     """time code of the picture; default: the stage's first"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what draws, auto or cpu; default: auto, the fastest here"""
+    """what draws, auto, cpu or cuda; default: auto, the fastest here"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
     json: Annotated[bool, option()] = False

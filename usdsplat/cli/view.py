@@ -80,7 +80,7 @@ class Options:
     frame: Annotated[str | None, option("FRAME")] = None
     """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what draws, auto or cpu; default: auto, the fastest here"""
+    """what draws, auto, cpu or cuda; default: auto, the fastest here"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
     browser: Annotated[WebOptions, arg(name="browser")] = field(default_factory=WebOptions)

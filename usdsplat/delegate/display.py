@@ -15,14 +15,14 @@ from usdsplat.core.cloud import I32
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.visible import Visible
 from usdsplat.kernels import display, feature, project, sort
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 RADIUS, SMALLEST = 1.5, 0.7
 """[pixel] of a dot: in the full picture, and the least in a coarse one."""
 
 
 def displayed(
-    device: CpuDevice, scratch: Scratch, seen: Visible, mode: str, pixel_scale: float
+    device: Device, scratch: Scratch, seen: Visible, mode: str, pixel_scale: float
 ) -> Visible:
     """Return what a display mode draws in place of the splats.
 
@@ -45,7 +45,7 @@ def displayed(
     return seen
 
 
-def _taken(device: CpuDevice, scratch: Scratch, seen: Visible, ranks: I32) -> Visible:
+def _taken(device: Device, scratch: Scratch, seen: Visible, ranks: I32) -> Visible:
     """These of the splats, in this order."""
 
     def rows(name: str, array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -119,9 +119,10 @@ class Engine:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each prim that cannot be used as it is; brings the scene up to date."""
+        """One sentence for each prim, or GPU, that cannot be used as it is; syncs first."""
         self.sync()
-        return self._open().warnings
+        remarks = (self._renderer.remark,) if self._renderer.remark else ()
+        return (*remarks, *self._open().warnings)
 
     @property
     def render_scene(self) -> RenderScene:

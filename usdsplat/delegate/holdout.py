@@ -10,15 +10,13 @@ from usdsplat.core.cloud import F32
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.layer import Behind, Holdout
 from usdsplat.kernels import surface
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 HoldoutRows = F32 | Holdout
 """Of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
 
 
-def hold_back(
-    device: CpuDevice, behind: Behind, rows: HoldoutRows, shape: tuple[int, int]
-) -> Behind:
+def hold_back(device: Device, behind: Behind, rows: HoldoutRows, shape: tuple[int, int]) -> Behind:
     """Return what is behind the splats once a holdout is there too.
 
     A flat one hides what is behind it wholly, a deep one as much as its samples cover.

@@ -14,7 +14,7 @@ from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.visible import Visible
 from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 Holdout = tuple[I64, F32, F32]
 """A deep holdout as `walk` takes it."""
@@ -84,7 +84,7 @@ class Layer:
 
     def __init__(
         self,
-        device: CpuDevice,
+        device: Device,
         scratch: Scratch,
         seen: Visible,
         window: tuple[int, int, int, int],

@@ -16,7 +16,7 @@ from usdsplat.delegate.screen import Screen
 from usdsplat.delegate.specs import InstanceSpec, MeshSpec, View
 from usdsplat.delegate.surfaces import SurfaceBand
 from usdsplat.kernels import position
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 FRAMES = {"motionForward": 1, "motionBackward": -1}
 """Which frame each AOV is about; both say how far things move as time goes on."""
@@ -88,7 +88,7 @@ class Motion:
 
     def draw(
         self,
-        device: CpuDevice,
+        device: Device,
         scratch: Scratch,
         median: Mapping[str, npt.NDArray[Any]],
         drawn: SurfaceBand | None,

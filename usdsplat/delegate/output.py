@@ -9,7 +9,7 @@ from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.color import conversion, is_identity
 from usdsplat.images.view import ViewTransform, open_view
 from usdsplat.kernels import recolor
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 DISPLAY_SPACE, SURFACE_SPACE = "srgb_rec709_scene", "lin_rec709_scene"
 LINEAR_MATRIX = slice(2, 11)
@@ -33,7 +33,7 @@ class Output:
     """
 
     def __init__(
-        self, device: CpuDevice, settings: RenderSettings, blend_space: str, exposure: float
+        self, device: Device, settings: RenderSettings, blend_space: str, exposure: float
     ) -> None:
         self._device = device
         self._mode = settings.color_mode

@@ -36,7 +36,7 @@ from usdsplat.delegate.specs import CameraSpec, View
 from usdsplat.delegate.sums import Sums
 from usdsplat.delegate.surface_cache import SurfaceCache
 from usdsplat.kernels import surface
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 AOVS = (
     *AVERAGED,
@@ -69,7 +69,7 @@ ORDERED = ("zDepth", "rayHitDistance")
 class Renderer:
     """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes."""
 
-    def __init__(self, device: CpuDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._idle: list[Scratch] = []
         self._closed = False
@@ -82,11 +82,17 @@ class Renderer:
         """Name of what draws."""
         return self._device.name
 
+    @property
+    def remark(self) -> str:
+        """Why it is not the fastest that this machine could have; mostly empty."""
+        return self._device.remark
+
     def close(self) -> None:
         """Release the buffers; those of a picture that is being drawn go with its last band."""
         self._closed = True
         self._idle.clear()
         self._surface_cache = SurfaceCache()
+        self._device.close()
 
     def render(
         self,

@@ -19,7 +19,7 @@ from usdsplat.delegate.specs import View
 from usdsplat.delegate.surface_cache import SurfaceCache
 from usdsplat.delegate.surfaces import SurfaceBand, Surfaces
 from usdsplat.delegate.visible import Look, Visible, Wanted
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 Moment = tuple[RenderScene, View]
 Moments = Callable[[float], Moment]
@@ -41,7 +41,7 @@ class Prepared:
 class Shot:
     """One picture that is being drawn: what all its bands and samples share."""
 
-    device: CpuDevice
+    device: Device
     surface_cache: SurfaceCache
     moments: Moments
     settings: RenderSettings

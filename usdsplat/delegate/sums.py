@@ -11,7 +11,7 @@ import numpy.typing as npt
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.images.cryptomatte import object_hash
 from usdsplat.kernels import cryptomatte, walk
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 CHANNELS = {"color": 4, "albedo": 3}
 
@@ -25,7 +25,7 @@ class Sums:
     """
 
     def __init__(
-        self, device: CpuDevice, scratch: Scratch, shape: tuple[int, int], names: Sequence[str]
+        self, device: Device, scratch: Scratch, shape: tuple[int, int], names: Sequence[str]
     ) -> None:
         self._device = device
         self._names = names

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.delegate.specs import MaterialSpec, MeshSpec, TextureSpec
 from usdsplat.kernels import shade, texture
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 WRAPS = {
     "black": texture.BLACK,
@@ -54,7 +54,7 @@ class SurfaceCache:
         """Let go of it."""
         self._packed, self._specs = None, ()
 
-    def packed(self, device: CpuDevice, specs: Sequence[MeshSpec]) -> PackedMeshes:
+    def packed(self, device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
         """The layout of `specs`, each of which is there once."""
         same = len(specs) == len(self._specs) and all(map(_is, specs, self._specs))
         if self._packed is None or not same:
@@ -67,7 +67,7 @@ def _is(a: object, b: object) -> bool:
     return a is b
 
 
-def _pack(device: CpuDevice, specs: Sequence[MeshSpec]) -> PackedMeshes:
+def _pack(device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
     rows, looks = {}, []
     for name, target, shape, dtype in (
         ("points", "points", (3,), np.float32),
@@ -109,7 +109,7 @@ def _joined(
 
 
 def _materials(
-    device: CpuDevice, materials: Sequence[MaterialSpec]
+    device: Device, materials: Sequence[MaterialSpec]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any], F32]:
     """MATERIAL records, LEVEL records and the texels of all pyramids; equal pictures are there
     once."""

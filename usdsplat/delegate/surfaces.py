@@ -23,7 +23,7 @@ from usdsplat.delegate.screen import Screen
 from usdsplat.delegate.specs import LightSpec, MeshSpec
 from usdsplat.delegate.surface_cache import PackedMeshes, SurfaceCache
 from usdsplat.kernels import bins, raster, shade, triangles
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class SurfaceBand:
 class Surfaces:
     """The opaque prims of a scene as one view sees them."""
 
-    device: CpuDevice
+    device: Device
     window: tuple[int, int, int, int]
     """Data window [pixel], end exclusive."""
     view: npt.NDArray[Any]
@@ -70,7 +70,7 @@ class Surfaces:
     @classmethod
     def of(
         cls,
-        device: CpuDevice,
+        device: Device,
         scene: RenderScene,
         screen: Screen,
         matte: tuple[tuple[str, bool], ...] = (),

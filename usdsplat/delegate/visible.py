@@ -20,7 +20,7 @@ from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.screen import Screen
 from usdsplat.images.color import conversion, is_identity
 from usdsplat.kernels import feature, peak, project, radiance, sort
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 DOT_REACH = 4
 """[pixel] Beyond the data window that the dots of display mode points are kept for: the splats that
@@ -66,7 +66,7 @@ class Look:
 
     def __init__(
         self,
-        device: CpuDevice,
+        device: Device,
         scratch: Scratch,
         scene: RenderScene,
         screen: Screen,

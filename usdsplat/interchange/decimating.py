@@ -15,7 +15,7 @@ from usdsplat.core import covariance, edit, morton
 from usdsplat.core.cloud import F32, F64, I32, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import Device, open_device
 from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.thinning import pairs as kernels
@@ -44,7 +44,7 @@ def decimate(
     count: int,
     *,
     progress: Progress = silent,
-    device: CpuDevice | None = None,
+    device: Device | None = None,
 ) -> SplatCloud:
     """Merge neighbours until `count` splats are left.
 
@@ -94,7 +94,7 @@ def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
 class _Splats:
     """Splats while they are merged: arrays of all that there were, and the rows still there."""
 
-    device: CpuDevice
+    device: Device
     before: SplatCloud
     rows: I32
     positions: F32
@@ -107,7 +107,7 @@ class _Splats:
     merged: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, cloud: SplatCloud, device: CpuDevice) -> _Splats:
+    def of(cls, cloud: SplatCloud, device: Device) -> _Splats:
         """All of a cloud, whose arrays are left alone."""
         n = len(cloud)
         still = np.empty((n, 0), np.float32)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from usdsplat.core import edit
 from usdsplat.core.cloud import I64, SplatCloud
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import Device, open_device
 from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 
@@ -23,7 +23,7 @@ def drop_outliers(
     *,
     neighbors: int = NEIGHBORS,
     deviations: float = DEVIATIONS,
-    device: CpuDevice | None = None,
+    device: Device | None = None,
 ) -> SplatCloud:
     """Drop splats whose nearest neighbours are farther away than is usual here.
 

@@ -1,6 +1,6 @@
 """The one door to the machine: threads, launches, buffers.
 
-Callers write `device.run(kernel, ...)` and never say how many threads there are.
+Callers write `device.run(kernel, ...)` and never say how many threads there are, nor where.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import Any, Protocol
 
 import numba
 import numpy as np
@@ -49,11 +49,53 @@ def _cores() -> int:
     return int(config.NUMBA_NUM_THREADS)
 
 
+class Device(Protocol):
+    """What runs kernels. Arrays that it keeps are its own: only `run` and `fetch` know them."""
+
+    @property
+    def name(self) -> str:
+        """Such as "cpu"."""
+
+    @property
+    def threads(self) -> int:
+        """Threads of the host that it may use."""
+
+    @property
+    def remark(self) -> str:
+        """Why it is not the fastest device that this machine could have; mostly empty."""
+
+    def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
+        not."""
+
+    def keep(self, array: npt.NDArray[Any]) -> Any:
+        """`array` where kernels reach it fastest, for as long as it lives. It must never change."""
+
+    def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
+        """A buffer of the host with undefined contents."""
+
+    def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """A buffer where kernels reach it fastest, with undefined contents."""
+
+    def fetch(self, array: Any) -> npt.NDArray[Any]:
+        """What a kept or resident array holds, for the host to read; a host's array as it is."""
+
+    def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
+        """Call `kernel` with arrays of the host or the device's own, and return what it returns.
+
+        An array of the host that is not read-only holds what the kernel wrote when `run` is back.
+        """
+
+    def close(self) -> None:
+        """Release what it keeps."""
+
+
 class CpuDevice:
     """Threads of this machine, by Numba.
 
     Args:
         threads: How many to use, 1 to the number of cores; None for all.
+        remark: Why a faster device is not used.
 
     Raises:
         UsageError: If `threads` is out of range.
@@ -61,7 +103,8 @@ class CpuDevice:
 
     name = "cpu"
 
-    def __init__(self, *, threads: int | None = None) -> None:
+    def __init__(self, *, threads: int | None = None, remark: str = "") -> None:
+        self.remark = remark
         most = _cores()
         if threads is not None and not 1 <= threads <= most:
             raise UsageError("threads", str(threads), f"1 to {most}")
@@ -77,9 +120,17 @@ class CpuDevice:
         view.flags.writeable = False
         return view
 
+    keep = upload
+
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
         """A buffer with undefined contents; pages that nobody touches cost nothing."""
         return np.empty(shape, dtype)
+
+    resident = empty
+
+    def fetch(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """`array` itself."""
+        return array
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with this device's threads and return what it returns."""
@@ -93,17 +144,33 @@ class CpuDevice:
                 numba.set_num_threads(threads)
                 numba.set_parallel_chunksize(chunk)
 
+    def close(self) -> None:
+        """Nothing is kept."""
 
-DEVICES = {"cpu": CpuDevice}
+
+DEVICES = ("cpu", "cuda")
 
 
-def open_device(name: str = "auto", *, threads: int | None = None) -> CpuDevice:
-    """Return the device called `name`; "auto" is the fastest one here.
+def open_device(name: str = "auto", *, threads: int | None = None) -> Device:
+    """Return the device called `name`; "auto" is the fastest one here, and where a GPU is that
+    cannot be used, its `remark` says why.
 
     Raises:
         BackendError: If no such device is usable here.
         UsageError: If `threads` is out of range.
     """
+    from usdsplat.kernels.cuda.support import has_gpu, obstacle
+
     if name not in ("auto", *DEVICES):
         raise BackendError("device", repr(name), f"auto or one of: {', '.join(DEVICES)}")
-    return DEVICES["cpu" if name == "auto" else name](threads=threads)
+    if name == "cpu" or (name == "auto" and not has_gpu()):
+        return CpuDevice(threads=threads)
+    missing = obstacle()
+    if missing is None:
+        from usdsplat.kernels.cuda.device import CudaDevice
+
+        return CudaDevice(threads=threads)
+    if name == "cuda":
+        raise BackendError("device cuda", *missing)
+    remark = f"device cuda: found {missing[0]}, expected {missing[1]}; the CPU does the work"
+    return CpuDevice(threads=threads, remark=remark)

@@ -18,7 +18,7 @@ from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.color import REC709, convert, luminance
 from usdsplat.kernels import false_color, show
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.preview import palette
 from usdsplat.preview.values import DisplaySettings, Image, Look
 from usdsplat.preview.viewing import Ways
@@ -61,7 +61,7 @@ def needed(look: Look) -> tuple[str, ...]:
 class Display:
     """Makes what was drawn visible. It keeps ranges, so that they are steady while a view moves."""
 
-    def __init__(self, device: CpuDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._ways = Ways()
         self._ranges: dict[str, tuple[float, float]] = {}

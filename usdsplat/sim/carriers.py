@@ -16,7 +16,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.core.quaternion import to_matrix
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
@@ -76,7 +76,7 @@ class Binding:
     weights: F32
     """Rows sum to 1, or are 0 far from all carriers, shape (n, 8)."""
 
-    def read(self, device: CpuDevice, uv: F32) -> F32:
+    def read(self, device: Device, uv: F32) -> F32:
         """u and v of each splat, shape (n, 2), of those of the carriers, shape (c, 2); (1, 0) far
         from all of them."""
         out: F32 = device.empty((len(self.near), 2), np.float32)
@@ -102,7 +102,7 @@ class Carriers:
     @classmethod
     def of(
         cls,
-        device: CpuDevice,
+        device: Device,
         cloud: SplatCloud,
         *,
         distance: float = -1.0,
@@ -144,7 +144,7 @@ class Carriers:
     def __len__(self) -> int:
         return len(self.positions)
 
-    def bind(self, device: CpuDevice, points: F32) -> Binding:
+    def bind(self, device: Device, points: F32) -> Binding:
         """What points at rest read of the carriers.
 
         Args:
@@ -199,7 +199,7 @@ class _Ellipses:
         counts = np.minimum(1 + np.pi * DENSITY * half * wide / distance**2, MOST_POINTS)
         return np.where(half < distance / 2, 1, counts).astype(np.int64)
 
-    def points(self, device: CpuDevice, distance: float, seed: int) -> tuple[F32, F32]:
+    def points(self, device: Device, distance: float, seed: int) -> tuple[F32, F32]:
         """Points on all of them, so many that none further apart than `distance` is without one
         between; and in which order they are taken, centres first."""
         counts = self.counts(distance)
@@ -226,7 +226,7 @@ def _seen(cloud: SplatCloud) -> np.ndarray:
 
 
 def _sampled(
-    device: CpuDevice, ellipses: _Ellipses, distance: float, seed: int, most: int
+    device: Device, ellipses: _Ellipses, distance: float, seed: int, most: int
 ) -> tuple[F32, float]:
     """At most `most` points no closer than a distance, and that distance [unit]."""
     if distance <= 0:
@@ -246,7 +246,7 @@ def _sampled(
         distance *= 1.01 * math.sqrt(len(kept) / most)
 
 
-def _thrown(device: CpuDevice, points: F32, priority: F32, distance: float) -> I64:
+def _thrown(device: Device, points: F32, priority: F32, distance: float) -> I64:
     """Rows of the points that are kept, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
@@ -257,7 +257,7 @@ def _thrown(device: CpuDevice, points: F32, priority: F32, distance: float) -> I
     return np.flatnonzero(kept)
 
 
-def _relaxed(device: CpuDevice, points: F32, closest: float, seed: int, target: float) -> F32:
+def _relaxed(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
     """Points moved along their surface until they are even.
 
     All have the same radius, else crowds and gaps would stay as they are.

@@ -9,7 +9,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.bvh import LEAF, build_order, find_closest, find_hits, fit_boxes
 from usdsplat.kernels.sim.winding import MOMENTS, fit_dipoles, sum_winding
 from usdsplat.sim.specs import Surface
@@ -44,7 +44,7 @@ class Triangles:
         StageError: If there is no triangle, one names no point, or a point is no number.
     """
 
-    def __init__(self, device: CpuDevice, surface: Surface) -> None:
+    def __init__(self, device: Device, surface: Surface) -> None:
         self._device = device
         _check(surface)
         t = len(surface.triangles)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, I32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as kernels
 from usdsplat.kernels.sim.facets import measure, smooth
 from usdsplat.sim.closest import Hits, Triangles
@@ -79,7 +79,7 @@ class Conform:
 
     def __init__(
         self,
-        device: CpuDevice,
+        device: Device,
         positions: F32,
         rotations: F32,
         scales: F32,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.blend_solids import BLOCK, SWEPT
 from usdsplat.kernels.sim.contact import COUNTS, contact
 from usdsplat.kernels.sim.sweep import sweep
@@ -51,7 +51,7 @@ class Contacts:
         fields: Of the simulation's meshes; its own if None.
     """
 
-    def __init__(self, device: CpuDevice, fields: Fields | None = None) -> None:
+    def __init__(self, device: Device, fields: Fields | None = None) -> None:
         self._device = device
         self._fields = Fields(device) if fields is None else fields
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import deform as closed
 from usdsplat.kernels.sim import deform_lattice, deform_noise
 from usdsplat.sim.parameters import DeformParameters
@@ -36,7 +36,7 @@ NO_MASK = np.empty(0, np.float32)
 
 
 def deform(
-    device: CpuDevice,
+    device: Device,
     deformers: Sequence[Deformer],
     seconds: float,
     positions: F32,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import dissolve as kernels
 from usdsplat.sim.flight import from_world
 from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
@@ -34,13 +34,13 @@ _BY = {"noise": kernels.NOISE, "distance": kernels.DISTANCE, "random": kernels.R
 class Dissolve:
     """One dissolve, or assemble, of one state."""
 
-    device: CpuDevice
+    device: Device
     parameters: DissolveParameters
     seed: int
 
     @classmethod
     def of(
-        cls, device: CpuDevice, state: State, parameters: DissolveParameters, *, seed: int
+        cls, device: Device, state: State, parameters: DissolveParameters, *, seed: int
     ) -> Dissolve:
         """The times are worked out unless the state remembers them.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim.drivers import drive
 from usdsplat.sim.specs import Driver, Moment
 from usdsplat.sim.state import Frame, State
@@ -26,7 +26,7 @@ class Drawing:
         strain: Finds how space is deformed about splats that were pushed; None where none are.
     """
 
-    def __init__(self, device: CpuDevice, strain: Strain | None) -> None:
+    def __init__(self, device: Device, strain: Strain | None) -> None:
         self._device, self._strain = device, strain
 
     def frame(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import drivers as kernels
 from usdsplat.sim.parameters import DriverParameters
 from usdsplat.sim.state import State
@@ -44,7 +44,7 @@ def changes(driver: DriverParameters) -> str:
 
 
 def drive(
-    device: CpuDevice,
+    device: Device,
     state: State,
     drawn: SplatCloud,
     driver: DriverParameters,

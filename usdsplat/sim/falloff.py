@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.blend_solids import union_distances
 from usdsplat.sim.bodies import pack_bodies
 from usdsplat.sim.fields import Fields
@@ -15,7 +15,7 @@ from usdsplat.sim.specs import Affector
 
 
 def falloff(
-    device: CpuDevice, affector: Affector, positions: F32, *, fields: Fields | None = None
+    device: Device, affector: Affector, positions: F32, *, fields: Fields | None = None
 ) -> F32:
     """What an affector of a role other than collide weighs at points, before its amount.
 

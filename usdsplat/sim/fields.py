@@ -8,7 +8,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.distance_field import spread
 from usdsplat.kernels.sim.solids import FIELD_COLUMNS
 from usdsplat.sim.closest import Triangles
@@ -48,7 +48,7 @@ class FieldTable:
 
 
 def bake_field(
-    device: CpuDevice, surface: Surface, voxel: float = -1.0, *, where: str = "mesh"
+    device: Device, surface: Surface, voxel: float = -1.0, *, where: str = "mesh"
 ) -> Field:
     """Measure how far each voxel of a grid is from a mesh, and on which side.
 
@@ -117,7 +117,7 @@ class Fields:
         device: Whose threads bake.
     """
 
-    def __init__(self, device: CpuDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._kept: dict[tuple[int, int, float], tuple[Surface, Field]] = {}
         self._table: tuple[list[Field], FieldTable] | None = None

@@ -8,7 +8,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import flight as kernels
 from usdsplat.kernels.sim.philox import NOISE
 from usdsplat.sim.parameters import ParticlesParameters
@@ -29,7 +29,7 @@ def from_world(to_world: F64) -> F64:
 
 
 def fly(
-    device: CpuDevice,
+    device: Device,
     state: State,
     particles: ParticlesParameters,
     *,

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim.conform import Conform
 from usdsplat.sim.deform import deform
 from usdsplat.sim.skin import Skin
@@ -31,7 +31,7 @@ class Goal:
         first: What is so at the first frame.
     """
 
-    def __init__(self, device: CpuDevice, recipe: Recipe, first: Moment) -> None:
+    def __init__(self, device: Device, recipe: Recipe, first: Moment) -> None:
         self._device = device
         self._skin: Skin | None = None
         rest, p = recipe.rest, first.parameters

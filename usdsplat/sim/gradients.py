@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import mls
 from usdsplat.sim.transport import U8
 
@@ -31,7 +31,7 @@ class LocalGradients:
 
     @classmethod
     def of(
-        cls, device: CpuDevice, rest: F32, neighbours: I32, normals: F32 | None = None
+        cls, device: Device, rest: F32, neighbours: I32, normals: F32 | None = None
     ) -> LocalGradients:
         """Prepare for `measure`.
 
@@ -50,7 +50,7 @@ class LocalGradients:
 
     def measure(
         self,
-        device: CpuDevice,
+        device: Device,
         positions: F32,
         out: F32,
         *,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from usdsplat.core.cloud import F32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim.falloff import falloff
 from usdsplat.sim.fields import Fields
 from usdsplat.sim.specs import Affector
@@ -39,7 +39,7 @@ class Influence:
 class Influences:
     """Works them out; keeps what it knows of meshes."""
 
-    def __init__(self, device: CpuDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self._device = device
         self._fields: dict[str, Fields] = {}
 

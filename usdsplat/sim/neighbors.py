@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.cells import into_cells
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import grid, lists
@@ -66,7 +66,7 @@ class Neighbors:
 
     def __init__(
         self,
-        device: CpuDevice,
+        device: Device,
         parameters: NeighborsParameters,
         *,
         symmetric: bool = False,

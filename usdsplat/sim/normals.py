@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import normals as kernels
 from usdsplat.sim.neighbors import Graph
 
@@ -24,7 +24,7 @@ def manifold_dimension(surfaceness: F32) -> int:
     return 2 if len(surfaceness) == 0 or np.median(surfaceness) >= SHEET else 3
 
 
-def axes(device: CpuDevice, rotations: F32, scales: F32) -> F32:
+def axes(device: Device, rotations: F32, scales: F32) -> F32:
     """The thin axes of splats, of any side.
 
     Args:
@@ -40,7 +40,7 @@ def axes(device: CpuDevice, rotations: F32, scales: F32) -> F32:
     return found
 
 
-def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F32:
+def captured(device: Device, graph: Graph, rotations: F32, scales: F32) -> F32:
     """The thin axes of captured splats, all on the outer side of each connected part.
 
     Args:
@@ -56,7 +56,7 @@ def captured(device: CpuDevice, graph: Graph, rotations: F32, scales: F32) -> F3
     return oriented(device, graph, axes(device, rotations, scales))
 
 
-def oriented(device: CpuDevice, graph: Graph, normals: F32) -> F32:
+def oriented(device: Device, graph: Graph, normals: F32) -> F32:
     """Normals of rows, shape (n, 3), with sides as those of `captured`."""
     n = len(normals)
     outward = np.zeros((n, 3), np.float32)
@@ -72,7 +72,7 @@ def oriented(device: CpuDevice, graph: Graph, normals: F32) -> F32:
     return turned[graph.rank]
 
 
-def grown(device: CpuDevice, graph: Graph, before: F32) -> tuple[F32, F32]:
+def grown(device: Device, graph: Graph, before: F32) -> tuple[F32, F32]:
     """Normals of the planes through neighbours, and how much like a surface they are.
 
     Args:

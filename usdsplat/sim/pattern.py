@@ -10,7 +10,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.closest import Triangles
@@ -47,7 +47,7 @@ class Pattern:
         first: The first moment.
     """
 
-    def __init__(self, device: CpuDevice, rest: SplatCloud, uses: Uses, first: Moment) -> None:
+    def __init__(self, device: Device, rest: SplatCloud, uses: Uses, first: Moment) -> None:
         p = first.parameters
         self._device, self._uses, self._seed = device, uses, p.sim.seed
         self._needs_graph = uses.crowds or uses.faces or p.rd.domain == "self"
@@ -254,7 +254,7 @@ class Pattern:
         return values[np.minimum(rows, len(values) - 1)]
 
 
-def _onto(device: CpuDevice, surface: Surface | None) -> Projection | None:
+def _onto(device: Device, surface: Surface | None) -> Projection | None:
     """What takes points to a mesh."""
     if surface is None:
         return None

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import population as kernels
 from usdsplat.sim.parameters import GrowthParameters
 from usdsplat.sim.state import ALIVE, BORN, DYING, FREE, PINNED, State
@@ -27,7 +27,7 @@ NEVER = np.float32(-np.inf)
 
 
 def grow(
-    device: CpuDevice,
+    device: Device,
     state: State,
     growth: GrowthParameters,
     *,
@@ -66,7 +66,7 @@ def grow(
 
 
 def births(
-    device: CpuDevice,
+    device: Device,
     state: State,
     growth: GrowthParameters,
     *,

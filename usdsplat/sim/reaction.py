@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import laplacian as weights
 from usdsplat.kernels.sim import reaction as kernels
 from usdsplat.sim.neighbors import Graph
@@ -39,7 +39,7 @@ class Reaction:
 
     def __init__(
         self,
-        device: CpuDevice,
+        device: Device,
         graph: Graph,
         parameters: RdParameters,
         *,

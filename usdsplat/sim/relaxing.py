@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import grid
 from usdsplat.kernels.sim import relax as kernels
 from usdsplat.sim import support as radii
@@ -24,7 +24,7 @@ Projection = Callable[[F32], tuple[F32, F32]]
 
 
 def relax(
-    device: CpuDevice,
+    device: Device,
     positions: F32,
     normals: F32 | None,
     parameters: Parameters,
@@ -70,7 +70,7 @@ def relax(
 
 
 def swept(
-    device: CpuDevice, graph: Graph, normals: F32, parameters: Parameters, dimension: int
+    device: Device, graph: Graph, normals: F32, parameters: Parameters, dimension: int
 ) -> tuple[F32, float]:
     """One sweep.
 
@@ -102,7 +102,7 @@ def spacing(target: float, dimension: int) -> float:
     return float((4 * math.pi / (3 * target)) ** (1 / 3))
 
 
-def _planes(device: CpuDevice, graph: Graph, before: F32 | None) -> F32:
+def _planes(device: Device, graph: Graph, before: F32 | None) -> F32:
     """Normals by row; zeros, which let splats go, where they are all around."""
     start = np.zeros((len(graph.order), 3), np.float32) if before is None else before
     normals, surfaceness = grown(device, graph, start)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import reaction
 from usdsplat.kernels.sim import seeds as kernels
@@ -23,7 +23,7 @@ SEED_RADIUS = 5.0
 
 
 def nuclei(
-    device: CpuDevice,
+    device: Device,
     positions: F32,
     parameters: RdParameters,
     scale: float,
@@ -72,7 +72,7 @@ def nuclei(
 
 
 def _in_every_part(
-    device: CpuDevice, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
+    device: Device, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
 ) -> None:
     """Choose the point of the lowest number in each large part that has none chosen."""
     n = len(drawn)
@@ -88,7 +88,7 @@ def _in_every_part(
     chosen[order[first]] = True
 
 
-def plant(device: CpuDevice, uv: F32, weight: F32) -> None:
+def plant(device: Device, uv: F32, weight: F32) -> None:
     """Take u and v to those of a nucleus, in place.
 
     Args:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.settle import settle
 from usdsplat.sim.contact import contact_times
 from usdsplat.sim.parameters import SettleParameters
@@ -19,7 +19,7 @@ NOBODY = np.empty((0, 3), np.float32)
 
 
 def settle_back(
-    device: CpuDevice,
+    device: Device,
     state: State,
     before: F32,
     after: F32,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.skin import (
     DUAL,
     blend_dual,
@@ -42,7 +42,7 @@ class Skin:
     """
 
     def __init__(
-        self, device: CpuDevice, binding: SkinBinding, rest: F32, parameters: SkinParameters
+        self, device: Device, binding: SkinBinding, rest: F32, parameters: SkinParameters
     ) -> None:
         self._device = device
         self._binding = binding

@@ -16,7 +16,7 @@ import numpy as np
 from usdsplat.core import edit
 from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
@@ -58,7 +58,7 @@ class Solver:
         recipe: Recipe,
         uses: Uses,
         *,
-        device: CpuDevice,
+        device: Device,
         start: float,
         state: State | None = None,
         lap: Lap = lambda name: None,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.neighbors import nearest
 from usdsplat.sim.rows import differ, largest
@@ -30,7 +30,7 @@ class Strain:
         is_fixed: Whether rest positions never change, so that neighbours are found only once.
     """
 
-    def __init__(self, device: CpuDevice, *, is_fixed: bool) -> None:
+    def __init__(self, device: Device, *, is_fixed: bool) -> None:
         self._device, self._is_fixed = device, is_fixed
         self._all: LocalGradients | None = None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import support as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
@@ -16,7 +16,7 @@ TOLERANCE, PART = 0.1, 0.99
 """Radii fit where this part of the counts is within this of the target."""
 
 
-def crowding(device: CpuDevice, graph: Graph, dimension: int) -> F32:
+def crowding(device: Device, graph: Graph, dimension: int) -> F32:
     """Smooth number of neighbours of each row, shape (n,); at an even density, how many splats lie
     in its circle (dimension 2) or ball (3)."""
     out: F32 = device.empty(len(graph.order), np.float32)

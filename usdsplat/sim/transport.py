@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import harmonics
 from usdsplat.kernels.sim import transport as kernels
 
@@ -30,7 +30,7 @@ NOBODY = np.empty(0, np.float32)
 
 
 def transport(
-    device: CpuDevice,
+    device: Device,
     gradient: F32,
     rest_rotations: F32,
     rest_scales: F32,
@@ -76,7 +76,7 @@ def transport(
     return areas if keep_opacity else None
 
 
-def thin(device: CpuDevice, rest_opacities: F32, areas: F32, opacities: F32) -> None:
+def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> None:
     """Opacities that keep a stretched surface as opaque as it was: 1 - (1 - a)^(1 / area).
 
     Args:
@@ -88,7 +88,7 @@ def thin(device: CpuDevice, rest_opacities: F32, areas: F32, opacities: F32) -> 
 
 
 def rotate_harmonics(
-    device: CpuDevice, gradient: F32, rest_sh: F32, sh: F32, turned: U8, *, min_angle: float = 1.0
+    device: Device, gradient: F32, rest_sh: F32, sh: F32, turned: U8, *, min_angle: float = 1.0
 ) -> tuple[F32, int]:
     """Turn view-dependent colour with the splats, by the rotation R of F = R U.
 

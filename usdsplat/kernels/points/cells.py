@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import grid
 
 CHUNK = 1 << 15
@@ -31,7 +31,7 @@ class Cells:
     """Row of each slot, shape (n,)."""
 
 
-def into_cells(device: CpuDevice, positions: F32, edge: float) -> Cells:
+def into_cells(device: Device, positions: F32, edge: float) -> Cells:
     """Sort points by cell; equal cells keep the order of rows.
 
     Args:
@@ -51,7 +51,7 @@ def into_cells(device: CpuDevice, positions: F32, edge: float) -> Cells:
     return Cells(inverse=inverse, bits=bits, start=start, order=order)
 
 
-def extent(device: CpuDevice, positions: F32) -> F64:
+def extent(device: Device, positions: F32) -> F64:
     """Size of the box about the finite points [unit], shape (3,); zeros where there are none."""
     blocks = math.ceil(len(positions) / grid.BLOCK)
     lower, upper = device.empty((blocks, 3), np.float64), device.empty((blocks, 3), np.float64)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.cells import extent, into_cells
 from usdsplat.kernels.sim import nearest as kernels
 
@@ -15,7 +15,7 @@ LEAF = 8
 """Points of a leaf, about."""
 
 
-def nearest(device: CpuDevice, points: F32, queries: F32, k: int) -> tuple[I32, F32]:
+def nearest(device: Device, points: F32, queries: F32, k: int) -> tuple[I32, F32]:
     """The k points nearest to each query; of equally near ones, those of the least index.
 
     Args:

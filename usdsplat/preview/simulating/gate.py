@@ -14,9 +14,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any
 
-import numpy.typing as npt
-
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 
 _PATIENCE = 0.1
 """How long the lock is waited for before somebody is asked whether it is needed still [s]."""
@@ -90,25 +88,19 @@ class Gate:
             self._changed.wait_for(lambda: not self.is_open, timeout=max(0.0, seconds))
 
 
-class GatedDevice(CpuDevice):
-    """A device whose every kernel is a piece of work.
+class GatedDevice:
+    """A device whose every kernel is a piece of work; all else is the device's own.
 
     Args:
         device: Computes.
         gate: Passed before each kernel.
     """
 
-    def __init__(self, device: CpuDevice, gate: Gate) -> None:
-        super().__init__(threads=device.threads)
+    def __init__(self, device: Device, gate: Gate) -> None:
         self._device, self._gate = device, gate
-
-    def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """As the device's own."""
-        return self._device.upload(array)
-
-    def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
-        """As the device's own."""
-        return self._device.empty(shape, dtype)
+        self.name, self.threads, self.remark = device.name, device.threads, device.remark
+        self.upload, self.keep, self.fetch = device.upload, device.keep, device.fetch
+        self.empty, self.resident, self.close = device.empty, device.resident, device.close
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """As the device's own, when the gate is open."""

@@ -11,7 +11,7 @@ from typing import Protocol
 from pxr import Usd
 
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.simulating.gate import Gate, GatedDevice, Reading, Stopped
 from usdsplat.preview.values import Event
@@ -37,7 +37,7 @@ class Job(ABC):
         changed: Called, in the job's thread, when there is something new to say.
     """
 
-    def __init__(self, host: Host, device: CpuDevice, changed: Callable[[], None]) -> None:
+    def __init__(self, host: Host, device: Device, changed: Callable[[], None]) -> None:
         self.gate = Gate()
         self.failure = ""
         """Why it does not go on, a sentence."""

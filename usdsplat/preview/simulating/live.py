@@ -10,7 +10,7 @@ from functools import partial
 from pxr import Usd
 
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live_layer import LiveLayer
 from usdsplat.preview.simulating.watching import LiveRecipe, Watch
@@ -37,7 +37,7 @@ class LiveRun(Job):
     def __init__(
         self,
         host: Host,
-        device: CpuDevice,
+        device: Device,
         changed: Callable[[], None],
         *,
         budget: float | None,

@@ -10,7 +10,7 @@ from pxr import Sdf, Usd
 
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frames import LIMIT
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
 from usdsplat.sim.stage.provenance import read_record
@@ -32,7 +32,7 @@ class Recording(Job):
     def __init__(
         self,
         host: Host,
-        device: CpuDevice,
+        device: Device,
         changed: Callable[[], None],
         *,
         target: Path,

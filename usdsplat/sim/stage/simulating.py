@@ -18,7 +18,7 @@ from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import Device, open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
@@ -115,7 +115,7 @@ class Simulation:
         stage: Usd.Stage,
         frames: Sequence[float],
         *,
-        device: CpuDevice,
+        device: Device,
         lap: Callable[[str], None] = lambda name: None,
         reading: AbstractContextManager[Any] = UNGUARDED,
         kind: Callable[..., StageRecipe] | None = None,
@@ -214,7 +214,7 @@ def simulate(
     target: Path,
     frames: Sequence[float],
     *,
-    device: str | CpuDevice = "auto",
+    device: str | Device = "auto",
     threads: int | None = None,
     resume: bool = False,
     force: bool = False,
@@ -252,7 +252,7 @@ def _simulate(
     stage: Usd.Stage,
     target: Path,
     frames: Sequence[float],
-    machine: CpuDevice,
+    machine: Device,
     resume: bool,
     progress: Progress,
     remark: Remark,
@@ -343,7 +343,7 @@ def _provenance(
     stage: Usd.Stage,
     frames: Sequence[float],
     parameters: Parameters,
-    device: CpuDevice,
+    device: Device,
     reading: AbstractContextManager[Any],
 ) -> Provenance:
     sim = parameters.sim

@@ -1,0 +1,196 @@
+"""One NVIDIA GPU: what it keeps, and how kernels get there.
+
+Arrays of the host are copied in for a launch and, unless they are read-only, back after it. What
+stays on the GPU between launches was asked for: `keep` and `resident`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cuda 0.30 imports
+    np.vstack = np.vstack
+
+from numba import cuda
+
+from usdsplat.kernels.cuda.derive import Underivable, derive
+from usdsplat.kernels.device import CpuDevice
+
+HOST = "usdsplat.kernels"
+HERE = "usdsplat.kernels.cuda"
+THREADS = 128
+"""Of a block of a derived kernel."""
+BLOCKS = 132 * 16
+"""Of a derived kernel: enough to fill any GPU; loops take what is left."""
+
+Form = Callable[..., Any]
+_FORMS: dict[Callable[..., Any], Form | None] = {}
+"""Kernel -> how it runs on a GPU, or None for on the CPU: a property of the sources."""
+
+
+def form_of(kernel: Callable[..., Any]) -> Form | None:
+    """How `kernel` runs on a GPU: called with the device, then with the kernel's arguments, its
+    arrays on the GPU. None where the CPU does it."""
+    if kernel not in _FORMS:
+        _FORMS[kernel] = _written(kernel) or _derived(kernel)
+    return _FORMS[kernel]
+
+
+def _written(kernel: Callable[..., Any]) -> Form | None:
+    """The function of the same name in the same place under this folder, if there is one."""
+    source = getattr(kernel, "py_func", kernel)
+    place = HERE + source.__module__.removeprefix(HOST)
+    try:
+        is_there = source.__module__.startswith(HOST) and importlib.util.find_spec(place)
+    except ModuleNotFoundError:  # not even the folder that it would be in
+        is_there = None
+    found = getattr(importlib.import_module(place), source.__name__, None) if is_there else None
+    return found if found is not None and getattr(found, "is_form", False) else None
+
+
+def form(function: Form) -> Form:
+    """Mark the function as what a device runs in place of the kernel of the same name."""
+    function.is_form = True  # type: ignore[attr-defined]
+    return function
+
+
+def _derived(kernel: Callable[..., Any]) -> Form | None:
+    try:
+        threads_of = cuda.jit(derive(kernel))
+    except Underivable:
+        return None
+
+    def launch(device: CudaDevice, *args: Any) -> None:
+        threads_of[BLOCKS, THREADS, device.stream](*args)
+
+    return launch
+
+
+class CudaDevice:
+    """The GPU that CUDA counts first.
+
+    Args:
+        threads: Of the host, for what the CPU does, 1 to the number of cores; None for all.
+
+    Raises:
+        UsageError: If `threads` is out of range.
+    """
+
+    name = "cuda"
+    remark = ""
+
+    def __init__(self, *, threads: int | None = None) -> None:
+        self._cpu = CpuDevice(threads=threads)
+        self.threads = self._cpu.threads
+        self.stream = cuda.stream()
+        """In whose order everything happens."""
+        self._primitives: Any = None
+        self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
+
+    def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
+        not."""
+        return self._cpu.upload(array)
+
+    def keep(self, array: npt.NDArray[Any]) -> Any:
+        """`array` on the GPU, copied there once, for as long as it lives. It must never change."""
+        key = id(array)
+        found = self._kept.get(key)
+        if found is None or found[0]() is not array:
+            kept = self._kept
+            gone = weakref.ref(array, lambda _: kept.pop(key, None))
+            found = kept[key] = gone, self._in(np.require(array, requirements=["C", "A"]))
+        return found[1]
+
+    def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
+        """A buffer of the host with undefined contents."""
+        return np.empty(shape, dtype)
+
+    def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """A buffer of the GPU with undefined contents."""
+        return cuda.device_array(shape, dtype, stream=self.stream)
+
+    def fetch(self, array: Any) -> npt.NDArray[Any]:
+        """What an array of the GPU holds, for the host to read; a host's array as it is."""
+        if isinstance(array, np.ndarray):
+            return array
+        out: npt.NDArray[Any] = array.copy_to_host(stream=self.stream)
+        self.stream.synchronize()
+        return out
+
+    def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
+        """Call `kernel` with arrays of the host or the GPU and return what it returns."""
+        form = form_of(kernel)
+        moves = _Moves(self._in if form else self.fetch, _is_host if form else _is_resident)
+        moved = tuple(moves.arrive(each) for each in args)
+        result = form(self, *moved) if form else self._cpu.run(kernel, *moved)
+        for original, copy in moves.made:
+            if form:
+                self._out(copy, original)
+            else:
+                original.copy_to_device(copy, stream=self.stream)
+        if moves.made:
+            self.stream.synchronize()
+        return result
+
+    @property
+    def primitives(self) -> Any:
+        """What sorts and sums, a `primitives.Primitives`."""
+        if self._primitives is None:
+            from usdsplat.kernels.cuda.primitives import Primitives
+
+            self._primitives = Primitives(self.stream)
+        return self._primitives
+
+    def close(self) -> None:
+        """Release what it keeps."""
+        self._kept.clear()
+        self._primitives = None
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _in(self, array: npt.NDArray[Any]) -> Any:
+        return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
+
+    def _out(self, copy: Any, original: npt.NDArray[Any]) -> None:
+        if not original.flags.writeable:
+            return
+        if original.flags.c_contiguous:
+            copy.copy_to_host(original, stream=self.stream)
+        else:
+            original[...] = self.fetch(copy)
+
+
+def _is_host(value: Any) -> bool:
+    return isinstance(value, np.ndarray)
+
+
+def _is_resident(value: Any) -> bool:
+    return cuda.is_cuda_array(value) and not isinstance(value, np.ndarray)
+
+
+class _Moves:
+    """Arrays that go to the other side for one call; the same array goes once."""
+
+    def __init__(self, move: Callable[[Any], Any], is_elsewhere: Callable[[Any], bool]) -> None:
+        self._move, self._is_elsewhere = move, is_elsewhere
+        self.made: list[tuple[Any, Any]] = []
+
+    def arrive(self, value: Any) -> Any:
+        """`value`, or tuples of values, with arrays on this side."""
+        if isinstance(value, tuple):
+            return tuple(self.arrive(each) for each in value)
+        if not self._is_elsewhere(value):
+            return value
+        for original, copy in self.made:
+            if original is value:
+                return copy
+        self.made.append((value, self._move(value)))
+        return self.made[-1][1]
