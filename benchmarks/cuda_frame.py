@@ -1,0 +1,183 @@
+"""What a frame costs on the GPU, beside gsplat in the same run, pictures compared.
+
+    python -m benchmarks.cuda_frame [--quick] [--peers FOLDER] [--json FILE]
+
+Times are CUDA events around the whole frame, from resident splats to a resident image, the median
+of 20 with its spread; host is what the two launches take of this thread. gsplat is timed by
+`gsplat_cuda.py` of FOLDER, where it and gsplat are: the faster of packed and not. dB compares our
+picture with gsplat's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.cuda_scenes import NEAR, Scene, captured, group_of, tiled
+from benchmarks.scenes import CAPTURES, SHARED
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.frame.picture import FrameGroup, FramePicture, FrameView
+
+SIZES = ((1920, 1080), (3840, 2160))
+RUNS = 20
+WARM = 3
+
+
+def timed(device: CudaDevice, call: Callable[[], Any]) -> tuple[float, float, float, float]:
+    """Median, least and most milliseconds of the GPU, and the median of the host's own."""
+    from numba import cuda
+
+    for _ in range(WARM):
+        call()
+    spent, host = [], []
+    for _ in range(RUNS):
+        begin, end = cuda.event(), cuda.event()
+        begin.record(device.stream)
+        host.append(call())
+        end.record(device.stream)
+        end.synchronize()
+        spent.append(cuda.event_elapsed_time(begin, end))
+    return (*(float(f(spent)) for f in (np.median, min, max)), float(np.median(host)))
+
+
+def ours(device: CudaDevice, group: FrameGroup, view: FrameView) -> tuple[Any, dict[str, Any]]:
+    """Our picture and what it took."""
+    picture = FramePicture(device)
+
+    def draw() -> float:
+        waited = picture.waited
+        begin = time.perf_counter()
+        picture.draw([group], view)
+        return 1e3 * (time.perf_counter() - begin - (picture.waited - waited))
+
+    ms, low, high, host = timed(device, draw)
+    image = device.fetch(picture.draw([group], view))
+    numbers = {
+        "ms": ms, "low": low, "high": high, "host_ms": host, "visible": picture.visible,
+        "pairs": picture.pairs, "bytes": picture.bytes,
+    }  # fmt: skip
+    return image, numbers
+
+
+class Peer:
+    """gsplat, timed by the script that the project is given."""
+
+    def __init__(self, script: Path) -> None:
+        import torch
+        from gsplat import __version__, rasterization
+
+        self._torch, self._draw, self.version = torch, rasterization, __version__
+        spec = importlib.util.spec_from_file_location("gsplat_cuda", script)
+        assert spec is not None and spec.loader is not None
+        self._script = importlib.util.module_from_spec(spec)
+        sys.modules["gsplat_cuda"] = self._script
+        spec.loader.exec_module(self._script)
+
+    def time(self, scene: Scene, width: int, height: int) -> tuple[Any, dict[str, Any]]:
+        """Its picture (height, width, 3) and its row."""
+        cloud = scene.cloud
+        arrays = {
+            "means": cloud.positions, "quats": cloud.rotations, "scales": cloud.scales,
+            "opacities": cloud.opacities,
+        }  # fmt: skip
+        k, view = scene.k(width, height).astype(np.float32), scene.matrix.astype(np.float32)
+        degree = cloud.sh_degree or None
+        colors = cloud.sh if degree else np.maximum(0.5 + 0.28209479177387814 * cloud.sh[:, 0], 0)
+        colors = colors.astype(np.float32)
+        torch = self._torch
+        with torch.no_grad():
+            row = self._script.time_scene(
+                scene.name, arrays, colors, degree, view, k, width, height
+            )
+            on = [
+                torch.from_numpy(np.ascontiguousarray(each)).cuda()
+                for each in (*arrays.values(), colors, view[None], k[None])
+            ]
+            image = self._draw(
+                *on, width, height, sh_degree=degree, packed=row["packed"], near_plane=NEAR
+            )[0][0]
+            return image.cpu().numpy(), row
+
+
+def scenes(quick: bool) -> list[tuple[str, Callable[[], Scene]]]:
+    """What is drawn, made when it is its turn."""
+    grids = (1,) if quick else (1, 3, 7)
+    found: list[tuple[str, Callable[[], Scene]]] = []
+    for degree in (0, 3):
+        for grid in grids:
+            found.append((f"SH {degree}", lambda g=grid, d=degree: tiled(g, d)))
+    for name in CAPTURES[:1] if quick else CAPTURES:
+        found.append(("", lambda n=name: captured(n)))
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--peers", type=Path, default=SHARED / "peers")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    device, rows = CudaDevice(), []
+    script = options.peers / "gsplat_cuda.py"
+    try:
+        peer = Peer(script) if script.is_file() else None
+    except ImportError:
+        peer = None
+    table = Table(title="one frame on the GPU: event ms, median (least–most)")
+    for name in ("scene", "SH", "size", "form", "seen", "pairs", "ours", "host", "gsplat", "×",
+                 "dB", "MiB"):  # fmt: skip
+        table.add_column(name, justify="right")
+    for _, make in scenes(options.quick):
+        scene = make()
+        for width, height in SIZES:
+            theirs, peer_row = (None, None)
+            if peer is not None:
+                theirs, peer_row = peer.time(scene, width, height)
+            for packed in (False, True):
+                group = group_of(device, scene.cloud, packed=packed, boxed=True)
+                image, row = ours(device, group, scene.view(width, height))
+                decibels = float("nan")
+                if theirs is not None:
+                    error = np.mean((image[..., :3].astype(np.float64) - theirs) ** 2)
+                    decibels = float(-10 * np.log10(error))
+                row |= {
+                    "scene": scene.name, "sh": scene.cloud.sh_degree, "splats": len(scene.cloud),
+                    "size": [width, height], "form": "packed" if packed else "float",
+                    "gsplat": peer_row, "dB": decibels,
+                }  # fmt: skip
+                rows.append(row)
+                show(table, row)
+                del group
+    Console(width=160).print(table)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1))
+
+
+def show(table: Table, row: dict[str, Any]) -> None:
+    """One line of the table, and the same at once for who watches."""
+    peer = row["gsplat"]
+    cells = [
+        row["scene"], str(row["sh"]), "{}×{}".format(*row["size"]), row["form"],
+        f"{row['visible']:,}", f"{row['pairs']:,}",
+        f"{row['ms']:.3f} ({row['low']:.3f}–{row['high']:.3f})", f"{row['host_ms']:.3f}",
+        f"{peer['ms']:.3f} ({peer['ms_min']:.3f}–{peer['ms_max']:.3f})" if peer else "",
+        f"{peer['ms'] / row['ms']:.2f}" if peer else "", f"{row['dB']:.1f}",
+        f"{row['bytes'] / 2**20:.0f}",
+    ]  # fmt: skip
+    print(*cells, flush=True)
+    table.add_row(*cells)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""Scenes on the GPU as `FramePicture` takes them, with a view as gsplat has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.scenes import DATA, garden
+from usdsplat import formats
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.kernels import blocks
+from usdsplat.kernels.bins import grid_of
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.frame.picture import FrameGroup, FrameView
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.project import BLOCK, CAMERA, LOW_PASS
+from usdsplat.schema import packing
+
+NEAR = 0.01
+"""[scene unit]"""
+CLAMP = 1.3
+"""Times half the window: where the affine map is taken at most, as gsplat has it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Scene:
+    """A cloud, and the camera that it is timed with."""
+
+    name: str
+    cloud: SplatCloud
+    matrix: F64
+    """World to camera, OpenCV's axes, shape (4, 4)."""
+    focal: float
+    """Times the width of the picture."""
+
+    def k(self, width: int, height: int) -> F64:
+        """Intrinsics [pixel], the axis in the middle."""
+        f = self.focal * width
+        return np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1.0]])
+
+    def view(self, width: int, height: int) -> FrameView:
+        """The same for our kernels."""
+        f = self.focal * width
+        camera = np.zeros(1, CAMERA)
+        camera["fx"] = camera["fy"] = f
+        camera["cx"], camera["cy"] = width / 2 - 0.5, height / 2 - 0.5
+        camera["near"], camera["far"] = NEAR, 1e10
+        camera["low_u"], camera["high_u"] = -CLAMP * width / 2 / f, CLAMP * width / 2 / f
+        camera["low_v"], camera["high_v"] = -CLAMP * height / 2 / f, CLAMP * height / 2 / f
+        camera["right"], camera["bottom"] = width - 1, height - 1
+        camera["low_pass"] = LOW_PASS
+        matrix = self.matrix.astype(np.float64)
+        sights = np.zeros((1, 3, 4))
+        sights[0, :, :3] = np.eye(3)
+        sights[0, :, 3] = matrix[:3, :3].T @ matrix[:3, 3]
+        return FrameView(
+            cameras=camera,
+            matrices=np.ascontiguousarray(matrix[None, :3]),
+            sights=sights,
+            conversions=np.zeros((1, 14), np.float32),
+            grid=grid_of(0, 0, width, height),
+        )
+
+
+def tiled(grid: int, degree: int) -> Scene:
+    """The garden, grid x grid times."""
+    cloud, matrix, k = garden(grid, degree=degree)
+    return Scene(
+        name=f"garden {grid}×{grid}", cloud=cloud, matrix=matrix, focal=float(k[0, 0]) / 1920
+    )
+
+
+def captured(name: str) -> Scene:
+    """A capture, seen as its first reference picture is."""
+    stem = name.partition(".")[0]
+    oracle = np.load(DATA / "oracle" / "images" / f"{stem}.npz")
+    cloud = formats.read(DATA / "splats" / name).cloud
+    return Scene(
+        name=stem, cloud=cloud, matrix=oracle["viewmats"][0], focal=float(oracle["K"][0, 0]) / 640
+    )
+
+
+def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool, boxed: bool) -> FrameGroup:
+    """A cloud on the GPU, as floats or packed, with or without bounds of its blocks."""
+    unit = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
+    if packed:
+        arrays = packing.pack(cloud)
+        width = packing.harmonics_width(arrays.degree)
+        steps = (arrays.harmonics_range / np.float32(127)).astype(np.float32)
+        held: tuple[Any, ...] = (
+            cloud.positions, arrays.core, arrays.harmonics.reshape(-1, 4 * width)
+            if width else np.empty((0, 4), np.int32),
+            arrays.color_range.ravel(), steps,
+        )  # fmt: skip
+    else:
+        held = (
+            cloud.positions, unit.astype(np.float32), cloud.scales, cloud.opacities, cloud.sh,
+        )  # fmt: skip
+    bounds = np.empty((-(-len(cloud) // BLOCK) if boxed else 0, blocks.BOX), np.float32)
+    if boxed:
+        CpuDevice().run(blocks.boxes, cloud.positions, cloud.scales, cloud.opacities, bounds)
+    return FrameGroup(
+        splats=tuple(device.keep(array) for array in held),
+        is_packed=packed,
+        boxes=device.keep(bounds),
+        instances=1,
+        degree=cloud.sh_degree,
+    )

@@ -1,0 +1,183 @@
+"""Blend each tile's list front to back: a CUDA block is a tile, a thread one pixel or a few.
+
+A warp owns a part of the tile, 8 pixels wide. Each splat of a batch is tested once against every
+part, and a warp then walks the splats that may touch its own: a vote of 32 lanes makes a word of
+them. Exponents are powers of two, for the hardware knows no others. The rules are those of
+`kernels.blend`.
+
+Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from numba import cuda, float32, int32, uint32
+
+from usdsplat.kernels.bins import TILE
+from usdsplat.kernels.cuda.warp import votes, without_lowest
+from usdsplat.kernels.project import (
+    BLUE,
+    GREEN,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    LOG_CUTOFF,
+    LOG_OPACITY,
+    RED,
+    A,
+    B,
+    C,
+    U,
+    V,
+)
+
+WIDE = 8
+"""[pixel] of a warp's part; it is 4 high, times the pixels of a thread."""
+DEEP = 32 // WIDE
+TO_BITS = np.float32(1 / math.log(2))
+LEAST = np.float32(LOG_CUTOFF * TO_BITS)
+MOST = np.float32(0.999)
+END = np.float32(1e-4)
+
+SMALL = 6
+"""Pairs a splat under which splats are small: then tests beyond a box cost more than they save."""
+LARGE = 1 << 22
+"""[pixel] of a picture from which a thread takes four pixels: there are enough tiles."""
+
+
+def variant(pairs: int, splats: int, pixels: int) -> tuple[int, bool]:
+    """What is fastest: (pixels of a thread, whether parts are tested beyond boxes)."""
+    if pairs < SMALL * splats:
+        return 1, False
+    return (4 if pixels >= LARGE else 2), True
+
+
+@cuda.jit(device=True, inline="always")
+def misses(a, b, c, reach, u, v, left, top, right, bottom):
+    """Whether the ellipse a dx² + b dx dy + c dy² = −reach has no point in a rectangle of pixels:
+    its largest value lies on an edge that is nearest to the centre."""
+    x, y = min(max(u, left), right), min(max(v, top), bottom)
+    if x == u and y == v:
+        return False
+    best = float32(-1e30)
+    if x != u:
+        dx = x - u
+        dy = min(max(v - b * dx / (float32(2) * c), top), bottom) - v
+        best = max(best, a * dx * dx + b * dx * dy + c * dy * dy)
+    if y != v:
+        dy = y - v
+        dx = min(max(u - b * dy / (float32(2) * a), left), right) - u
+        best = max(best, a * dx * dx + b * dx * dy + c * dy * dy)
+    return best < -reach
+
+
+@functools.cache
+def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
+    """The kernel for so many pixels a thread, and its threads.
+
+    Its arguments: the GRID record; starts and ends of the tiles' pairs; the pairs' rows in
+    `records`; `image`, (height, width, 4) f32, premultiplied, which is written.
+    """
+    high = DEEP * pixels
+    across = TILE // WIDE
+    parts = across * (TILE // high)
+    threads = 32 * parts
+
+    @cuda.jit(fastmath=True)
+    def blend(grid, starts, ends, pair_splats, records, image):
+        g = grid[0]
+        t, tile = cuda.threadIdx.x, cuda.blockIdx.x
+        lane, part = t % 32, t // 32
+        left, top = tile % g.columns * TILE + g.left, tile // g.columns * TILE + g.top
+        px = left + part % across * WIDE + lane % WIDE
+        py = top + part // across * high + lane // WIDE
+        x, y = float32(px), float32(py)
+        batch = cuda.shared.array((threads, 9), float32)
+        touched = cuda.shared.array(threads, uint32)
+        through = cuda.local.array(pixels, float32)
+        cover = cuda.local.array(pixels, float32)
+        red = cuda.local.array(pixels, float32)
+        green = cuda.local.array(pixels, float32)
+        blue = cuda.local.array(pixels, float32)
+        for p in range(pixels):
+            there = g.x0 <= px < g.x1 and g.y0 <= py + p * DEEP < g.y1
+            through[p] = float32(1) if there else float32(0)
+            cover[p] = red[p] = green[p] = blue[p] = float32(0)
+        base, last = starts[tile], ends[tile]
+        alive = int32(1)
+        while base < last:
+            if cuda.syncthreads_count(alive) == 0:
+                break
+            mask = uint32(0)
+            if base + t < last:
+                k = pair_splats[base + t]
+                u, v, a, b, c = (
+                    records[k, U], records[k, V], records[k, A], records[k, B], records[k, C],
+                )  # fmt: skip
+                log_opacity = records[k, LOG_OPACITY]
+                half_width, half_height = records[k, HALF_WIDTH], records[k, HALF_HEIGHT]
+                batch[t, 0], batch[t, 1] = u, v
+                batch[t, 2], batch[t, 3], batch[t, 4] = a * TO_BITS, b * TO_BITS, c * TO_BITS
+                batch[t, 5] = log_opacity * TO_BITS
+                batch[t, 6], batch[t, 7] = records[k, RED], records[k, GREEN]
+                batch[t, 8] = records[k, BLUE]
+                for q in range(parts):
+                    x0, y0 = float32(left + q % across * WIDE), float32(top + q // across * high)
+                    x1, y1 = x0 + float32(WIDE - 1), y0 + float32(high - 1)
+                    if (
+                        u + half_width >= x0
+                        and u - half_width <= x1
+                        and v + half_height >= y0
+                        and v - half_height <= y1
+                    ):
+                        if is_exact:
+                            reach = log_opacity - LOG_CUTOFF
+                            if misses(a, b, c, reach, u, v, x0, y0, x1, y1):
+                                continue
+                        mask |= uint32(1) << uint32(q)
+            touched[t] = mask
+            cuda.syncthreads()
+            count = min(threads, last - base)
+            if alive:
+                for first in range(0, count, 32):
+                    mine = touched[first + lane] >> uint32(part) & uint32(1)
+                    bits = votes(mine)
+                    while bits != 0:
+                        i = first + int32(cuda.ffs(bits)) - int32(1)
+                        bits = without_lowest(bits)
+                        dx, dy_0 = x - batch[i, 0], y - batch[i, 1]
+                        rest = batch[i, 2] * dx * dx + batch[i, 5]
+                        slope, c = batch[i, 3] * dx, batch[i, 4]
+                        r, gr, bl = batch[i, 6], batch[i, 7], batch[i, 8]
+                        for p in range(pixels):
+                            dy = dy_0 + float32(p * DEEP)
+                            e = rest + dy * (slope + c * dy)
+                            alpha = min(MOST, math.exp2(e))
+                            alpha = alpha if e >= LEAST else float32(0)
+                            weight = alpha * through[p]
+                            remains = through[p] - weight
+                            goes_on = remains >= END
+                            weight = weight if goes_on else float32(0)
+                            through[p] = remains if goes_on else float32(0)
+                            cover[p] += weight
+                            red[p] += weight * r
+                            green[p] += weight * gr
+                            blue[p] += weight * bl
+                    living = int32(0)
+                    for p in range(pixels):
+                        if through[p] > float32(0):
+                            living = int32(1)
+                    alive = int32(votes(living) != 0)
+                    if not alive:
+                        break
+            base += threads
+        for p in range(pixels):
+            row = py + p * DEEP
+            if g.x0 <= px < g.x1 and g.y0 <= row < g.y1:
+                to = image[row - g.y0, px - g.x0]
+                to[0], to[1], to[2], to[3] = red[p], green[p], blue[p], cover[p]
+
+    return blend, threads

@@ -1,0 +1,76 @@
+"""How a splat is read: from arrays of floats, or from its 28 bytes as they are.
+
+Each form is a pair of device functions on a tuple of arrays, the positions first: `load` writes the
+quaternion and the deviations and returns the opacity; `shade` writes the colour seen along a sight.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import cuda, float32
+
+from usdsplat.kernels.radiance import harmonics
+from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic, unpack_shape
+
+COEFFICIENTS = 25
+"""Of degree 4."""
+
+
+@cuda.jit(device=True, inline="always")
+def direction(sight, position):
+    """Unit direction of sight in the field's space; 0 at the eye."""
+    px, py, pz = position[0], position[1], position[2]
+    dx = sight[0, 0] * px + sight[0, 1] * py + sight[0, 2] * pz + sight[0, 3]
+    dy = sight[1, 0] * px + sight[1, 1] * py + sight[1, 2] * pz + sight[1, 3]
+    dz = sight[2, 0] * px + sight[2, 1] * py + sight[2, 2] * pz + sight[2, 3]
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    inverse = 1.0 / length if length > 0.0 else 0.0
+    return float32(dx * inverse), float32(dy * inverse), float32(dz * inverse)
+
+
+@cuda.jit(device=True, inline="always")
+def load_floats(splats, i, rotation, scales):
+    """Of (positions, rotations, scales, opacities, sh), the arrays of a SplatCloud."""
+    for c in range(4):
+        rotation[c] = splats[1][i, c]
+    for c in range(3):
+        scales[c] = splats[2][i, c]
+    return splats[3][i]
+
+
+@cuda.jit(device=True, inline="always")
+def shade_floats(splats, i, sight, degree, color):
+    """Of the same."""
+    x, y, z = float32(0), float32(0), float32(0)
+    if degree > 0:
+        x, y, z = direction(sight, splats[0][i])
+    for c in range(3):
+        color[c] = harmonics(splats[4][i], c, degree, x, y, z)
+
+
+@cuda.jit(device=True, inline="always")
+def load_packed(splats, i, rotation, scales):
+    """Of (positions, words (n, 4) i32, harmonics (n, 4 w) i32, color range (6,) f32, steps of the
+    harmonics (degree,) f32)."""
+    return unpack_shape(splats[1][i], rotation, scales)
+
+
+@cuda.jit(device=True, inline="always")
+def shade_packed(splats, i, sight, degree, color):
+    """Of the same."""
+    unpack_colors(splats[1][i], splats[3], color)
+    sh = cuda.local.array((COEFFICIENTS, 3), np.float32)
+    for c in range(3):
+        sh[0, c] = color[c]
+    x, y, z = float32(0), float32(0), float32(0)
+    if degree > 0:
+        x, y, z = direction(sight, splats[0][i])
+        words = splats[2][i]
+        for band in range(1, degree + 1):
+            for k in range(band * band, (band + 1) * (band + 1)):
+                for c in range(3):
+                    sh[k, c] = unpack_harmonic(words, 3 * (k - 1) + c, splats[4], band)
+    for c in range(3):
+        color[c] = harmonics(sh, c, degree, x, y, z)

@@ -1,0 +1,303 @@
+"""One picture of plain splats: the order of the launches, and their buffers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import cuda
+
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.frame import blend, load, project, tiles
+from usdsplat.kernels.cuda.frame.graph import record
+from usdsplat.kernels.project import BLOCK, RECORD
+
+THREADS = 256
+WAVES = 132 * 16
+"""Blocks that fill any GPU; loops take what is left."""
+STEPS = 8
+"""Sizes between a power of two and the next for which a sort is recorded."""
+LEAST = 1 << 12
+"""The smallest such size."""
+KEPT = 8
+"""Recorded second halves that are kept."""
+ROOM = 1 << 18
+"""Records that there is room for at first."""
+
+_SEE = {
+    False: project.make_see(load.load_floats),
+    True: project.make_see(load.load_packed),
+}
+_PLACE = {
+    False: project.make_place(load.load_floats, load.shade_floats),
+    True: project.make_place(load.load_packed, load.shade_packed),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FrameGroup:
+    """Instances of one field, next to each other in the drawing order."""
+
+    splats: tuple[Any, ...]
+    """Arrays of the device as `load` names them, the positions first."""
+    is_packed: bool
+    boxes: Any
+    """Of the field's blocks, shape (blocks, 8) f32; no rows where all are looked at."""
+    instances: int
+    degree: int
+    """Of the harmonics that are evaluated."""
+
+    @property
+    def count(self) -> int:
+        """Splats of an instance."""
+        return int(self.splats[0].shape[0])
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of an instance."""
+        return -(-self.count // BLOCK)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FrameView:
+    """What changes from picture to picture; arrays of the host."""
+
+    cameras: npt.NDArray[Any]
+    """A CAMERA for each group."""
+    matrices: npt.NDArray[np.float64]
+    """Local to camera for each instance, shape (m, 3, 4)."""
+    sights: npt.NDArray[np.float64]
+    """As `radiance` takes them, shape (m, 3, 4)."""
+    conversions: npt.NDArray[np.float32]
+    """Of each group; the last number says whether colours are converted, shape (groups, 14)."""
+    grid: npt.NDArray[Any]
+    """The GRID record of the data window."""
+
+    @property
+    def arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        """All of them, in one order."""
+        return self.cameras, self.matrices, self.sights, self.conversions, self.grid
+
+
+class FramePicture:
+    """Draws pictures on one device and keeps its buffers between them."""
+
+    def __init__(self, device: CudaDevice) -> None:
+        self._device, self._stream = device, device.stream
+        self._key: tuple[Any, ...] = ()
+        self._groups: tuple[FrameGroup, ...] = ()
+        self._buffers: dict[str, Any] = {}
+        self._first: Callable[[], None] | None = None
+        self._second: dict[tuple[int, int], Callable[[], None]] = {}
+        self._staged: tuple[tuple[Any, Any], ...] = ()
+        self._room = 0
+        self._totals = cuda.pinned_array(2, np.int32)
+        self.visible, self.pairs = 0, 0
+        """Of the last picture."""
+        self.waited = 0.0
+        """How long the host has waited for the two numbers so far [s]."""
+
+    def draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
+        """Draw; the image stays on the device until the next picture.
+
+        Returns:
+            Premultiplied colour and coverage, shape (height, width, 4) f32.
+        """
+        self._adopt(tuple(groups), view)
+        for array, (host, _) in zip(view.arrays, self._staged, strict=True):
+            host[...] = array
+        while True:
+            self._begin()
+            asked = time.perf_counter()
+            self._stream.synchronize()
+            self.waited += time.perf_counter() - asked
+            self.visible, self.pairs = int(self._totals[0]), int(self._totals[1])
+            if self.visible <= self._room:
+                break
+            self._grow(self.visible)
+        self._finish()
+        return self._buffers["image"]
+
+    @property
+    def bytes(self) -> int:
+        """What the buffers take of the device's memory, splats not counted."""
+        return sum(int(array.nbytes) for array in self._buffers.values())
+
+    # --- what changes seldom ---------------------------------------------------------------
+
+    def _adopt(self, groups: tuple[FrameGroup, ...], view: FrameView) -> None:
+        """Make room for other fields, or another size."""
+        grid = view.grid[0]
+        width, height = int(grid["x1"] - grid["x0"]), int(grid["y1"] - grid["y0"])
+        own = tuple(
+            (tuple(id(array) for array in group.splats), id(group.boxes), group.instances,
+             group.degree)
+            for group in groups
+        )  # fmt: skip
+        key = (own, width, height, int(grid["columns"]), int(grid["rows"]))
+        if key == self._key:
+            return
+        self._key, self._groups = key, groups  # the groups' arrays stay alive, and so their ids
+        self._forget()
+        self._columns, tile_count = int(grid["columns"]), int(grid["columns"] * grid["rows"])
+        self._tile_count = tile_count
+        self._blocks = sum(group.instances * group.blocks for group in groups)
+        self._staged = tuple(
+            (cuda.pinned_array(array.shape, array.dtype), self._empty(array.shape, array.dtype))
+            for array in view.arrays
+        )
+        self._get("image", (height, width, 4), np.float32)
+        for name in ("starts", "ends"):
+            self._get(name, (tile_count + 1,), np.int32)
+        self._get("marks", (self._blocks * project.WORDS,), np.uint32)
+        for name in ("found", "sums"):
+            self._get(name, (self._blocks + 1,), np.int32)
+        self._buffers["found"].copy_to_device(np.zeros(self._blocks + 1, np.int32), self._stream)
+        self._get("totals", (2,), np.int32)
+        if not self._room:
+            self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
+
+    def _grow(self, visible: int) -> None:
+        """Make room for so many records, and some more."""
+        self._forget()
+        self._room = _size(visible + visible // 8)
+        for name in ("records", "keys", "rows", "counts", "numbers"):
+            self._buffers.pop(name, None)
+        self._get("records", (self._room, RECORD), np.float32)
+        self._get("keys", (self._room,), np.float32)
+        for name in ("rows", "counts", "numbers"):
+            self._get(name, (self._room,), np.int32)
+        numbers = np.arange(self._room, dtype=np.int32)
+        self._buffers["numbers"].copy_to_device(numbers, self._stream)
+
+    def _forget(self) -> None:
+        """Recorded launches know addresses: they go where a buffer moves."""
+        self._first = None
+        self._second.clear()
+
+    # --- a picture -------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """All up to the two numbers."""
+        if self._first is None:
+            self._first = record(self._stream, self._see)
+        else:
+            self._first()
+
+    def _see(self) -> None:
+        b, stream = self._buffers, self._stream
+        for host, there in self._staged:
+            there.copy_to_device(host, stream)
+        cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
+        tiles.clear[_blocks(self._tile_count + 1), THREADS, stream](
+            b["totals"], b["starts"], b["ends"]
+        )
+        first = instance = 0
+        spans = []
+        for number, group in enumerate(self._groups):
+            spans.append((number, group, instance, first))
+            first += group.instances * group.blocks
+            instance += group.instances
+        for number, group, instance, first in spans:
+            _SEE[group.is_packed][group.instances * group.blocks, project.THREADS, stream](
+                cameras, matrices, number, instance, first, group.blocks, group.count, group.boxes,
+                group.splats, b["marks"], b["found"],
+            )  # fmt: skip
+        self._device.primitives.running_sum(b["found"], b["sums"], self._blocks + 1)
+        tiles.settle[1, 1, stream](b["totals"], b["sums"], self._blocks)
+        for number, group, instance, first in spans:
+            _PLACE[group.is_packed][group.instances * group.blocks, project.THREADS, stream](
+                cameras, matrices, sights, conversions, number, instance, first, group.blocks,
+                group.count, group.degree, group.splats, b["marks"], b["found"], b["sums"],
+                self._room, b["records"], b["keys"], b["rows"],
+            )  # fmt: skip
+        tiles.count[WAVES, THREADS, stream](b["totals"], grid, b["records"], b["counts"])
+        b["totals"].copy_to_host(self._totals, stream)
+
+    def _finish(self) -> None:
+        """All after them."""
+        m, p = min(_size(self.visible), self._room), _size(self.pairs)
+        size = m, p
+        if size in self._second:
+            self._second[size]()
+            return
+        self._make_lists(m, p)
+        if len(self._second) >= KEPT:
+            self._second.pop(next(iter(self._second)))
+        variant = blend.variant(self.pairs, self.visible, math.prod(self._key[1:3]))
+        self._second[size] = record(self._stream, lambda: self._lists_and_image(m, p, variant))
+
+    def _make_lists(self, m: int, p: int) -> None:
+        """Buffers of the second half; all that was recorded goes where one moves."""
+        tile_type = np.uint16 if self._tile_count < 1 << 16 else np.uint32
+        shapes = {
+            "sorted keys": (self._room, np.float32), "order": (self._room, np.int32),
+            "ordered counts": (m + 1, np.int32), "places": (m + 1, np.int32),
+            "tiles": (p, tile_type), "sorted tiles": (p, tile_type),
+            "pairs": (p, np.int32), "sorted pairs": (p, np.int32),
+        }  # fmt: skip
+        before = {name: id(self._buffers.get(name)) for name in shapes}
+        for name, (size, dtype) in shapes.items():
+            self._get(name, (size,), dtype, exactly=False)
+        if any(id(self._buffers[name]) != before[name] for name in shapes):
+            self._second.clear()
+
+    def _lists_and_image(self, m: int, p: int, variant: tuple[int, bool]) -> None:
+        b, stream, primitives = self._buffers, self._stream, self._device.primitives
+        grid, totals = self._staged[4][1], b["totals"]
+        keys, pair_tiles = b["keys"][:m], b["tiles"][:p]
+        tiles.pad[WAVES, THREADS, stream](totals, 0, keys, np.float32(np.inf))
+        primitives.sort_pairs(b["keys"], b["numbers"], b["sorted keys"], b["order"], m)
+        tiles.in_order[_blocks(m + 1), THREADS, stream](
+            totals, b["order"], b["counts"], b["ordered counts"][: m + 1]
+        )
+        primitives.running_sum(b["ordered counts"], b["places"], m + 1)
+        nothing = self._tile_count
+        tiles.fill[_blocks(m), THREADS, stream](
+            totals, grid, b["records"], b["order"], b["places"], self._columns, nothing,
+            pair_tiles, b["pairs"],
+        )  # fmt: skip
+        tiles.pad[WAVES, THREADS, stream](totals, 1, pair_tiles, pair_tiles.dtype.type(nothing))
+        primitives.sort_pairs(
+            b["tiles"], b["pairs"], b["sorted tiles"], b["sorted pairs"], p,
+            end_bit=nothing.bit_length(),
+        )  # fmt: skip
+        tiles.ranges[_blocks(p), THREADS, stream](totals, b["sorted tiles"], b["starts"], b["ends"])
+        kernel, threads = blend.make_blend(*variant)
+        kernel[self._tile_count, threads, stream](
+            grid, b["starts"], b["ends"], b["sorted pairs"], b["records"], b["image"]
+        )
+
+    # --- buffers ---------------------------------------------------------------------------
+
+    def _get(self, name: str, shape: tuple[int, ...], dtype: Any, *, exactly: bool = True) -> Any:
+        """The buffer `name`, made anew where it does not fit."""
+        found = self._buffers.get(name)
+        fits = found is not None and (
+            found.dtype == np.dtype(dtype)
+            and (found.shape == shape if exactly else found.shape[0] >= shape[0])
+        )
+        if not fits:
+            self._buffers.pop(name, None)
+            self._buffers[name] = self._empty(shape, dtype)
+        return self._buffers[name]
+
+    def _empty(self, shape: tuple[int, ...], dtype: Any) -> Any:
+        return cuda.device_array(shape, dtype, stream=self._stream)
+
+
+def _size(count: int) -> int:
+    """The next of the sizes for which launches are recorded; at least `count`."""
+    if count <= LEAST:
+        return LEAST
+    step = 1 << (count.bit_length() - 1 - int(math.log2(STEPS)))
+    return -(-count // step) * step
+
+
+def _blocks(count: int) -> int:
+    return -(-count // THREADS)

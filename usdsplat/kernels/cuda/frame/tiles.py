@@ -1,0 +1,173 @@
+"""Lists of the tiles: pairs of tile and splat, in order of depth, then sorted by tile.
+
+A splat that crosses few rows of tiles is one thread's; the others are taken by whole warps, a row a
+lane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import cuda, int32
+
+from usdsplat.kernels.bins import tile_columns, tile_rows
+from usdsplat.kernels.cuda.warp import LANES, running, votes, without_lowest
+
+FULL = np.uint32(0xFFFFFFFF)
+FEW = 3
+"""Rows of tiles that one thread takes."""
+
+
+@cuda.jit
+def count(totals, grid, records, counts):
+    """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them.
+
+    records (room, RECORD) f32; counts (room,) i32.
+    """
+    g = grid[0]
+    n = min(totals[0], records.shape[0])
+    lane = cuda.threadIdx.x % LANES
+    k = cuda.grid(1)
+    first_of_warp = k - lane
+    total = int32(0)
+    while first_of_warp < n:
+        rows, first, found = int32(0), int32(0), int32(0)
+        if k < n:
+            first, end = tile_rows(records[k], g)
+            rows = int32(end - first)
+        if rows <= FEW:
+            for y in range(first, first + rows):
+                a, b = tile_columns(records[k], y, g)
+                found += int32(max(b - a, 0))
+        crowd = votes(int32(rows > FEW))
+        while crowd != 0:
+            one = int32(cuda.ffs(crowd)) - int32(1)
+            crowd = without_lowest(crowd)
+            begin = cuda.shfl_sync(FULL, first, one)
+            stop = begin + cuda.shfl_sync(FULL, rows, one)
+            own = int32(0)
+            y = begin + lane
+            while y < stop:
+                a, b = tile_columns(records[first_of_warp + one], y, g)
+                own += int32(max(b - a, 0))
+                y += LANES
+            for shift in (16, 8, 4, 2, 1):
+                own += cuda.shfl_xor_sync(FULL, own, shift)
+            if lane == one:
+                found = own
+        if k < n:
+            counts[k] = found
+        total += found
+        k += cuda.gridsize(1)
+        first_of_warp += cuda.gridsize(1)
+    for shift in (16, 8, 4, 2, 1):
+        total += cuda.shfl_xor_sync(FULL, total, shift)
+    if lane == 0 and total > 0:
+        cuda.atomic.add(totals, 1, total)
+
+
+@cuda.jit
+def in_order(totals, order, counts, out):
+    """out[k] = counts[order[k]] for the splats that there are, 0 for what fills up the sort."""
+    k = cuda.grid(1)
+    if k < out.shape[0]:
+        out[k] = counts[order[k]] if k < totals[0] else int32(0)
+
+
+@cuda.jit
+def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats):
+    """Write all pairs in order of depth.
+
+    Args:
+        order: Row of each rank in `records`, (m,) i32.
+        places: First pair of each rank, (m + 1,) i32, as `count` made them. A pair that is missing,
+            because two kernels rounded an edge otherwise, is one of tile `nothing`; one too many is
+            left out.
+        tiles: Of a row of the grid.
+        pair_tiles, pair_splats: Receive each pair's tile and row in `records`.
+    """
+    g = grid[0]
+    n = totals[0]
+    lane = cuda.threadIdx.x % LANES
+    k = cuda.grid(1)
+    first_of_warp = k - lane
+    if first_of_warp >= n:
+        return
+    rows, first, row, at, stop = int32(0), int32(0), int32(0), int32(0), int32(0)
+    if k < n:
+        row, at, stop = order[k], places[k], places[k + 1]
+        first, end = tile_rows(records[row], g)
+        rows = int32(end - first)
+    if rows <= FEW:
+        for y in range(first, first + rows):
+            a, b = tile_columns(records[row], y, g)
+            for tile in range(y * tiles + a, y * tiles + b):
+                if at < stop:
+                    pair_tiles[at], pair_splats[at] = tile, row
+                    at += 1
+    crowd = votes(int32(rows > FEW))
+    while crowd != 0:
+        one = int32(cuda.ffs(crowd)) - int32(1)
+        crowd = without_lowest(crowd)
+        begin = cuda.shfl_sync(FULL, first, one)
+        end = begin + cuda.shfl_sync(FULL, rows, one)
+        its_row = cuda.shfl_sync(FULL, row, one)
+        its_stop = cuda.shfl_sync(FULL, stop, one)
+        its_at = cuda.shfl_sync(FULL, at, one)
+        base = begin
+        while base < end:
+            y = base + lane
+            a, b = int32(0), int32(0)
+            if y < end:
+                a, b = tile_columns(records[its_row], y, g)
+            own = int32(max(b - a, 0))
+            up_to = running(own, lane)
+            to = its_at + up_to - own
+            for tile in range(y * tiles + a, y * tiles + a + own):
+                if to < its_stop:
+                    pair_tiles[to], pair_splats[to] = tile, its_row
+                to += 1
+            its_at += cuda.shfl_sync(FULL, up_to, LANES - 1)
+            base += LANES
+        if lane == one:
+            at = min(its_at, stop)
+    while at < stop:
+        pair_tiles[at], pair_splats[at] = nothing, row
+        at += 1
+
+
+@cuda.jit
+def pad(totals, which, keys, value):
+    """Fill up keys beyond those that there are."""
+    k = totals[which] + cuda.grid(1)
+    while k < keys.shape[0]:
+        keys[k] = value
+        k += cuda.gridsize(1)
+
+
+@cuda.jit
+def ranges(totals, pair_tiles, starts, ends):
+    """First and one past the last pair of each tile; (tiles + 1,) i32, zero before."""
+    k = cuda.grid(1)
+    n = totals[1]
+    if k < n:
+        tile = pair_tiles[k]
+        if k == 0 or pair_tiles[k - 1] != tile:
+            starts[tile] = k
+        if k == n - 1 or pair_tiles[k + 1] != tile:
+            ends[tile] = k + 1
+
+
+@cuda.jit
+def clear(totals, starts, ends):
+    """Begin a frame."""
+    k = cuda.grid(1)
+    if k < 2:
+        totals[k] = 0
+    if k < starts.shape[0]:
+        starts[k] = ends[k] = 0
+
+
+@cuda.jit
+def settle(totals, sums, blocks):
+    """The number of splats that are seen: the sum of all blocks."""
+    totals[0] = sums[blocks]
