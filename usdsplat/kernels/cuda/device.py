@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cuda 0.30 imports
-    np.vstack = np.vstack
+    vars(np)["row_stack"] = np.vstack
 
 from numba import cuda
 
