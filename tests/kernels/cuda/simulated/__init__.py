@@ -1,0 +1,1 @@
+"""Tests that run on the simulated GPU, in processes of their own; `test_simulated` starts them."""
