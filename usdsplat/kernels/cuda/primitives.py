@@ -26,6 +26,8 @@ class _Ordered:
 class Primitives:
     """What one device sorts and sums with. Scratch memory is kept, and grows.
 
+    What was outgrown is kept too: recorded launches go on using it.
+
     Arrays are of the device, and may be longer than `count`.
     """
 
@@ -33,7 +35,7 @@ class Primitives:
         self._stream = _Ordered(stream)
         self._built: dict[tuple[Any, ...], Any] = {}
         self._zero = np.zeros(1, np.int32)
-        self._scratch = cuda.device_array(1 << 20, np.uint8)
+        self._scratch = [cuda.device_array(1 << 20, np.uint8)]
 
     def sort_pairs(
         self,
@@ -94,6 +96,11 @@ class Primitives:
     def _call(self, algorithm: Any, **arguments: Any) -> None:
         arguments["stream"] = self._stream
         needed = algorithm(temp_storage=None, **arguments)
-        if needed > self._scratch.size:
-            self._scratch = cuda.device_array(int(needed * 1.25), np.uint8)
-        algorithm(temp_storage=self._scratch, **arguments)
+        if needed > self._scratch[-1].size:
+            self._scratch.append(cuda.device_array(needed + needed // 2, np.uint8))
+        algorithm(temp_storage=self._scratch[-1], **arguments)
+
+    @property
+    def bytes(self) -> int:
+        """What the scratch takes of the device's memory."""
+        return sum(int(each.size) for each in self._scratch)

@@ -15,7 +15,7 @@ from numba import cuda
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import blend, load, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
-from usdsplat.kernels.project import BLOCK, RECORD
+from usdsplat.kernels.project import RECORD
 
 THREADS = 256
 WAVES = 132 * 16
@@ -58,9 +58,9 @@ class FrameGroup:
         return int(self.splats[0].shape[0])
 
     @property
-    def blocks(self) -> int:
-        """Blocks of an instance."""
-        return -(-self.count // BLOCK)
+    def parts(self) -> int:
+        """CUDA blocks of an instance."""
+        return -(-self.count // project.PART)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -146,7 +146,7 @@ class FramePicture:
         self._forget()
         self._columns, tile_count = int(grid["columns"]), int(grid["columns"] * grid["rows"])
         self._tile_count = tile_count
-        self._blocks = sum(group.instances * group.blocks for group in groups)
+        self._parts = sum(group.instances * group.parts for group in groups)
         self._staged = tuple(
             (cuda.pinned_array(array.shape, array.dtype), self._empty(array.shape, array.dtype))
             for array in view.arrays
@@ -154,10 +154,10 @@ class FramePicture:
         self._get("image", (height, width, 4), np.float32)
         for name in ("starts", "ends"):
             self._get(name, (tile_count + 1,), np.int32)
-        self._get("marks", (self._blocks * project.WORDS,), np.uint32)
+        self._get("marks", (self._parts * project.WORDS,), np.uint32)
         for name in ("found", "sums"):
-            self._get(name, (self._blocks + 1,), np.int32)
-        self._buffers["found"].copy_to_device(np.zeros(self._blocks + 1, np.int32), self._stream)
+            self._get(name, (self._parts + 1,), np.int32)
+        self._buffers["found"].copy_to_device(np.zeros(self._parts + 1, np.int32), self._stream)
         self._get("totals", (2,), np.int32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
@@ -201,19 +201,19 @@ class FramePicture:
         spans = []
         for number, group in enumerate(self._groups):
             spans.append((number, group, instance, first))
-            first += group.instances * group.blocks
+            first += group.instances * group.parts
             instance += group.instances
         for number, group, instance, first in spans:
-            _SEE[group.is_packed][group.instances * group.blocks, project.THREADS, stream](
-                cameras, matrices, number, instance, first, group.blocks, group.count, group.boxes,
+            _SEE[group.is_packed][group.instances * group.parts, project.PART, stream](
+                cameras, matrices, number, instance, first, group.parts, group.count, group.boxes,
                 group.splats, b["marks"], b["found"],
             )  # fmt: skip
-        self._device.primitives.running_sum(b["found"], b["sums"], self._blocks + 1)
-        tiles.settle[1, 1, stream](b["totals"], b["sums"], self._blocks)
+        self._device.primitives.running_sum(b["found"], b["sums"], self._parts + 1)
+        tiles.settle[1, 1, stream](b["totals"], b["sums"], self._parts)
         for number, group, instance, first in spans:
-            _PLACE[group.is_packed][group.instances * group.blocks, project.THREADS, stream](
-                cameras, matrices, sights, conversions, number, instance, first, group.blocks,
-                group.count, group.degree, group.splats, b["marks"], b["found"], b["sums"],
+            _PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
+                cameras, matrices, sights, conversions, number, instance, first, group.parts,
+                group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"],
             )  # fmt: skip
         tiles.count[WAVES, THREADS, stream](b["totals"], grid, b["records"], b["counts"])

@@ -1,7 +1,7 @@
 """Which splats a view sees, and their records, in the order of storage.
 
-A CUDA block takes BLOCK splats of one instance. `see` marks those that touch the view in a bit
-each; a sum over the blocks then says where each block's records go; `place` writes them. Both
+A CUDA block takes a PART of the splats of one instance. `see` marks those that touch the view in a
+bit each; a sum over the parts then says where each part's records go; `place` writes them. Both
 project a splat in the same way, so nothing but bits passes between them: records take the room of
 what is seen, not of what is stored.
 """
@@ -15,7 +15,7 @@ from numba import cuda, float32, int32
 
 from usdsplat.kernels.blocks import is_outside
 from usdsplat.kernels.color import convert
-from usdsplat.kernels.cuda.warp import below, running, votes
+from usdsplat.kernels.cuda.warp import below, votes
 from usdsplat.kernels.project import (
     BLOCK,
     BLUE,
@@ -36,10 +36,10 @@ from usdsplat.kernels.project import (
     squared_distance,
 )
 
-THREADS = 256
-STRIPS = BLOCK // THREADS
-WORDS = BLOCK // 32
-"""Words of marks of a block."""
+PART = 256
+"""Splats of a CUDA block, a thread each; a whole part of a BLOCK, which has a box."""
+WORDS = PART // 32
+"""Words of marks of a part."""
 FAR_AWAY = np.float32(-1e9)
 """[pixel] Where what turns out not to be seen is put."""
 
@@ -48,35 +48,33 @@ def make_see(load: Any) -> Any:
     """The kernel that marks what is seen, of splats as `load` reads them.
 
     Its arguments: a CAMERA for each group; the matrices of all instances, (m, 3, 4) f64; the number
-    of the group, of its first instance and of its first block; how many blocks an instance has; n;
-    the box of each block, (blocks, 8) f32, or no rows; the splats' arrays; `marks` (WORDS a block)
-    u32 and `found` (blocks,) i32, which are written.
+    of the group, of its first instance and of its first part; how many parts an instance has; n;
+    the box of each block, (blocks, BOX) f32, or no rows; the splats' arrays; `marks` (WORDS a part)
+    u32 and `found` (parts,) i32, which are written.
     """
 
     @cuda.jit
-    def see(cameras, matrices, group, instance, first, blocks, n, boxes, splats, marks, found):
+    def see(cameras, matrices, group, instance, first, parts, n, boxes, splats, marks, found):
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
-        block = item % blocks
-        m = matrices[instance + item // blocks]
+        part = item % parts
+        m = matrices[instance + item // parts]
         cam = cameras[group]
-        if boxes.shape[0] > 0 and is_outside(cam, m, boxes[block]):
+        if boxes.shape[0] > 0 and is_outside(cam, m, boxes[part * PART // BLOCK]):
             if t == 0:
                 found[first + item] = 0
             return
         record = cuda.local.array(RECORD, float32)
         q, s = cuda.local.array(4, float32), cuda.local.array(3, float32)
-        total = int32(0)
-        for strip in range(STRIPS):
-            i = block * BLOCK + strip * THREADS + t
-            seen = int32(0)
-            if i < n:
-                opacity = load(splats, i, q, s)
-                if project_one(cam, m, splats[0][i], q, s, opacity, record):
-                    seen = int32(1)
-            word = votes(seen)
-            if t % 32 == 0:
-                marks[(first + item) * WORDS + strip * (THREADS // 32) + t // 32] = word
-            total += cuda.syncthreads_count(seen)
+        i = part * PART + t
+        seen = int32(0)
+        if i < n:
+            opacity = load(splats, i, q, s)
+            if project_one(cam, m, splats[0][i], q, s, opacity, record):
+                seen = int32(1)
+        word = votes(seen)
+        if t % 32 == 0:
+            marks[(first + item) * WORDS + t // 32] = word
+        total = cuda.syncthreads_count(seen)
         if t == 0:
             found[first + item] = total
 
@@ -87,35 +85,29 @@ def make_place(load: Any, shade: Any) -> Any:
     """The kernel that writes records, colours and keys of what is seen.
 
     `shade` gives the colour of splat i in a unit direction. Arguments besides those of the other
-    kernel: `sights` as `radiance` takes them; the degree; `conversions` (groups, 14) f32, the last
-    number 1 where a colour is converted; `starts`, the first record of each block; the number of
-    records there is room for; `records` (room, RECORD) f32, `keys` (room,) f32 and `rows` (room,)
-    i32, which are written.
+    kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
+    f32, the last number 1 where a colour is converted; `starts`, the first record of each part;
+    how many records there is room for; `records` (room, RECORD) f32, `keys` (room,) f32 and `rows`
+    (room,) i32, which are written.
     """
 
     @cuda.jit
     def place(
-        cameras, matrices, sights, conversions, group, instance, first, blocks, n, degree, splats,
+        cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
         marks, found, starts, room, records, keys, rows,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
         count, start = found[first + item], starts[first + item]
         if count == 0:
             return
-        block, owner = item % blocks, instance + item // blocks
-        offsets = cuda.shared.array(WORDS, int32)
-        if t < WORDS:
-            ones = int32(cuda.popc(marks[(first + item) * WORDS + t]))
-            offsets[t] = running(ones, t) - ones
-        cuda.syncthreads()
-        for strip in range(STRIPS):
-            place_of = strip * (THREADS // 32) + t // 32
-            word = marks[(first + item) * WORDS + place_of]
-            lane = t % 32
-            if word >> np.uint32(lane) & np.uint32(1):
-                at = start + offsets[place_of] + int32(cuda.popc(np.uint32(word & below(lane))))
-                if at < room:
-                    rows[at] = block * BLOCK + strip * THREADS + t
+        part, owner = item % parts, instance + item // parts
+        at, lane = start, t % 32
+        for k in range(t // 32):
+            at += int32(cuda.popc(marks[(first + item) * WORDS + k]))
+        word = marks[(first + item) * WORDS + t // 32]
+        at += int32(cuda.popc(np.uint32(word & below(lane))))
+        if word >> np.uint32(lane) & np.uint32(1) and at < room:
+            rows[at] = part * PART + t
         cuda.syncthreads()
         cam, m, sight, numbers = (
             cameras[group], matrices[owner], sights[owner], conversions[group],
@@ -125,7 +117,7 @@ def make_place(load: Any, shade: Any) -> Any:
         color = cuda.local.array(3, float32)
         by_distance = cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC
         at = start + t
-        while at < min(start + count, room):
+        if t < count and at < room:
             i = rows[at]
             opacity = load(splats, i, q, s)
             if not project_one(cam, m, splats[0][i], q, s, opacity, record):
@@ -144,6 +136,5 @@ def make_place(load: Any, shade: Any) -> Any:
             records[at, RED], records[at, GREEN], records[at, BLUE] = r, g, b
             records[at, DEPTH] = record[DEPTH]
             keys[at] = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
-            at += THREADS
 
     return place

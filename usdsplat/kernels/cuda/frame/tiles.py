@@ -1,7 +1,7 @@
 """Lists of the tiles: pairs of tile and splat, in order of depth, then sorted by tile.
 
-A splat that crosses few rows of tiles is one thread's; the others are taken by whole warps, a row a
-lane.
+A splat that crosses few rows of tiles is one thread's; of the others a warp takes four at a time, a
+row a lane.
 """
 
 from __future__ import annotations
@@ -10,11 +10,29 @@ import numpy as np
 from numba import cuda, int32
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
-from usdsplat.kernels.cuda.warp import LANES, running, votes, without_lowest
+from usdsplat.kernels.cuda.warp import LANES, votes, without_lowest
 
 FULL = np.uint32(0xFFFFFFFF)
-FEW = 3
+FEW = 2
 """Rows of tiles that one thread takes."""
+TEAM = 8
+"""Lanes that share a splat of more rows."""
+
+
+@cuda.jit(device=True, inline="always")
+def chosen(crowd, team):
+    """The lane whose splat is for the team of this number, of those in `crowd`; -1 for none."""
+    for _ in range(team):
+        crowd = without_lowest(crowd)
+    return int32(cuda.ffs(crowd)) - int32(1)
+
+
+@cuda.jit(device=True, inline="always")
+def without_four(crowd):
+    """`crowd` without the lanes that the teams have taken."""
+    for _ in range(LANES // TEAM):
+        crowd = without_lowest(crowd)
+    return crowd
 
 
 @cuda.jit
@@ -40,21 +58,23 @@ def count(totals, grid, records, counts):
                 found += int32(max(b - a, 0))
         crowd = votes(int32(rows > FEW))
         while crowd != 0:
-            one = int32(cuda.ffs(crowd)) - int32(1)
-            crowd = without_lowest(crowd)
-            begin = cuda.shfl_sync(FULL, first, one)
-            stop = begin + cuda.shfl_sync(FULL, rows, one)
+            one = chosen(crowd, lane // TEAM)
+            crowd = without_four(crowd)
+            begin = cuda.shfl_sync(FULL, first, max(one, int32(0)))
+            stop = begin + cuda.shfl_sync(FULL, rows, max(one, int32(0)))
             own = int32(0)
-            y = begin + lane
-            while y < stop:
-                a, b = tile_columns(records[first_of_warp + one], y, g)
-                own += int32(max(b - a, 0))
-                y += LANES
-            for shift in (16, 8, 4, 2, 1):
+            if one >= 0:
+                y = begin + lane % TEAM
+                while y < stop:
+                    a, b = tile_columns(records[first_of_warp + one], y, g)
+                    own += int32(max(b - a, 0))
+                    y += TEAM
+            for shift in (4, 2, 1):
                 own += cuda.shfl_xor_sync(FULL, own, shift)
-            if lane == one:
-                found = own
-        if k < n:
+            if one >= 0 and lane % TEAM == 0:
+                counts[first_of_warp + one] = own
+                total += own
+        if k < n and rows <= FEW:
             counts[k] = found
         total += found
         k += cuda.gridsize(1)
@@ -71,6 +91,14 @@ def in_order(totals, order, counts, out):
     k = cuda.grid(1)
     if k < out.shape[0]:
         out[k] = counts[order[k]] if k < totals[0] else int32(0)
+
+
+@cuda.jit(device=True, inline="always")
+def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
+    """Make pairs that are missing ones of tile `nothing`."""
+    while at < stop:
+        pair_tiles[at], pair_splats[at] = nothing, row
+        at += 1
 
 
 @cuda.jit
@@ -104,35 +132,37 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
                 if at < stop:
                     pair_tiles[at], pair_splats[at] = tile, row
                     at += 1
+        pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats)
     crowd = votes(int32(rows > FEW))
     while crowd != 0:
-        one = int32(cuda.ffs(crowd)) - int32(1)
-        crowd = without_lowest(crowd)
-        begin = cuda.shfl_sync(FULL, first, one)
-        end = begin + cuda.shfl_sync(FULL, rows, one)
-        its_row = cuda.shfl_sync(FULL, row, one)
-        its_stop = cuda.shfl_sync(FULL, stop, one)
-        its_at = cuda.shfl_sync(FULL, at, one)
-        base = begin
-        while base < end:
-            y = base + lane
+        one = chosen(crowd, lane // TEAM)
+        crowd = without_four(crowd)
+        source = max(one, int32(0))
+        y = cuda.shfl_sync(FULL, first, source)
+        end = y + cuda.shfl_sync(FULL, rows, source)
+        y += lane % TEAM
+        its_row = cuda.shfl_sync(FULL, row, source)
+        its_stop = cuda.shfl_sync(FULL, stop, source)
+        its_at = cuda.shfl_sync(FULL, at, source)
+        while votes(int32(one >= 0 and y < end)) != 0:
             a, b = int32(0), int32(0)
-            if y < end:
+            if one >= 0 and y < end:
                 a, b = tile_columns(records[its_row], y, g)
             own = int32(max(b - a, 0))
-            up_to = running(own, lane)
+            up_to = own
+            for shift in (1, 2, 4):
+                other = cuda.shfl_up_sync(FULL, up_to, shift)
+                if lane % TEAM >= shift:
+                    up_to += other
             to = its_at + up_to - own
             for tile in range(y * tiles + a, y * tiles + a + own):
                 if to < its_stop:
                     pair_tiles[to], pair_splats[to] = tile, its_row
                 to += 1
-            its_at += cuda.shfl_sync(FULL, up_to, LANES - 1)
-            base += LANES
-        if lane == one:
-            at = min(its_at, stop)
-    while at < stop:
-        pair_tiles[at], pair_splats[at] = nothing, row
-        at += 1
+            its_at += cuda.shfl_sync(FULL, up_to, lane // TEAM * TEAM + TEAM - 1)
+            y += TEAM
+        if one >= 0 and lane % TEAM == 0:
+            pad_pairs(its_at, its_stop, its_row, nothing, pair_tiles, pair_splats)
 
 
 @cuda.jit

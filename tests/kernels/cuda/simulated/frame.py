@@ -1,0 +1,48 @@
+"""Pictures of the GPU, by the simulator: few splats, few pixels."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.kernels.cuda import frames
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.frame import picture
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Launches of a size that a simulator can take."""
+    monkeypatch.setattr(picture, "WAVES", 2)
+    monkeypatch.setattr(picture, "THREADS", 32)
+    monkeypatch.setattr(picture, "LEAST", 64)
+    monkeypatch.setattr(picture, "ROOM", 8)
+
+
+def test_a_picture_is_that_of_float64() -> None:
+    """Oracle: the reference in float64."""
+    frames.check_floats(CudaDevice(), 30, 1)
+
+
+def test_all_ways_to_blend_agree() -> None:
+    """Oracle: the reference in float64."""
+    frames.check_variants(CudaDevice(), 20)
+
+
+def test_packed_splats_are_read_as_they_are() -> None:
+    """Oracle: `schema.packing`, which unpacks them on the host."""
+    frames.check_packed(CudaDevice(), 20, 1)
+
+
+def test_instances_and_fields_are_one_order() -> None:
+    """Oracle: the reference in float64."""
+    frames.check_instances_and_fields(CudaDevice(), 12)
+
+
+def test_room_grows_and_launches_are_recorded_again() -> None:
+    """Oracle: the first picture, bit for bit, and one of nothing."""
+    frames.check_room_grows(CudaDevice(), 20)
+
+
+def test_boxes_leave_nothing_out() -> None:
+    """Oracle: the picture of all splats, bit for bit."""
+    frames.check_boxes_leave_nothing_out(CudaDevice(), 60)

@@ -1,0 +1,48 @@
+"""Pictures of the GPU, on one."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.kernels.cuda import frames
+from usdsplat.kernels.cuda.support import obstacle
+from usdsplat.kernels.device import Device, open_device
+
+pytestmark = pytest.mark.skipif(obstacle() is not None, reason="needs an NVIDIA GPU")
+
+
+@pytest.fixture(scope="module")
+def device() -> Device:
+    return open_device("cuda")
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_a_picture_is_that_of_float64(device, degree) -> None:
+    """Oracle: the reference in float64."""
+    frames.check_floats(device, 2000, degree)
+
+
+def test_all_ways_to_blend_agree(device) -> None:
+    """Oracle: the reference in float64."""
+    frames.check_variants(device, 2000)
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_packed_splats_are_read_as_they_are(device, degree) -> None:
+    """Oracle: `schema.packing`, which unpacks them on the host."""
+    frames.check_packed(device, 2000, degree)
+
+
+def test_instances_and_fields_are_one_order(device) -> None:
+    """Oracle: the reference in float64."""
+    frames.check_instances_and_fields(device, 1000)
+
+
+def test_room_grows_and_launches_are_recorded_again(device) -> None:
+    """Oracle: the first picture, bit for bit, and one of nothing."""
+    frames.check_room_grows(device, 300_000)
+
+
+def test_boxes_leave_nothing_out(device) -> None:
+    """Oracle: the picture of all splats, bit for bit."""
+    frames.check_boxes_leave_nothing_out(device, 50_000)
