@@ -145,7 +145,7 @@ def main() -> None:
             if peer is not None:
                 theirs, peer_row = peer.time(scene, width, height)
             for packed in (False, True):
-                group = group_of(device, scene.cloud, packed=packed, boxed=True)
+                group = group_of(device, scene.cloud, packed=packed)
                 image, row = ours(device, group, scene.view(width, height))
                 decibels = float("nan")
                 if theirs is not None:

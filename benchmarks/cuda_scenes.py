@@ -9,7 +9,9 @@ import numpy as np
 
 from benchmarks.scenes import DATA, garden
 from usdsplat import formats
+from usdsplat.core import morton
 from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.edit import take
 from usdsplat.kernels import blocks
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
@@ -82,8 +84,9 @@ def captured(name: str) -> Scene:
     )
 
 
-def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool, boxed: bool) -> FrameGroup:
-    """A cloud on the GPU, as floats or packed, with or without bounds of its blocks."""
+def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool) -> FrameGroup:
+    """A cloud on the GPU, as floats or packed, in the order in which an engine lays it out."""
+    cloud = take(cloud, morton.order(cloud.positions))
     unit = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
     if packed:
         arrays = packing.pack(cloud)
@@ -98,9 +101,8 @@ def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool, boxed: bool
         held = (
             cloud.positions, unit.astype(np.float32), cloud.scales, cloud.opacities, cloud.sh,
         )  # fmt: skip
-    bounds = np.empty((-(-len(cloud) // BLOCK) if boxed else 0, blocks.BOX), np.float32)
-    if boxed:
-        CpuDevice().run(blocks.boxes, cloud.positions, cloud.scales, cloud.opacities, bounds)
+    bounds = np.empty((-(-len(cloud) // BLOCK), blocks.BOX), np.float32)
+    CpuDevice().run(blocks.boxes, cloud.positions, cloud.scales, cloud.opacities, bounds)
     return FrameGroup(
         splats=tuple(device.keep(array) for array in held),
         is_packed=packed,

@@ -93,7 +93,8 @@ GRID = np.dtype(
     [
         ("x0", "i4"), ("y0", "i4"), ("x1", "i4"), ("y1", "i4"),
         ("left", "i4"), ("top", "i4"), ("columns", "i4"), ("rows", "i4"),
-    ]
+    ],
+    align=True,  # else a GPU reads it byte by byte
 )  # fmt: skip
 """A band of the data window [pixel], end exclusive; where its first tile begins; its tiles."""
 

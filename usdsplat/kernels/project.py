@@ -44,7 +44,8 @@ CAMERA = np.dtype(
         ("low_u", "f4"), ("high_u", "f4"), ("low_v", "f4"), ("high_v", "f4"),
         ("left", "f4"), ("top", "f4"), ("right", "f4"), ("bottom", "f4"),
         ("low_pass", "f4"), ("projection", "i4"), ("sorting", "i4"), ("antialiased", "i4"),
-    ]
+    ],
+    align=True,  # else a GPU reads it byte by byte
 )  # fmt: skip
 """A view as the kernel reads it: focal lengths and principal point [pixel], clipping depths, the
 bounds on x/z and y/z at which the affine map is taken, the data window in pixel indices

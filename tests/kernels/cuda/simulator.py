@@ -381,7 +381,7 @@ class _Shared:
     """Arrays of a block."""
 
     @staticmethod
-    def array(shape: Any, dtype: Any) -> Any:
+    def array(shape: Any, dtype: Any, alignment: int = 0) -> Any:
         """The one of the place that asks; of size 0, the block's dynamic memory."""
         kind = numpy_type(dtype)
         if shape == 0:

@@ -2,8 +2,13 @@
 
 A warp owns a part of the tile, 8 pixels wide. Each splat of a batch is tested once against every
 part, and a warp then walks the splats that may touch its own: a vote of 32 lanes makes a word of
-them. Exponents are powers of two, for the hardware knows no others. The rules are those of
-`kernels.blend`.
+them, the nearest its highest bit. Exponents are powers of two, for the hardware knows no others.
+The rules are those of `kernels.blend`; as there, a pixel that has ended turns the sign of its
+transmittance.
+
+The innermost loop is bound by the number of its instructions: places in shared memory are unsigned,
+for signed ones are tested for being negative, and the numbers of a splat lie on 16 bytes, so that
+four come at once.
 
 Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
 """
@@ -15,24 +20,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import cuda, float32, int32, uint32
+from numba import cuda, float32, int32, uint32, uint64
 
 from usdsplat.kernels.bins import TILE
-from usdsplat.kernels.cuda.warp import votes, without_lowest
-from usdsplat.kernels.project import (
-    BLUE,
-    GREEN,
-    HALF_HEIGHT,
-    HALF_WIDTH,
-    LOG_CUTOFF,
-    LOG_OPACITY,
-    RED,
-    A,
-    B,
-    C,
-    U,
-    V,
-)
+from usdsplat.kernels.cuda.vectors import load4
+from usdsplat.kernels.cuda.warp import votes
+from usdsplat.kernels.project import LOG_CUTOFF, RECORD
 
 WIDE = 8
 """[pixel] of a warp's part; it is 4 high, times the pixels of a thread."""
@@ -40,7 +33,12 @@ DEEP = 32 // WIDE
 TO_BITS = np.float32(1 / math.log(2))
 LEAST = np.float32(LOG_CUTOFF * TO_BITS)
 MOST = np.float32(0.999)
+FIELDS = 12
+"""Floats of a splat in shared memory, the last three unused."""
 END = np.float32(1e-4)
+
+HIGHEST = np.uint32(1 << 31)
+N1, N2, N3, N4, N5, N6, N7, N8 = (np.uint64(i) for i in range(1, 9))
 
 SMALL = 6
 """Pairs a splat under which splats are small: then tests beyond a box cost more than they save."""
@@ -78,52 +76,52 @@ def misses(a, b, c, reach, u, v, left, top, right, bottom):
 def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
     """The kernel for so many pixels a thread, and its threads.
 
-    Its arguments: the GRID record; starts and ends of the tiles' pairs; the pairs' rows in
+    Its arguments: the GRID record; the first pair of each tile, (tiles + 1,); the pairs' rows in
     `records`; `image`, (height, width, 4) f32, premultiplied, which is written.
     """
     high = DEEP * pixels
     across = TILE // WIDE
     parts = across * (TILE // high)
     threads = 32 * parts
+    floats = threads * FIELDS
 
     @cuda.jit(fastmath=True)
-    def blend(grid, starts, ends, pair_splats, records, image):
+    def blend(grid, starts, pair_splats, records, image):
         g = grid[0]
         t, tile = cuda.threadIdx.x, cuda.blockIdx.x
         lane, part = t % 32, t // 32
         left, top = tile % g.columns * TILE + g.left, tile // g.columns * TILE + g.top
         px = left + part % across * WIDE + lane % WIDE
         py = top + part // across * high + lane // WIDE
-        x, y = float32(px), float32(py)
-        batch = cuda.shared.array((threads, 9), float32)
+        x = float32(px)
+        batch = cuda.shared.array(floats, float32, alignment=16)
         touched = cuda.shared.array(threads, uint32)
         through = cuda.local.array(pixels, float32)
-        cover = cuda.local.array(pixels, float32)
         red = cuda.local.array(pixels, float32)
         green = cuda.local.array(pixels, float32)
         blue = cuda.local.array(pixels, float32)
+        y = cuda.local.array(pixels, float32)
         for p in range(pixels):
+            y[p] = float32(py + p * DEEP)
             there = g.x0 <= px < g.x1 and g.y0 <= py + p * DEEP < g.y1
-            through[p] = float32(1) if there else float32(0)
-            cover[p] = red[p] = green[p] = blue[p] = float32(0)
-        base, last = starts[tile], ends[tile]
+            through[p] = float32(1) if there else float32(-1)
+            red[p] = green[p] = blue[p] = float32(0)
+        base, last = starts[tile], starts[tile + 1]
         alive = int32(1)
         while base < last:
             if cuda.syncthreads_count(alive) == 0:
                 break
             mask = uint32(0)
             if base + t < last:
-                k = pair_splats[base + t]
-                u, v, a, b, c = (
-                    records[k, U], records[k, V], records[k, A], records[k, B], records[k, C],
-                )  # fmt: skip
-                log_opacity = records[k, LOG_OPACITY]
-                half_width, half_height = records[k, HALF_WIDTH], records[k, HALF_HEIGHT]
-                batch[t, 0], batch[t, 1] = u, v
-                batch[t, 2], batch[t, 3], batch[t, 4] = a * TO_BITS, b * TO_BITS, c * TO_BITS
-                batch[t, 5] = log_opacity * TO_BITS
-                batch[t, 6], batch[t, 7] = records[k, RED], records[k, GREEN]
-                batch[t, 8] = records[k, BLUE]
+                k = uint64(pair_splats[base + t]) * uint64(RECORD)
+                u, v, a, b = load4(records, k)
+                c, log_opacity, half_width, half_height = load4(records, k + N4)
+                r, gr, bl, _ = load4(records, k + N8)
+                own = uint64(t) * uint64(FIELDS)
+                batch[own], batch[own + N1] = u, v
+                batch[own + N2], batch[own + N3] = a * TO_BITS, b * TO_BITS
+                batch[own + N4], batch[own + N5] = c * TO_BITS, log_opacity * TO_BITS
+                batch[own + N6], batch[own + N7], batch[own + N8] = r, gr, bl
                 for q in range(parts):
                     x0, y0 = float32(left + q % across * WIDE), float32(top + q // across * high)
                     x1, y1 = x0 + float32(WIDE - 1), y0 + float32(high - 1)
@@ -143,26 +141,28 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
             count = min(threads, last - base)
             if alive:
                 for first in range(0, count, 32):
-                    mine = touched[first + lane] >> uint32(part) & uint32(1)
+                    mine = touched[uint64(first + 31 - lane)] >> uint32(part) & uint32(1)
                     bits = votes(mine)
+                    begin = uint64(first) * uint64(FIELDS)
                     while bits != 0:
-                        i = first + int32(cuda.ffs(bits)) - int32(1)
-                        bits = without_lowest(bits)
-                        dx, dy_0 = x - batch[i, 0], y - batch[i, 1]
-                        rest = batch[i, 2] * dx * dx + batch[i, 5]
-                        slope, c = batch[i, 3] * dx, batch[i, 4]
-                        r, gr, bl = batch[i, 6], batch[i, 7], batch[i, 8]
+                        lead = uint32(cuda.clz(bits))
+                        bits = uint32(bits ^ (HIGHEST >> lead))
+                        at = begin + uint64(lead) * uint64(FIELDS)
+                        dx, v = x - batch[at], batch[at + N1]
+                        slope, c = batch[at + N3] * dx, batch[at + N4]
+                        rest = batch[at + N2] * dx * dx + batch[at + N5]
+                        r, gr, bl = batch[at + N6], batch[at + N7], batch[at + N8]
                         for p in range(pixels):
-                            dy = dy_0 + float32(p * DEEP)
+                            dy = y[p] - v
                             e = rest + dy * (slope + c * dy)
                             alpha = min(MOST, math.exp2(e))
                             alpha = alpha if e >= LEAST else float32(0)
                             weight = alpha * through[p]
                             remains = through[p] - weight
                             goes_on = remains >= END
+                            ended = -abs(through[p])
                             weight = weight if goes_on else float32(0)
-                            through[p] = remains if goes_on else float32(0)
-                            cover[p] += weight
+                            through[p] = remains if goes_on else ended
                             red[p] += weight * r
                             green[p] += weight * gr
                             blue[p] += weight * bl
@@ -178,6 +178,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
             row = py + p * DEEP
             if g.x0 <= px < g.x1 and g.y0 <= row < g.y1:
                 to = image[row - g.y0, px - g.x0]
-                to[0], to[1], to[2], to[3] = red[p], green[p], blue[p], cover[p]
+                to[0], to[1], to[2] = red[p], green[p], blue[p]
+                to[3] = float32(1) - abs(through[p])
 
     return blend, threads

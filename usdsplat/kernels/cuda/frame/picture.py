@@ -15,7 +15,7 @@ from numba import cuda
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import blend, load, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
-from usdsplat.kernels.project import RECORD
+from usdsplat.kernels.project import BLOCK, RECORD
 
 THREADS = 256
 WAVES = 132 * 16
@@ -56,6 +56,11 @@ class FrameGroup:
     def count(self) -> int:
         """Splats of an instance."""
         return int(self.splats[0].shape[0])
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of an instance."""
+        return -(-self.count // BLOCK)
 
     @property
     def parts(self) -> int:
@@ -152,8 +157,10 @@ class FramePicture:
             for array in view.arrays
         )
         self._get("image", (height, width, 4), np.float32)
-        for name in ("starts", "ends"):
-            self._get(name, (tile_count + 1,), np.int32)
+        self._get("starts", (tile_count + 1,), np.int32)
+        blocks = sum(group.instances * group.blocks for group in groups)
+        self._get("closed", (blocks,), np.uint8)
+        self._buffers["closed"].copy_to_device(np.zeros(blocks, np.uint8), self._stream)
         self._get("marks", (self._parts * project.WORDS,), np.uint32)
         for name in ("found", "sums"):
             self._get(name, (self._parts + 1,), np.int32)
@@ -168,7 +175,7 @@ class FramePicture:
         self._room = _size(visible + visible // 8)
         for name in ("records", "keys", "rows", "counts", "numbers"):
             self._buffers.pop(name, None)
-        self._get("records", (self._room, RECORD), np.float32)
+        self._get("records", (self._room * RECORD,), np.float32)
         self._get("keys", (self._room,), np.float32)
         for name in ("rows", "counts", "numbers"):
             self._get(name, (self._room,), np.int32)
@@ -194,20 +201,22 @@ class FramePicture:
         for host, there in self._staged:
             there.copy_to_device(host, stream)
         cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
-        tiles.clear[_blocks(self._tile_count + 1), THREADS, stream](
-            b["totals"], b["starts"], b["ends"]
-        )
-        first = instance = 0
+        tiles.clear[1, 2, stream](b["totals"])
+        first = instance = block = 0
         spans = []
         for number, group in enumerate(self._groups):
             spans.append((number, group, instance, first))
-            first += group.instances * group.parts
-            instance += group.instances
-        for number, group, instance, first in spans:
-            _SEE[group.is_packed][group.instances * group.parts, project.PART, stream](
-                cameras, matrices, number, instance, first, group.parts, group.count, group.boxes,
-                group.splats, b["marks"], b["found"],
+            blocks, parts = (group.instances * each for each in (group.blocks, group.parts))
+            if group.boxes.shape[0]:
+                project.cull[_blocks(blocks), THREADS, stream](
+                    cameras, matrices, number, instance, group.instances, block, group.boxes,
+                    b["closed"],
+                )  # fmt: skip
+            _SEE[group.is_packed][parts, project.PART, stream](
+                cameras, matrices, number, instance, first, block, group.parts, group.count,
+                b["closed"], group.splats, b["marks"], b["found"],
             )  # fmt: skip
+            first, instance, block = first + parts, instance + group.instances, block + blocks
         self._device.primitives.running_sum(b["found"], b["sums"], self._parts + 1)
         tiles.settle[1, 1, stream](b["totals"], b["sums"], self._parts)
         for number, group, instance, first in spans:
@@ -267,10 +276,10 @@ class FramePicture:
             b["tiles"], b["pairs"], b["sorted tiles"], b["sorted pairs"], p,
             end_bit=nothing.bit_length(),
         )  # fmt: skip
-        tiles.ranges[_blocks(p), THREADS, stream](totals, b["sorted tiles"], b["starts"], b["ends"])
+        tiles.bound[_blocks(nothing + 1), THREADS, stream](totals, b["sorted tiles"], b["starts"])
         kernel, threads = blend.make_blend(*variant)
         kernel[self._tile_count, threads, stream](
-            grid, b["starts"], b["ends"], b["sorted pairs"], b["records"], b["image"]
+            grid, b["starts"], b["sorted pairs"], b["records"], b["image"]
         )
 
     # --- buffers ---------------------------------------------------------------------------

@@ -1,9 +1,9 @@
 """Which splats a view sees, and their records, in the order of storage.
 
-A CUDA block takes a PART of the splats of one instance. `see` marks those that touch the view in a
-bit each; a sum over the parts then says where each part's records go; `place` writes them. Both
-project a splat in the same way, so nothing but bits passes between them: records take the room of
-what is seen, not of what is stored.
+`cull` closes blocks that the view cannot see. Of the others a CUDA block takes a PART of the splats
+of one instance. `see` marks those that touch the view in a bit each; a sum over the parts then
+says where each part's records go; `place` writes them. Both project a splat in the same way, so
+nothing but bits passes between them: records take the room of what is seen, not of what is stored.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import cuda, float32, int32
+from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.blocks import is_outside
 from usdsplat.kernels.color import convert
+from usdsplat.kernels.cuda.vectors import store4
 from usdsplat.kernels.cuda.warp import below, votes
 from usdsplat.kernels.project import (
     BLOCK,
-    BLUE,
     DEPTH,
-    GREEN,
     HALF_HEIGHT,
+    HALF_WIDTH,
     LOG_CUTOFF,
     LOG_OPACITY,
     ORTHOGRAPHIC,
     RECORD,
-    RED,
     SORT_DISTANCE,
     A,
+    B,
     C,
     U,
     V,
@@ -40,29 +40,46 @@ PART = 256
 """Splats of a CUDA block, a thread each; a whole part of a BLOCK, which has a box."""
 WORDS = PART // 32
 """Words of marks of a part."""
+F4, F8 = np.uint64(4), np.uint64(8)
 FAR_AWAY = np.float32(-1e9)
 """[pixel] Where what turns out not to be seen is put."""
+
+
+@cuda.jit
+def cull(cameras, matrices, group, instance, instances, first, boxes, closed):
+    """Say of each block of each instance whether none of it is seen: closed[first + item], u8.
+
+    Other arguments are those of the other kernels.
+    """
+    item = cuda.grid(1)
+    blocks = boxes.shape[0]
+    if item < instances * blocks:
+        m = matrices[instance + item // blocks]
+        closed[first + item] = is_outside(cameras[group], m, boxes[item % blocks])
 
 
 def make_see(load: Any) -> Any:
     """The kernel that marks what is seen, of splats as `load` reads them.
 
     Its arguments: a CAMERA for each group; the matrices of all instances, (m, 3, 4) f64; the number
-    of the group, of its first instance and of its first part; how many parts an instance has; n;
-    the box of each block, (blocks, BOX) f32, or no rows; the splats' arrays; `marks` (WORDS a part)
-    u32 and `found` (parts,) i32, which are written.
+    of the group, of its first instance, of its first part and of its first block; how many parts an
+    instance has; n; `closed`, as `cull` wrote it; the splats' arrays; `marks` (WORDS a part) u32
+    and `found` (parts,) i32, which are written.
     """
 
     @cuda.jit
-    def see(cameras, matrices, group, instance, first, parts, n, boxes, splats, marks, found):
+    def see(
+        cameras, matrices, group, instance, first, first_block, parts, n, closed, splats, marks,
+        found,
+    ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
-        part = item % parts
-        m = matrices[instance + item // parts]
-        cam = cameras[group]
-        if boxes.shape[0] > 0 and is_outside(cam, m, boxes[part * PART // BLOCK]):
+        part, owner = item % parts, item // parts
+        blocks = (parts * PART + BLOCK - 1) // BLOCK
+        if closed[first_block + owner * blocks + part * PART // BLOCK]:
             if t == 0:
                 found[first + item] = 0
             return
+        cam, m = cameras[group], matrices[instance + owner]
         record = cuda.local.array(RECORD, float32)
         q, s = cuda.local.array(4, float32), cuda.local.array(3, float32)
         i = part * PART + t
@@ -87,8 +104,8 @@ def make_place(load: Any, shade: Any) -> Any:
     `shade` gives the colour of splat i in a unit direction. Arguments besides those of the other
     kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
     f32, the last number 1 where a colour is converted; `starts`, the first record of each part;
-    how many records there is room for; `records` (room, RECORD) f32, `keys` (room,) f32 and `rows`
-    (room,) i32, which are written.
+    how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,) f32 and
+    `rows` (room,) i32, which are written.
     """
 
     @cuda.jit
@@ -131,10 +148,13 @@ def make_place(load: Any, shade: Any) -> Any:
             r, g, b = color[0], color[1], color[2]
             if numbers[13] > float32(0):
                 r, g, b = convert(r, g, b, numbers)
-            for c in range(HALF_HEIGHT + 1):
-                records[at, c] = record[c]
-            records[at, RED], records[at, GREEN], records[at, BLUE] = r, g, b
-            records[at, DEPTH] = record[DEPTH]
+            to = uint64(at) * uint64(RECORD)
+            store4(records, to, record[U], record[V], record[A], record[B])
+            store4(
+                records, to + F4, record[C], record[LOG_OPACITY], record[HALF_WIDTH],
+                record[HALF_HEIGHT],
+            )  # fmt: skip
+            store4(records, to + F8, r, g, b, record[DEPTH])
             keys[at] = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
 
     return place

@@ -7,12 +7,25 @@ row a lane.
 from __future__ import annotations
 
 import numpy as np
-from numba import cuda, int32
+from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
+from usdsplat.kernels.cuda.vectors import load4
 from usdsplat.kernels.cuda.warp import LANES, votes, without_lowest
+from usdsplat.kernels.project import (
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    LOG_OPACITY,
+    RECORD,
+    A,
+    B,
+    C,
+    U,
+    V,
+)
 
 FULL = np.uint32(0xFFFFFFFF)
+F4 = np.uint64(4)
 FEW = 2
 """Rows of tiles that one thread takes."""
 TEAM = 8
@@ -35,14 +48,23 @@ def without_four(crowd):
     return crowd
 
 
+@cuda.jit(device=True, inline="always")
+def footprint(records, row, shape):
+    """Read what a splat's tiles follow from: the first floats of its record, 8 f32."""
+    at = uint64(row) * uint64(RECORD)
+    shape[U], shape[V], shape[A], shape[B] = load4(records, at)
+    shape[C], shape[LOG_OPACITY], shape[HALF_WIDTH], shape[HALF_HEIGHT] = load4(records, at + F4)
+
+
 @cuda.jit
 def count(totals, grid, records, counts):
     """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them.
 
-    records (room, RECORD) f32; counts (room,) i32.
+    records (room * RECORD,) f32; counts (room,) i32.
     """
     g = grid[0]
-    n = min(totals[0], records.shape[0])
+    n = min(totals[0], counts.shape[0])
+    shape = cuda.local.array(8, float32)
     lane = cuda.threadIdx.x % LANES
     k = cuda.grid(1)
     first_of_warp = k - lane
@@ -50,11 +72,12 @@ def count(totals, grid, records, counts):
     while first_of_warp < n:
         rows, first, found = int32(0), int32(0), int32(0)
         if k < n:
-            first, end = tile_rows(records[k], g)
+            footprint(records, k, shape)
+            first, end = tile_rows(shape, g)
             rows = int32(end - first)
         if rows <= FEW:
             for y in range(first, first + rows):
-                a, b = tile_columns(records[k], y, g)
+                a, b = tile_columns(shape, y, g)
                 found += int32(max(b - a, 0))
         crowd = votes(int32(rows > FEW))
         while crowd != 0:
@@ -64,9 +87,10 @@ def count(totals, grid, records, counts):
             stop = begin + cuda.shfl_sync(FULL, rows, max(one, int32(0)))
             own = int32(0)
             if one >= 0:
+                footprint(records, first_of_warp + one, shape)
                 y = begin + lane % TEAM
                 while y < stop:
-                    a, b = tile_columns(records[first_of_warp + one], y, g)
+                    a, b = tile_columns(shape, y, g)
                     own += int32(max(b - a, 0))
                     y += TEAM
             for shift in (4, 2, 1):
@@ -115,19 +139,20 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
     """
     g = grid[0]
     n = totals[0]
-    lane = cuda.threadIdx.x % LANES
+    lane, member = cuda.threadIdx.x % LANES, cuda.threadIdx.x % TEAM
     k = cuda.grid(1)
-    first_of_warp = k - lane
-    if first_of_warp >= n:
+    if k - lane >= n:
         return
+    shape = cuda.local.array(8, float32)
     rows, first, row, at, stop = int32(0), int32(0), int32(0), int32(0), int32(0)
     if k < n:
         row, at, stop = order[k], places[k], places[k + 1]
-        first, end = tile_rows(records[row], g)
+        footprint(records, row, shape)
+        first, end = tile_rows(shape, g)
         rows = int32(end - first)
     if rows <= FEW:
         for y in range(first, first + rows):
-            a, b = tile_columns(records[row], y, g)
+            a, b = tile_columns(shape, y, g)
             for tile in range(y * tiles + a, y * tiles + b):
                 if at < stop:
                     pair_tiles[at], pair_splats[at] = tile, row
@@ -140,28 +165,41 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
         source = max(one, int32(0))
         y = cuda.shfl_sync(FULL, first, source)
         end = y + cuda.shfl_sync(FULL, rows, source)
-        y += lane % TEAM
+        y += member
         its_row = cuda.shfl_sync(FULL, row, source)
         its_stop = cuda.shfl_sync(FULL, stop, source)
         its_at = cuda.shfl_sync(FULL, at, source)
-        while votes(int32(one >= 0 and y < end)) != 0:
+        if one < 0:
+            end = y
+        else:
+            footprint(records, its_row, shape)
+        while votes(int32(y - member < end)) != 0:
             a, b = int32(0), int32(0)
-            if one >= 0 and y < end:
-                a, b = tile_columns(records[its_row], y, g)
+            if y < end:
+                a, b = tile_columns(shape, y, g)
             own = int32(max(b - a, 0))
             up_to = own
             for shift in (1, 2, 4):
                 other = cuda.shfl_up_sync(FULL, up_to, shift)
-                if lane % TEAM >= shift:
+                if member >= shift:
                     up_to += other
-            to = its_at + up_to - own
-            for tile in range(y * tiles + a, y * tiles + a + own):
-                if to < its_stop:
-                    pair_tiles[to], pair_splats[to] = tile, its_row
-                to += 1
-            its_at += cuda.shfl_sync(FULL, up_to, lane // TEAM * TEAM + TEAM - 1)
+            # all members write next to each other, whatever row their pairs are in
+            leader = lane - member
+            total = cuda.shfl_sync(FULL, up_to, leader + TEAM - 1)
+            corner = int32(y * tiles + a - (up_to - own))
+            p = int32(member)
+            while votes(int32(p < total)) != 0:
+                its = int32(0)
+                for step in (4, 2, 1):
+                    if cuda.shfl_sync(FULL, up_to, leader + its + step - 1) <= p:
+                        its += int32(step)
+                tile = cuda.shfl_sync(FULL, corner, min(leader + its, LANES - 1)) + p
+                if p < total and its_at + p < its_stop:
+                    pair_tiles[its_at + p], pair_splats[its_at + p] = tile, its_row
+                p += TEAM
+            its_at += total
             y += TEAM
-        if one >= 0 and lane % TEAM == 0:
+        if one >= 0 and member == 0:
             pad_pairs(its_at, its_stop, its_row, nothing, pair_tiles, pair_splats)
 
 
@@ -175,26 +213,24 @@ def pad(totals, which, keys, value):
 
 
 @cuda.jit
-def ranges(totals, pair_tiles, starts, ends):
-    """First and one past the last pair of each tile; (tiles + 1,) i32, zero before."""
-    k = cuda.grid(1)
-    n = totals[1]
-    if k < n:
-        tile = pair_tiles[k]
-        if k == 0 or pair_tiles[k - 1] != tile:
-            starts[tile] = k
-        if k == n - 1 or pair_tiles[k + 1] != tile:
-            ends[tile] = k + 1
+def bound(totals, pair_tiles, starts):
+    """starts[tile] = the first pair of a tile, (tiles + 1,) i32: a thread looks for one."""
+    tile = cuda.grid(1)
+    if tile < starts.shape[0]:
+        low, high = int32(0), totals[1]
+        while low < high:
+            middle = (low + high) >> 1
+            if pair_tiles[middle] < tile:
+                low = middle + 1
+            else:
+                high = middle
+        starts[tile] = low
 
 
 @cuda.jit
-def clear(totals, starts, ends):
+def clear(totals):
     """Begin a frame."""
-    k = cuda.grid(1)
-    if k < 2:
-        totals[k] = 0
-    if k < starts.shape[0]:
-        starts[k] = ends[k] = 0
+    totals[cuda.threadIdx.x] = 0
 
 
 @cuda.jit
