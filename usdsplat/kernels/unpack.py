@@ -12,18 +12,18 @@ import numpy as np
 from .jit import scalar
 from .radiance import C0
 
-ROTATION_MIDDLE = np.int32(16383)
+ROTATION_MIDDLE = np.float32(16383)
 ROTATION_STEP = np.float32(1 / (16383 * math.sqrt(2)))
 OPACITY_STEP = np.float32(1 / 511)
-HALF_STEP = np.float32(1 / 1024)
+STEP = np.float32(1 / 1024)
 
 
 @scalar
 def unpack_scale(code):
     """Standard deviation [scene unit] of a 16-bit code."""
-    zero = np.float32(0)
-    power = np.float32(math.exp2(np.float32(code) * HALF_STEP - np.float32(32)))
-    return zero if code == np.uint32(0) else power
+    number = np.int32(code)  # 64 bits, which shifts widen to, are slow to convert on a GPU
+    power = np.float32(math.exp2(np.float32(number) * STEP - np.float32(32)))
+    return np.float32(0) if number == np.int32(0) else power
 
 
 @scalar
@@ -39,16 +39,16 @@ def unpack_shape(words, rotation, scales):
     scales[0] = unpack_scale(x & low16)
     scales[1] = unpack_scale(x >> np.uint32(16))
     scales[2] = unpack_scale(y & low16)
-    a = np.float32(np.int32(y >> np.uint32(16) & low15) - ROTATION_MIDDLE) * ROTATION_STEP
-    b = np.float32(np.int32(z & low15) - ROTATION_MIDDLE) * ROTATION_STEP
-    c = np.float32(np.int32(z >> np.uint32(15) & low15) - ROTATION_MIDDLE) * ROTATION_STEP
+    a = (np.float32(np.int32(y >> np.uint32(16) & low15)) - ROTATION_MIDDLE) * ROTATION_STEP
+    b = (np.float32(np.int32(z & low15)) - ROTATION_MIDDLE) * ROTATION_STEP
+    c = (np.float32(np.int32(z >> np.uint32(15) & low15)) - ROTATION_MIDDLE) * ROTATION_STEP
     left = np.float32(math.sqrt(max(np.float32(0), np.float32(1) - a * a - b * b - c * c)))
-    largest = z >> np.uint32(30)
+    largest = np.int32(z >> np.uint32(30))
     rotation[0] = left if largest == 0 else a
     rotation[1] = left if largest == 1 else (a if largest == 0 else b)
     rotation[2] = left if largest == 2 else (c if largest == 3 else b)
     rotation[3] = left if largest == 3 else c
-    opacity = (w >> np.uint32(24) << np.uint32(1)) | (y >> np.uint32(31))
+    opacity = np.int32((w >> np.uint32(24) << np.uint32(1)) | (y >> np.uint32(31)))
     return np.float32(opacity) * OPACITY_STEP
 
 
@@ -63,7 +63,7 @@ def unpack_colors(words, ranges, out):
     """
     w = np.uint32(words[3])
     for c in range(3):
-        code = np.float32(w >> np.uint32(8 * c) & np.uint32(0xFF))
+        code = np.float32(np.int32(w >> np.uint32(8 * c) & np.uint32(0xFF)))
         low, high = ranges[c], ranges[3 + c]
         out[c] = (low + (high - low) * (code * np.float32(1 / 255)) - np.float32(0.5)) / C0
 

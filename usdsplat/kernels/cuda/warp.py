@@ -25,3 +25,13 @@ def below(lane):
 def without_lowest(bits):
     """`bits` but for the lowest that is set."""
     return np.uint32(bits & np.uint32(bits - np.uint32(1)))
+
+
+@cuda.jit(device=True, inline="always")
+def running(value, lane):
+    """The sum of `value` over this lane and all before it."""
+    for shift in (1, 2, 4, 8, 16):
+        other = cuda.shfl_up_sync(FULL, value, shift)
+        if lane >= shift:
+            value += other
+    return value

@@ -101,7 +101,7 @@ class FramePicture:
         self._second: dict[tuple[int, int], Callable[[], None]] = {}
         self._staged: tuple[tuple[Any, Any], ...] = ()
         self._room = 0
-        self._totals = cuda.pinned_array(2, np.int32)
+        self._totals = cuda.pinned_array(3, np.int32)
         self.visible, self.pairs = 0, 0
         """Of the last picture."""
         self.waited = 0.0
@@ -165,7 +165,7 @@ class FramePicture:
         for name in ("found", "sums"):
             self._get(name, (self._parts + 1,), np.int32)
         self._buffers["found"].copy_to_device(np.zeros(self._parts + 1, np.int32), self._stream)
-        self._get("totals", (2,), np.int32)
+        self._get("totals", (3,), np.int32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
 
@@ -201,7 +201,7 @@ class FramePicture:
         for host, there in self._staged:
             there.copy_to_device(host, stream)
         cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
-        tiles.clear[1, 2, stream](b["totals"])
+        tiles.clear[1, 1, stream](b["totals"])
         first = instance = block = 0
         spans = []
         for number, group in enumerate(self._groups):
@@ -249,6 +249,7 @@ class FramePicture:
             "ordered counts": (m + 1, np.int32), "places": (m + 1, np.int32),
             "tiles": (p, tile_type), "sorted tiles": (p, tile_type),
             "pairs": (p, np.int32), "sorted pairs": (p, np.int32),
+            "crowded": (m, np.int32),
         }  # fmt: skip
         before = {name: id(self._buffers.get(name)) for name in shapes}
         for name, (size, dtype) in shapes.items():
@@ -267,10 +268,12 @@ class FramePicture:
         )
         primitives.running_sum(b["ordered counts"], b["places"], m + 1)
         nothing = self._tile_count
-        tiles.fill[_blocks(m), THREADS, stream](
+        lists = (
             totals, grid, b["records"], b["order"], b["places"], self._columns, nothing,
-            pair_tiles, b["pairs"],
+            pair_tiles, b["pairs"], b["crowded"],
         )  # fmt: skip
+        tiles.fill[_blocks(m), THREADS, stream](*lists)
+        tiles.fill_many[WAVES, tiles.CROWD, stream](*lists)
         tiles.pad[WAVES, THREADS, stream](totals, 1, pair_tiles, pair_tiles.dtype.type(nothing))
         primitives.sort_pairs(
             b["tiles"], b["pairs"], b["sorted tiles"], b["sorted pairs"], p,

@@ -1,7 +1,8 @@
 """Lists of the tiles: pairs of tile and splat, in order of depth, then sorted by tile.
 
 A splat that crosses few rows of tiles is one thread's; of the others a warp takes four at a time, a
-row a lane.
+row a lane. The few that touch very many tiles would keep a warp while all others rest: `fill` names
+them, and `fill_many` gives each the threads of a whole CUDA block.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
 from usdsplat.kernels.cuda.vectors import load4
-from usdsplat.kernels.cuda.warp import LANES, votes, without_lowest
+from usdsplat.kernels.cuda.warp import LANES, running, votes, without_lowest
 from usdsplat.kernels.project import (
     HALF_HEIGHT,
     HALF_WIDTH,
@@ -30,6 +31,11 @@ FEW = 2
 """Rows of tiles that one thread takes."""
 TEAM = 8
 """Lanes that share a splat of more rows."""
+MANY = 128
+"""Tiles above which a splat is left to a block."""
+CROWD = 128
+"""Threads of such a block, and rows of tiles that they take at a time."""
+WARPS = CROWD // LANES
 
 
 @cuda.jit(device=True, inline="always")
@@ -111,8 +117,11 @@ def count(totals, grid, records, counts):
 
 @cuda.jit
 def in_order(totals, order, counts, out):
-    """out[k] = counts[order[k]] for the splats that there are, 0 for what fills up the sort."""
+    """out[k] = counts[order[k]] for the splats that there are, 0 for what fills up the sort; and
+    begin to count those of many tiles."""
     k = cuda.grid(1)
+    if k == 0:
+        totals[2] = 0
     if k < out.shape[0]:
         out[k] = counts[order[k]] if k < totals[0] else int32(0)
 
@@ -126,8 +135,10 @@ def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
 
 
 @cuda.jit
-def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats):
-    """Write all pairs in order of depth.
+def fill(
+    totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
+):  # fmt: skip
+    """Write all pairs in order of depth, but for splats of more than MANY.
 
     Args:
         order: Row of each rank in `records`, (m,) i32.
@@ -136,6 +147,8 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
             left out.
         tiles: Of a row of the grid.
         pair_tiles, pair_splats: Receive each pair's tile and row in `records`.
+        crowded: Receives the ranks of those, as many as `totals[2]` says, (m,) i32. In no order:
+            where their pairs go is settled.
     """
     g = grid[0]
     n = totals[0]
@@ -150,6 +163,9 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
         footprint(records, row, shape)
         first, end = tile_rows(shape, g)
         rows = int32(end - first)
+        if stop - at > MANY:
+            crowded[cuda.atomic.add(totals, 2, 1)] = k
+            rows, stop = int32(0), at
     if rows <= FEW:
         for y in range(first, first + rows):
             a, b = tile_columns(shape, y, g)
@@ -204,6 +220,56 @@ def fill(totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_
 
 
 @cuda.jit
+def fill_many(
+    totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
+):  # fmt: skip
+    """Write the pairs of the splats that `fill` has left; a row of tiles a warp, side by side."""
+    g = grid[0]
+    t = cuda.threadIdx.x
+    lane, warp = t % LANES, t // LANES
+    begins = cuda.shared.array(CROWD, int32)
+    widths = cuda.shared.array(CROWD, int32)
+    corners = cuda.shared.array(CROWD, int32)
+    sums = cuda.shared.array(WARPS, int32)
+    shape = cuda.local.array(8, float32)
+    item = cuda.blockIdx.x
+    while item < totals[2]:
+        k = crowded[item]
+        row, at, stop = order[k], places[k], places[k + 1]
+        footprint(records, row, shape)
+        y, end = tile_rows(shape, g)
+        while y < end:
+            a, b = int32(0), int32(0)
+            if y + t < end:
+                a, b = tile_columns(shape, y + t, g)
+            width = int32(max(b - a, 0))
+            up_to = running(width, lane)
+            if lane == LANES - 1:
+                sums[warp] = up_to
+            cuda.syncthreads()
+            before, total = int32(0), int32(0)
+            for w in range(WARPS):
+                if w < warp:
+                    before += sums[w]
+                total += sums[w]
+            begins[t] = at + before + up_to - width
+            widths[t], corners[t] = width, int32((y + t) * tiles + a)
+            cuda.syncthreads()
+            for r in range(warp, min(CROWD, end - y), WARPS):
+                x = int32(lane)
+                while x < widths[r] and begins[r] + x < stop:
+                    pair_tiles[begins[r] + x] = corners[r] + x
+                    pair_splats[begins[r] + x] = row
+                    x += LANES
+            at += total
+            y += CROWD
+            cuda.syncthreads()
+        if t == 0:
+            pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats)
+        item += cuda.gridDim.x
+
+
+@cuda.jit
 def pad(totals, which, keys, value):
     """Fill up keys beyond those that there are."""
     k = totals[which] + cuda.grid(1)
@@ -229,8 +295,8 @@ def bound(totals, pair_tiles, starts):
 
 @cuda.jit
 def clear(totals):
-    """Begin a frame."""
-    totals[cuda.threadIdx.x] = 0
+    """Begin to count pairs."""
+    totals[1] = 0
 
 
 @cuda.jit
