@@ -23,7 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.author import capture
-from benchmarks.peers import Gsply, gsply, missing, python_of
+from benchmarks.peers import gsply, missing, python_of
+from benchmarks.peers.server import Server
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
@@ -85,13 +86,13 @@ def in_turns(ours: Callable[[], object], theirs: Callable[[], Spent] | None) -> 
     return [median(side[1:]) if side else None for side in spent]
 
 
-def asked(peer: Gsply, **request: object) -> Spent:
+def asked(peer: Server, **request: object) -> Spent:
     """Seconds that gsply says it took."""
     answer = peer.ask(**request)
     return answer["wall"], answer["cpu"]
 
 
-def files(table: Table, cloud: SplatCloud, folder: Path, peer: Gsply | None) -> None:
+def files(table: Table, cloud: SplatCloud, folder: Path, peer: Server | None) -> None:
     """Every format read and written."""
     write(cloud, folder / FILES[".ply"])
     if peer:

@@ -1,32 +1,44 @@
-"""Other converters, each in an environment of its own, to check and to time ours against.
+"""Other converters and renderers, each in an environment of its own, to check and to time ours
+against.
 
     python -m benchmarks.peers
 
 puts them into a folder `installed` beside this file that git ignores, or into the one that
-`USDSPLAT_PEERS` names: gsply and usd-convert-gsplat from PyPI; node 22 and splat-transform from
-npm, where npm is there. What is missing is said, and left out of the tables.
+`USDSPLAT_PEERS` names: gsply, usd-convert-gsplat and Open3D from PyPI; node 22, splat-transform and
+PlayCanvas from npm, where npm is there. Chromium and Mesa's Vulkan driver for processors come from
+the system, whose packages are named where they are missing. What is missing is said, and left out
+of the tables.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from benchmarks.peers.server import Server
 
 FOLDER = Path(os.environ.get("USDSPLAT_PEERS") or Path(__file__).parent / "installed")
 
 PYTHON_PEERS = {
     "gsply": ("gsply[spz]==0.4.6", "imagecodecs"),
     "usd_convert": ("usd-convert-gsplat==0.1.15", "usd-core", "plyfile"),
+    "open3d": ("open3d==0.20.0",),
 }
 """Environment -> what is installed there."""
-NODE_PEERS = ("node@22", "@playcanvas/splat-transform@3.7.0")
+NODE_PEERS = (
+    "node@22",
+    "@playcanvas/splat-transform@3.7.0",
+    "playcanvas@2.23.3",
+    "playwright-core@1.65.1",
+)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 
-_SERVER = Path(__file__).parent / "gsply_server.py"
+_HERE = Path(__file__).parent
 
 
 def python_of(peer: str) -> Path | None:
@@ -56,7 +68,7 @@ class SplatTransform:
 
 def splat_transform() -> SplatTransform | None:
     """splat-transform, if it is installed."""
-    modules = FOLDER / "node" / "node_modules"
+    modules = node_modules()
     found = SplatTransform(
         modules / "node" / "bin" / "node",
         modules / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs",
@@ -64,44 +76,52 @@ def splat_transform() -> SplatTransform | None:
     return found if found.node.exists() and found.script.exists() else None
 
 
-class Gsply:
-    """gsply in a process that stays, so that its compiled code is warm when it is timed."""
-
-    def __init__(self, python: Path) -> None:
-        self._process = subprocess.Popen(
-            [str(python), str(_SERVER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def ask(self, **request: Any) -> dict[str, Any]:
-        """Do one thing there; see `gsply_server`.
-
-        Raises:
-            RuntimeError: With its words, if it fails.
-        """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps(request) + "\n")
-        self._process.stdin.flush()
-        answer = json.loads(self._process.stdout.readline() or '{"error": "gsply ended"}')
-        if "error" in answer:
-            raise RuntimeError(f"gsply: {answer['error']}")
-        return answer
-
-    def close(self) -> None:
-        """End its process."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        self._process.wait()
-
-
-def gsply() -> Gsply | None:
-    """gsply, if it is installed."""
+def gsply() -> Server | None:
+    """gsply, if it is installed; it stays, so that its compiled code is warm when it is timed."""
     python = python_of("gsply")
-    return Gsply(python) if python else None
+    return Server("gsply", [str(python), str(_HERE / "gsply_server.py")]) if python else None
+
+
+def open3d() -> Server | None:
+    """Open3D that draws by lavapipe, if both are there."""
+    python = python_of("open3d")
+    if python is None or not has_lavapipe():
+        return None
+    return Server("Open3D", [str(python), str(_HERE / "open3d_server.py")])
+
+
+def playcanvas() -> Server | None:
+    """PlayCanvas without its browser, which it is told of when it opens a scene."""
+    node = node_modules() / "node" / "bin" / "node"
+    if not node.exists() or not (node_modules() / "playcanvas").exists() or browser() is None:
+        return None
+    return Server("PlayCanvas", [str(node), str(_HERE / "playcanvas_server.mjs")])
+
+
+def browser() -> Path | None:
+    """Chromium, if it is there."""
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    return Path(found) if found else None
+
+
+def node_modules() -> Path:
+    """The folder of npm's packages."""
+    return FOLDER / "node" / "node_modules"
+
+
+def has_lavapipe() -> bool:
+    """Whether Vulkan can draw on the processor."""
+    return any(VULKAN_DRIVERS.glob("lvp_icd*"))
 
 
 def missing() -> Sequence[str]:
     """A sentence for each peer that is not there."""
     absent = [name for name in PYTHON_PEERS if python_of(name) is None]
     absent += [] if splat_transform() else ["splat-transform"]
-    return [f"{name}: not installed; python -m benchmarks.peers installs it" for name in absent]
+    absent += [] if (node_modules() / "playcanvas").exists() else ["playcanvas"]
+    said = [f"{name}: not installed; python -m benchmarks.peers installs it" for name in absent]
+    if browser() is None:
+        said.append("playcanvas: no browser; Debian's package is chromium")
+    if not has_lavapipe():
+        said.append("open3d: no Vulkan on the processor; Debian's package is mesa-vulkan-drivers")
+    return said

@@ -7,20 +7,22 @@ import shutil
 import subprocess
 import sys
 
-from benchmarks.peers import FOLDER, NODE_PEERS, PYTHON_PEERS, missing
+from benchmarks.peers import FOLDER, NODE_PEERS, PYTHON_PEERS, missing, python_of
 
 
 def main() -> None:
     """Install what is missing, and say what could not be."""
     for name, packages in PYTHON_PEERS.items():
         folder = FOLDER / name
-        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+        if python_of(name) is None:
+            subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
         pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet"]
         subprocess.run([*pip, "--only-binary=:all:", *packages], check=False)
     if npm := shutil.which("npm"):
         folder = FOLDER / "node"
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "package.json").write_text("{}")
+        if not (folder / "package.json").exists():
+            (folder / "package.json").write_text("{}")
         # node 22 first: splat-transform asks for it, and its installer runs with whatever is found.
         bin_folder = folder / "node_modules" / "node" / "bin"
         path = f"{bin_folder}{os.pathsep}{os.environ.get('PATH', '')}"

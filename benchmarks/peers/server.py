@@ -1,0 +1,80 @@
+"""A peer in a process that stays, so that it is warm when it is timed: a line in, a line out."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+
+class Server:
+    """A process that answers JSON objects with JSON objects, one on each line.
+
+    Lines of other kinds, which libraries print, are passed over.
+
+    Args:
+        name: For messages.
+        command: What is run.
+    """
+
+    def __init__(self, name: str, command: Sequence[str]) -> None:
+        self._name = name
+        self._process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def ask(self, **request: Any) -> dict[str, Any]:
+        """Do one thing there.
+
+        Raises:
+            RuntimeError: With its words, if it fails.
+        """
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            pass  # it ended, which the answer says
+        answer = self._answer()
+        if "error" in answer:
+            raise RuntimeError(f"{self._name}: {answer['error']}")
+        return answer
+
+    def cpu_seconds(self) -> float:
+        """Processor time of the process and of all that it started, as Linux counts it, to 10
+        ms."""
+        ticks, children = {}, {}
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue  # it has just ended
+            number = int(folder.name)
+            ticks[number] = int(fields[11]) + int(fields[12])
+            children.setdefault(int(fields[1]), []).append(number)
+        total, left = 0, [self._process.pid]
+        while left:
+            number = left.pop()
+            total += ticks.get(number, 0)
+            left += children.get(number, [])
+        return total / os.sysconf("SC_CLK_TCK")
+
+    def close(self) -> None:
+        """End it."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.startswith("{"):
+                answer: dict[str, Any] = json.loads(line)
+                return answer
+        return {"error": "it ended"}
