@@ -7,8 +7,11 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CAPTURE ?=
 OUT ?= demo
+BENCHMARKS := frame passes renderers scaling memory author formats converters decimation \
+	convert_memory deep colour simulation simulated_frame bakes preview_ui
+GPU_BENCHMARKS := cuda_frame simulation_cuda
 
-.PHONY: demo test lint bench cover clean
+.PHONY: demo test lint bench bench-gpu cover clean
 
 demo: $(READY)
 	$(BIN)/usdsplat demo $(CAPTURE) -o $(OUT)
@@ -25,22 +28,16 @@ lint: $(READY)
 cover: $(READY)
 	$(BIN)/python -m pytest --cov --cov-report=term-missing:skip-covered --cov-fail-under=90
 
+# Measured alone, one after the other; each takes `--json FILE` too. Peers stand beside ours where
+# `python -m benchmarks.peers` has installed them.
 bench: $(READY)
-	$(BIN)/python -m benchmarks.frame
-	$(BIN)/python -m benchmarks.memory
-	$(BIN)/python -m benchmarks.author
-	$(BIN)/python -m benchmarks.formats
-	$(BIN)/python -m benchmarks.converters
-	$(BIN)/python -m benchmarks.decimation
-	$(BIN)/python -m benchmarks.convert_memory
-	$(BIN)/python -m benchmarks.deep
-	$(BIN)/python -m benchmarks.passes
-	$(BIN)/python -m benchmarks.colour
-	$(BIN)/python -m benchmarks.simulation
-	$(BIN)/python -m benchmarks.simulated_frame
-	$(BIN)/python -m benchmarks.bakes
+	set -e; for name in $(BENCHMARKS); do $(BIN)/python -m benchmarks.$$name; done
 	$(BIN)/python -m benchmarks.preview --million
-	$(BIN)/python -m benchmarks.preview_ui
+
+bench-gpu: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[cuda]'
+	set -e; for name in $(GPU_BENCHMARKS); do $(BIN)/python -m benchmarks.$$name; done
+	$(BIN)/python -m benchmarks.scaling --gpu
 
 clean:
 	rm -rf $(VENV) demo

@@ -14,9 +14,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange import import_capture
@@ -57,7 +57,7 @@ def copy(source: Path, target: Path, size: int) -> None:
     target.write_bytes((data * (size // len(data) + 1))[:size] if size > len(data) else data[:size])
 
 
-def main(count: int = 1_000_000) -> None:
+def main(report: Report, count: int = 1_000_000) -> None:
     """Print the table."""
     table = Table(title=f"{count:,} splats of degree 3, .ply to .usdc: median of {REPEATS}")
     for name in ("form", "wall s", "CPU s", "floor s", "× floor", "MB", "bytes a splat"):
@@ -79,8 +79,9 @@ def main(count: int = 1_000_000) -> None:
                 form, f"{wall:.2f}", f"{cpu:.2f}", f"{floor:.2f}", f"{wall / floor:.1f}",
                 f"{size / 1e6:.0f}", f"{size / count:.0f}",
             )  # fmt: skip
-    Console(width=120).print(table)
+    report.show(table)
 
 
 if __name__ == "__main__":
-    main(*(int(text) for text in sys.argv[1:2]))
+    with Report("author", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

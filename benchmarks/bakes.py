@@ -20,10 +20,10 @@ from typing import Literal, get_args
 
 import numpy as np
 from pxr import Usd
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.author import capture
+from benchmarks.report import Report
 from usdsplat import schema
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
@@ -93,7 +93,7 @@ def read(target: Path, frames: int) -> None:
             array.sum()
 
 
-def main(count: int = 1_000_000, frames: int = 24) -> None:
+def main(report: Report, count: int = 1_000_000, frames: int = 24) -> None:
     """Print the table."""
     title = f"{count:,} splats of degree 3, {MOVING:.0%} moving and turning, {frames} frames"
     table = Table(title=title)
@@ -119,8 +119,9 @@ def main(count: int = 1_000_000, frames: int = 24) -> None:
             )  # fmt: skip
             for path in (*data.iterdir(), folder / "floor"):
                 path.unlink()
-    Console(width=120).print(table)
+    report.show(table)
 
 
 if __name__ == "__main__":
-    main(*(int(text) for text in sys.argv[1:3]))
+    with Report("bakes", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

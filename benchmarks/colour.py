@@ -9,13 +9,14 @@ is computed by colour-science alone.
 
 from __future__ import annotations
 
+import sys
 import time
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from tests import chart
 from usdsplat import schema
 from usdsplat.core.cloud import F64
@@ -44,7 +45,7 @@ MODES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def main() -> None:
+def main(report: Report) -> None:
     """Print the table."""
     table = Table("mode", "mean ΔE2000", "max ΔE2000", "fails", title="24 patches of a chart")
     for name, settings in MODES.items():
@@ -56,8 +57,8 @@ def main() -> None:
     schema.author_grade(prim, exposure=-0.5, temperature=3200.0, saturation=0.8)
     found = chart.patches(chart.picture(stage, color_mode="scene", blend_space="linear"))
     _row(table, "graded, scene, Rec.709", found, graded(), "")
-    Console().print(table)
-    print(f"1920x1080 back through ACES 2.0, checked by going forth: {_seconds():.2f} s")
+    report.show(table)
+    report.say(f"1920x1080 back through ACES 2.0, checked by going forth: {_seconds():.2f} s")
 
 
 def captured() -> F64:
@@ -121,4 +122,5 @@ def _seconds() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    with Report("colour", sys.argv[1:]) as report:
+        main(report)

@@ -15,10 +15,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.author import capture
+from benchmarks.report import Report
 from usdsplat import formats
 
 BYTES = 236
@@ -67,7 +67,7 @@ def run(action: str, source: Path, target: Path) -> tuple[float, float]:
     return time.perf_counter() - began, int(said) / 1024
 
 
-def main(count: int = 10_000_000, frames: int = 5) -> None:
+def main(report: Report, count: int = 10_000_000, frames: int = 5) -> None:
     """Print the table."""
     table = Table(title=f"{count} splats, degree 3 [MiB]")
     for title in ("case", "seconds", "base", "arrays", "peak", "peak/arrays"):
@@ -86,7 +86,7 @@ def main(count: int = 10_000_000, frames: int = 5) -> None:
             title = f"{frames} x {count // 10}, {name}"
             result = run(action, Path(folder, "cap.####.ply"), Path(folder, "sequence.usdc"))
             _row(table, title, base, count // 10, result)
-    Console().print(table)
+    report.show(table)
 
 
 def _row(table: Table, name: str, base: float, count: int, result: tuple[float, float]) -> None:
@@ -96,4 +96,5 @@ def _row(table: Table, name: str, base: float, count: int, result: tuple[float, 
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]))
+    with Report("convert_memory", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

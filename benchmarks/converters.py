@@ -19,12 +19,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.author import capture
 from benchmarks.peers import gsply, missing, python_of
 from benchmarks.peers.server import Server
+from benchmarks.report import Report
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
@@ -135,11 +135,10 @@ def to_usd(table: Table, cloud: SplatCloud, folder: Path) -> None:
     row(table, ".ply to .usdc", ours, theirs, floor, target.stat().st_size)
 
 
-def main(count: int = 1_000_000) -> None:
+def main(report: Report, count: int = 1_000_000) -> None:
     """Print the table."""
-    console = Console(width=120)
     for sentence in missing():
-        console.print(sentence)
+        report.say(sentence)
     peer = gsply()
     table = Table(title=f"{count:,} splats of degree 3, seconds: median of {REPEATS}, in turns")
     names = ("what", "wall", "CPU", "peer wall", "peer CPU", "times faster", "floor", "MB")
@@ -151,11 +150,10 @@ def main(count: int = 1_000_000) -> None:
         to_usd(table, cloud, Path(name))
     if peer:
         peer.close()
-    console.print(table)
-    console.print(
-        "Peers: gsply for files, usd-convert-gsplat for the stage (run on a tenth, times ten)."
-    )
+    report.show(table)
+    report.say("Peers: gsply for files, usd-convert-gsplat for .usdc (a tenth, times ten).")
 
 
 if __name__ == "__main__":
-    main(*(int(text) for text in sys.argv[1:2]))
+    with Report("converters", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

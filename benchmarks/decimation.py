@@ -19,9 +19,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, DATA, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core import edit
@@ -92,7 +92,9 @@ def million() -> SplatCloud:
     return edit.take(edit.merge(beside), np.arange(MILLION))
 
 
-def main(arguments: list[str]) -> None:
+def main(report: Report) -> None:
+    """Print everything."""
+    arguments = report.arguments
     part = float(arguments[0]) if arguments else PART
     ways: dict[str, Thinning] = {"random": at_random, "most seen": most_seen, "ours": decimate}
     if len(arguments) > 1:
@@ -125,10 +127,10 @@ def main(arguments: list[str]) -> None:
     start, busy = time.perf_counter(), time.process_time()
     some = decimate(cloud, round(part * MILLION))
     spent, busy = time.perf_counter() - start, time.process_time() - busy
-    console = Console(width=160)
-    console.print(table)
-    console.print(f"{MILLION} splats, SH 3, to {len(some)}: {spent:.1f} s ({busy:.1f} s of cores)")
+    report.show(table, 160)
+    report.say(f"{MILLION} splats, SH 3, to {len(some)}: {spent:.1f} s ({busy:.1f} s of cores)")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    with Report("decimation", sys.argv[1:]) as report:
+        main(report)

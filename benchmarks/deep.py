@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.deep_reader import read_deep
 from usdsplat.images.layout import ImageLayout
@@ -132,7 +132,7 @@ def read_wheel(path: Path) -> object:
     return OpenEXR.File(str(path), separate_channels=True).channels()
 
 
-def main(mean: int = 15) -> None:
+def main(report: Report, mean: int = 15) -> None:
     """Print the table."""
     table = Table("", "write [s]", "read [s]", "MB", title=f"{WIDTH}x{HEIGHT}, {mean} a pixel")
     with tempfile.TemporaryDirectory() as folder:
@@ -168,8 +168,9 @@ def main(mean: int = 15) -> None:
             lambda: write_openimageio(path, few),
             lambda: read_openimageio(path),
         )
-    Console().print(table)
+    report.show(table)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    with Report("deep", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

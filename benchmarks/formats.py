@@ -23,10 +23,10 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.peers import SplatTransform, missing, splat_transform
+from benchmarks.report import Report
 from tests.formats.compare import Differences, differences
 from usdsplat import formats
 from usdsplat.core import edit
@@ -214,21 +214,22 @@ def read_as_rdf(path: Path, folder: Path) -> SplatCloud:
     return edit.transform(capture.cloud, np.diag((-1.0, -1.0, 1.0, 1.0)))
 
 
-def main(data: Path) -> int:
+def main(report: Report, data: Path) -> int:
     """Print the table; 1 if anything is beyond its bound."""
-    console = Console(width=200)
     for sentence in missing():
-        console.print(sentence)
+        report.say(sentence)
     sheet, peer = Sheet(), splat_transform()
     with tempfile.TemporaryDirectory() as name:
         for case in CASES:
             rows(sheet, case, data / "oracle", Path(name), peer)
-    console.print(sheet.table)
+    report.show(sheet.table, 200)
     for name in sheet.failed:
-        console.print(f"beyond its bound: {name}")
+        report.say(f"beyond its bound: {name}")
     return 1 if sheet.failed else 0
 
 
 if __name__ == "__main__":
     default = os.environ.get("USDSPLAT_TEST_DATA") or "../shared/data"
-    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else default)))
+    with Report("formats", sys.argv[1:]) as report:
+        status = main(report, Path(*(report.arguments or [default])))
+    sys.exit(status)

@@ -14,9 +14,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, capture, garden, lens_of, scaled, scene_of, view_of
 from usdsplat.delegate.memory import Estimate
 
@@ -67,7 +67,7 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     print(f"{scene.splat_count} {before} {said.total / mib} {limit / mib} {peak}")
 
 
-def main() -> None:
+def main(report: Report) -> None:
     """Print the table."""
     table = Table(title="highest memory of a frame with depth and ids [MiB]")
     titles = ("scene", "size", "splats", "before", "limit", "said", "peak", "said/peak", "picture")
@@ -77,7 +77,7 @@ def main() -> None:
         for size in SIZES:
             for words in ((), ("limited",)):
                 text = f"{size[0]}x{size[1]}"
-                command = [sys.executable, "-m", "benchmarks.memory", name, text, *words]
+                command = [sys.executable, "-m", "benchmarks.memory", "--one", name, text, *words]
                 run = subprocess.run(command, capture_output=True, text=True, check=True)
                 splats, *numbers = run.stdout.split()
                 before, said, limit, peak = map(float, numbers)
@@ -86,12 +86,14 @@ def main() -> None:
                     f"{limit:.0f}" if limit else "none", f"{said:.0f}", f"{peak:.0f}",
                     f"{said / peak:.2f}", f"{size[0] * size[1] * 28 / 2**20:.0f}",
                 )  # fmt: skip
-    Console(width=120).print(table)
+    report.show(table)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 2:
-        width, _, height = sys.argv[2].partition("x")
-        one(sys.argv[1], (int(width), int(height)), is_limited=len(sys.argv) == 4)
+    if "--one" in sys.argv:
+        _, _, name, size, *limited = sys.argv
+        width, _, height = size.partition("x")
+        one(name, (int(width), int(height)), is_limited=bool(limited))
     else:
-        main()
+        with Report("memory", sys.argv[1:]) as report:
+            main(report)

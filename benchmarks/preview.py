@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import sys
 import threading
 import time
 from collections import Counter
@@ -22,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 from pxr import Usd
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, DATA, garden
 from usdsplat import schema
 from usdsplat.core import edit
@@ -248,7 +249,7 @@ def soak(name: str, seconds: float) -> None:
         print(f"  {times} x {sentence}")
 
 
-class Report:
+class Lines:
     """The table that is printed."""
 
     def __init__(self) -> None:
@@ -269,12 +270,13 @@ class Report:
             f"{drive.full:.0f}", str(drive.middle), "met" if is_met else "not met", stages,
         )  # fmt: skip
 
-    def show(self) -> None:
-        """Print it, as wide as it is."""
-        Console(width=220).print(self._table)
+    @property
+    def table(self) -> Table:
+        """All of them."""
+        return self._table
 
 
-def main(arguments: list[str] | None = None) -> None:
+def main(report: Report) -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("captures", nargs="*", default=CAPTURES)
@@ -282,8 +284,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--aov", default="color", choices=AOVS)
     parser.add_argument("--million", action="store_true")
     parser.add_argument("--soak", type=float, default=0.0, metavar="SECONDS")
-    options = parser.parse_args(arguments)
-    report = Report()
+    options = parser.parse_args(report.arguments)
+    lines = Lines()
     scenes = {name: of_capture(name) for name in options.captures}
     if options.million:
         scenes["garden, 1 M"] = of_million()
@@ -294,14 +296,15 @@ def main(arguments: list[str] | None = None) -> None:
         session.listen(heard)
         seconds = first_picture(session, heard) - began
         print(f"{name}: first final picture after {seconds:.2f} s", flush=True)
-        report.add(name, options.aov, orbit(session, heard, options.seconds, options.aov))
+        lines.add(name, options.aov, orbit(session, heard, options.seconds, options.aov))
         session.close()
         for sentence in heard.problems:
             print(f"  {sentence}")
-    report.show()
+    report.show(lines.table, 220)
     if options.soak:
         soak(options.captures[0], options.soak)
 
 
 if __name__ == "__main__":
-    main()
+    with Report("preview", sys.argv[1:]) as report:
+        main(report)

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 from pxr import Usd
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import garden
 from usdsplat import schema
 from usdsplat.core import edit
@@ -195,12 +195,13 @@ def measure(count: int, frames: int, degree: int) -> Table:
     return table
 
 
-def main(count: int = 1_000_000, frames: int = 6) -> None:
+def main(report: Report, count: int = 1_000_000, frames: int = 6) -> None:
     """Print a table for each case; kernels are loaded, or compiled, by small ones before."""
     for degree in (0, 3):
         measure(5_000, frames, degree)
-        Console().print(measure(count, frames, degree))
+        report.show(measure(count, frames, degree))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]))
+    with Report("preview_ui", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))

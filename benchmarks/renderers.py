@@ -224,7 +224,7 @@ def main(report: Report) -> None:
     parser.add_argument("--pictures", type=Path)
     options = parser.parse_args(report.arguments)
     for sentence in peers.missing():
-        print(sentence)
+        report.say(sentence)
     width, _, height = options.size.partition("x")
     compare(shot_of(options.grid, (int(width), int(height))), report, options.pictures)
 

@@ -5,8 +5,8 @@
         report.show(table)
 
 The first line that is printed is the machine with its versions. The file holds an object: the
-benchmark's name, the machine, every table that was shown as text, and the rows that were added,
-which `benchmarks.plot` reads. A row has, of those that make sense:
+benchmark's name, the machine, every table that was shown as text, every sentence that was said, and
+the rows that were added, which `benchmarks.plot` reads. A row has, of those that make sense:
 
     device   what did the work, such as "cpu", "cuda" or a peer with its version
     scene    what was drawn or simulated
@@ -47,6 +47,7 @@ class Results:
     benchmark: str
     machine: Machine
     tables: list[Row]
+    notes: list[str]
     rows: list[Row]
 
 
@@ -57,6 +58,7 @@ def read_results(path: Path) -> Results:
         benchmark=values["benchmark"],
         machine=Machine(**values["machine"]),
         tables=values["tables"],
+        notes=values["notes"],
         rows=values["rows"],
     )
 
@@ -76,6 +78,7 @@ class Report:
         self._benchmark = benchmark
         self._machine = this_machine()
         self._tables: list[Row] = []
+        self._notes: list[str] = []
         self._rows: list[Row] = []
         self._path: Path | None = None
         self.arguments = list(arguments)
@@ -103,6 +106,11 @@ class Report:
             }
         )
 
+    def say(self, sentence: str) -> None:
+        """Print a sentence and keep it for the file."""
+        print(sentence, flush=True)
+        self._notes.append(sentence)
+
     def __enter__(self) -> Report:
         return self
 
@@ -112,6 +120,7 @@ class Report:
                 "benchmark": self._benchmark,
                 "machine": self._machine.as_json(),
                 "tables": self._tables,
+                "notes": self._notes,
                 "rows": self._rows,
             }
             self._path.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import garden
 from usdsplat import schema
 from usdsplat.core import edit
@@ -116,7 +116,7 @@ def child(*arguments: object) -> dict[str, Any]:
     return found
 
 
-def main(count: int = 1_000_000, frames: int = 8) -> None:
+def main(report: Report, count: int = 1_000_000, frames: int = 8) -> None:
     """Print the table."""
     child(10_000, 3, "carrier", 3)  # compiles what is not compiled yet
     child(10_000, 0, "self", 3)
@@ -143,8 +143,9 @@ def main(count: int = 1_000_000, frames: int = 8) -> None:
         )  # fmt: skip
         stages = ", ".join(f"{name} {spent:.2f}" for name, spent in found["stages"].items())
         notes.append(f"degree {degree}, {domain}: wall s of the whole run: {stages}")
-    Console(width=120).print(table)
-    print("\n".join(notes))
+    report.show(table)
+    for note in notes:
+        report.say(note)
 
 
 if __name__ == "__main__":
@@ -152,4 +153,5 @@ if __name__ == "__main__":
         number, degree, domain, last = sys.argv[2:]
         print(json.dumps(measure(int(number), int(degree), domain, int(last))))
     else:
-        main(*(int(text) for text in sys.argv[1:3]))
+        with Report("simulated_frame", sys.argv[1:]) as report:
+            main(report, *map(int, report.arguments))

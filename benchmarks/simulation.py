@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 from numba import prange
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report, spread
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.kernels.jit import parallel, serial
@@ -244,7 +244,7 @@ def spent(action: Callable[[], Any]) -> tuple[float, float]:
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
-def main(count: int = 1_000_000) -> None:
+def main(report: Report, count: int = 1_000_000) -> None:
     """Print the table."""
     device = open_device()
     points = sheet(count)
@@ -270,6 +270,9 @@ def main(count: int = 1_000_000) -> None:
                 part.flops * count / (2.0 * CHAINS * STEPS),
             )
             floor = np.maximum(copying * moved, working * done)
+            report.add(
+                device=device.name, scene=part.name, splats=count, **spread(1e3 * laps[:, 0, 0])
+            )
             rates.append((8e-6 * PROBE / copying[0], 2e-6 * CHAINS * STEPS / working[0]))
             table.add_row(
                 part.name, f"{own[0]:.1f}", f"{own[1]:.1f}", f"{floor[0]:.1f}", f"{floor[1]:.1f}",
@@ -277,9 +280,10 @@ def main(count: int = 1_000_000) -> None:
                 "" if part.goal is None else f"{part.goal:g}",
             )  # fmt: skip
     copied, computed = np.median(rates, axis=0)
-    Console(width=120).print(table)
-    print(f"probes: {copied:.1f} GB/s copied, {computed:.0f} GFLOP/s of multiply and add")
+    report.show(table)
+    report.say(f"probes: {copied:.1f} GB/s copied, {computed:.0f} GFLOP/s of multiply and add")
 
 
 if __name__ == "__main__":
-    main(*(int(text) for text in sys.argv[1:2]))
+    with Report("simulation", sys.argv[1:]) as report:
+        main(report, *map(int, report.arguments))
