@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -20,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.cuda_scenes import NEAR, Scene, captured, group_of, tiled
+from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, SHARED
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame.picture import FrameGroup, FramePicture, FrameView
@@ -121,14 +120,39 @@ def scenes(quick: bool) -> list[tuple[str, Callable[[], Scene]]]:
     return found
 
 
-def main() -> None:
+def keep(report: Report, row: dict[str, Any], scene: Scene) -> None:
+    """Rows of ours and of the peer's, as `report` has them."""
+    picture = {
+        "scene": scene.name, "splats": len(scene.cloud), "visible": row["visible"],
+        "size": "{}x{}".format(*row["size"]), "sh": row["sh"],
+    }  # fmt: skip
+    numbers = {name: row[name] for name in ("ms", "low", "high", "host_ms", "pairs", "bytes")}
+    report.add(
+        device="cuda" if row["form"] == "float" else "cuda, packed",
+        **picture,
+        **numbers,
+        db_to_gsplat=row["dB"],
+    )
+    if row["gsplat"] and row["form"] == "float":
+        peer = row["gsplat"]
+        report.add(
+            device=peer["peer"],
+            **picture,
+            ms=peer["ms"],
+            low=peer["ms_min"],
+            high=peer["ms_max"],
+            is_packed=peer["packed"],
+            bytes=1e9 * peer["peak_GB"],
+        )
+
+
+def main(report: Report) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--peers", type=Path, default=SHARED / "peers")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    device, rows = CudaDevice(), []
+    options = parser.parse_args(report.arguments)
+    device = CudaDevice()
     script = options.peers / "gsplat_cuda.py"
     try:
         peer = Peer(script) if script.is_file() else None
@@ -156,12 +180,10 @@ def main() -> None:
                     "size": [width, height], "form": "packed" if packed else "float",
                     "gsplat": peer_row, "dB": decibels,
                 }  # fmt: skip
-                rows.append(row)
+                keep(report, row, scene)
                 show(table, row)
                 del group
-    Console(width=160).print(table)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
+    report.show(table, 160)
 
 
 def show(table: Table, row: dict[str, Any]) -> None:
@@ -180,4 +202,5 @@ def show(table: Table, row: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with Report("cuda_frame", sys.argv[1:]) as report:
+        main(report)
