@@ -4,7 +4,7 @@
 
 On the left over the splats that are stored, on the right over those that are seen. Rows of a device
 and a kind of scene are a line, whiskers reach from the fastest picture to the slowest. Only rows of
-SIZE and without harmonics are drawn.
+SIZE and without harmonics are drawn, and a scene alone only for who has no line.
 """
 
 from __future__ import annotations
@@ -103,9 +103,11 @@ def lines_of(rows: Iterable[Row]) -> list[Line]:
             high=row.get("high", row["ms"]),
         )
         found.setdefault((row["device"], kind_of(row["scene"])), []).append(point)
+    along = {device for (device, _), points in found.items() if len(points) > 1}
     return [
         Line(device=device, kind=kind, points=tuple(sorted(points, key=lambda p: p.splats)))
         for (device, kind), points in found.items()
+        if len(points) > 1 or device not in along
     ]
 
 

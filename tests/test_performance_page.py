@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.table import Table
@@ -62,6 +63,25 @@ def test_a_plot_is_drawn_of_the_results_that_are_there(results: Results, tmp_pat
     assert found == "# Page\n\n![Milliseconds of a picture over its splats](a.svg)\n"
     drawn = (tmp_path / "a.svg").read_text()
     assert f'points="0.0,{plot.HEIGHT:.1f} {plot.WIDTH:.1f},0.0"' in drawn
+
+
+def test_a_scene_alone_is_drawn_only_for_who_has_no_line() -> None:
+    """Oracle: rows that were chosen by hand; another size and harmonics are not drawn either."""
+
+    def row(device: str, scene: str, splats: int, **more: Any) -> dict[str, Any]:
+        return {"device": device, "scene": scene, "splats": splats, "visible": 9, "ms": 1.0} | more
+
+    rows = [
+        row("cpu", "garden 1×1", 10),
+        row("cpu", "garden 3×3", 90),
+        row("cpu", "statue", 50),
+        row("peer", "statue", 50),
+        row("cpu", "garden 7×7", 490, size="3840x2160"),
+        row("cpu", "garden 7×7", 490, sh=3),
+        {"device": "cpu", "scene": "grow", "splats": 5, "ms": 1.0},
+    ]
+    found = [(line.device, line.kind, len(line.points)) for line in plot.lines_of(rows)]
+    assert found == [("cpu", "garden", 2), ("peer", "statue", 1)]
 
 
 def test_decades_are_equally_long() -> None:
