@@ -30,8 +30,12 @@ class Underivable(Exception):
     """The kernel is not one parallel loop."""
 
 
-def derive(kernel: Callable[..., Any]) -> Callable[..., None]:
+def derive(kernel: Callable[..., Any], *, spread: bool = False) -> Callable[..., None]:
     """The kernel as Python that each thread runs, for `cuda.jit` to compile.
+
+    Args:
+        spread: An item is a block of threads, and its last loop's items are theirs: plain
+            statements come before it, and its items do not wait for each other.
 
     Raises:
         Underivable: If it is not one `prange` loop with what threads can have.
@@ -61,8 +65,11 @@ def derive(kernel: Callable[..., Any]) -> Callable[..., None]:
     if BLOCK in names and _mentions(call.args[0], BLOCK):
         names[BLOCK] = 1
     loop.body = _Private(names).statements(loop.body)
-    _flatten(loop, call)
-    function.body = [*body[:-1], _strided(loop, call.args[0])]
+    if spread:
+        _spread(loop, source.__name__)
+    else:
+        _flatten(loop, call)
+    function.body = [*body[:-1], _strided(loop, call.args[0], "block" if spread else "grid")]
     ast.fix_missing_locations(tree)
     names["cuda"] = cuda
     exec(compile(tree, inspect.getsourcefile(source) or "?", "exec"), names)
@@ -70,11 +77,37 @@ def derive(kernel: Callable[..., Any]) -> Callable[..., None]:
     return derived
 
 
-def _strided(loop: ast.For, count: ast.expr) -> ast.For:
-    """The loop over a thread's own share of `count` items."""
-    loop.iter = ast.parse("range(cuda.grid(1), 0, cuda.gridsize(1))", mode="eval").body
+_SHARES = {
+    "grid": ("cuda.grid(1)", "cuda.gridsize(1)"),
+    "block": ("cuda.blockIdx.x", "cuda.gridDim.x"),
+}
+
+
+def _strided(loop: ast.For, count: ast.expr, who: str) -> ast.For:
+    """The loop over the share of `count` items that a thread, or a block, has."""
+    first, step = _SHARES[who]
+    loop.iter = ast.parse(f"range({first}, 0, {step})", mode="eval").body
     loop.iter.args[1] = count  # type: ignore[attr-defined]
     return loop
+
+
+def _spread(loop: ast.For, name: str) -> None:
+    """Give the items of the last loop within to the threads of a block."""
+    inner = loop.body[-1]
+    if (
+        not isinstance(inner, ast.For)
+        or not (isinstance(inner.iter, ast.Call) and isinstance(inner.iter.func, ast.Name))
+        or inner.iter.func.id != "range"
+        or len(inner.iter.args) != 2
+        or any(_writes(node) for node in loop.body[:-1])
+    ):
+        raise Underivable(
+            f"{name}: not plain statements and then a loop from one number to another"
+        )
+    text = ast.parse("range(0 + cuda.threadIdx.x, 0, cuda.blockDim.x)", mode="eval").body
+    first, end = inner.iter.args
+    text.args[0].left, text.args[1] = first, end  # type: ignore[attr-defined]
+    inner.iter = text
 
 
 def _flatten(loop: ast.For, call: ast.Call) -> None:

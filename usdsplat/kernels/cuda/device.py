@@ -61,6 +61,17 @@ def form(function: Form) -> Form:
     return function
 
 
+def spread(kernel: Callable[..., Any]) -> Form:
+    """The form of a kernel whose items are blocks of threads, see `derive`."""
+    threads_of = cuda.jit(derive(kernel, spread=True))
+
+    @form
+    def launch(device: CudaDevice, *args: Any) -> None:
+        threads_of[BLOCKS, THREADS, device.stream](*args)
+
+    return launch
+
+
 def _derived(kernel: Callable[..., Any]) -> Form | None:
     try:
         threads_of = cuda.jit(derive(kernel))
@@ -93,6 +104,7 @@ class CudaDevice:
         """In whose order everything happens."""
         self._primitives: Any = None
         self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._lent: dict[str, Any] = {}
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
@@ -116,6 +128,14 @@ class CudaDevice:
     def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
         """A buffer of the GPU with undefined contents."""
         return cuda.device_array(shape, dtype, stream=self.stream)
+
+    def borrow(self, name: str, size: int, dtype: Any) -> Any:
+        """A buffer of the GPU for the time of one form: kept for the next, and grown."""
+        found = self._lent.get(name)
+        if found is None or found.size < size or found.dtype != np.dtype(dtype):
+            self._lent.pop(name, None)
+            found = self._lent[name] = self.resident(max(size, 1), dtype)
+        return found
 
     def fetch(self, array: Any) -> npt.NDArray[Any]:
         """What an array of the GPU holds, for the host to read; a host's array as it is."""
@@ -152,6 +172,7 @@ class CudaDevice:
     def close(self) -> None:
         """Release what it keeps."""
         self._kept.clear()
+        self._lent.clear()
         self._primitives = None
 
     # --- private ---------------------------------------------------------------------------
