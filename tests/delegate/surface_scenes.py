@@ -60,7 +60,7 @@ def draw(scene, screen, *, bands=None, threads=None, **options) -> SurfaceBand:
     device = open_device(threads=threads)
     surfaces = Surfaces.of(device, scene, screen, **options)
     assert surfaces is not None
-    scratch = Scratch(device.empty)
+    scratch = Scratch(device.resident)
     _, y0, _, y1 = screen.window
     parts = []
     for top, bottom in bands or [(y0, y1)]:

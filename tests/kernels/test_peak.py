@@ -53,7 +53,7 @@ def look(cloud: SplatCloud, matrix: np.ndarray, eye: reference.Lens) -> Visible:
     scene = scene_of((cloud, matrix), projection_mode=mode)
     screen, stats = Screen.of(view_of(eye)), FrameStats()
     space = "srgb_rec709_scene"
-    seen = Look(device, Scratch(device.empty), scene, screen, settings_of(), space)
+    seen = Look(device, Scratch(device.resident), scene, screen, settings_of(), space)
     return seen.take(Wanted(peaks=True), (), stats, Clock(stats))
 
 

@@ -7,14 +7,14 @@ AOVs, surfaces and holdouts see them as they would see splats.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core.cloud import I32
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.visible import Visible
-from usdsplat.kernels import display, feature, project, sort
+from usdsplat.kernels import display, feature, sort
 from usdsplat.kernels.device import Device
 
 RADIUS, SMALLEST = 1.5, 0.7
@@ -31,7 +31,7 @@ def displayed(
         mode: One of `RenderSettings.display_mode`.
         pixel_scale: As `Framing` has it.
     """
-    if len(seen.order) == 0:
+    if seen.order.shape[0] == 0:
         return seen
     if mode == "points":
         radius = np.float32(max(RADIUS / pixel_scale, SMALLEST))
@@ -39,8 +39,10 @@ def displayed(
     elif mode == "normals":
         device.run(display.directions, seen.records, seen.features, feature.NORMAL)
     elif mode == "ellipses":
-        opaque = seen.records[:, project.LOG_OPACITY] > np.log(display.FAINTEST)
-        seen = _taken(device, scratch, seen, np.repeat(np.flatnonzero(opaque).astype(np.int32), 2))
+        opaque = scratch.get("opaque", (seen.order.shape[0],), np.uint8)
+        device.run(display.opaque, seen.records, opaque)
+        ranks = np.flatnonzero(device.fetch(opaque)).astype(np.int32)
+        seen = _taken(device, scratch, seen, np.repeat(ranks, 2))
         device.run(display.rings, seen.records)
     return seen
 
@@ -48,19 +50,24 @@ def displayed(
 def _taken(device: Device, scratch: Scratch, seen: Visible, ranks: I32) -> Visible:
     """These of the splats, in this order."""
 
-    def rows(name: str, array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        if len(array) == 0:
+    places = device.keep(ranks)
+
+    def rows(name: str, array: Any) -> Any:
+        if array.shape[0] == 0:
             return array
-        out = scratch.get(name, (len(ranks), array.shape[1]), np.float32)
-        device.run(sort.gather, ranks, array, out)
+        out = scratch.get(name, (len(ranks), array.shape[1]), array.dtype)
+        device.run(sort.gather, places, array, out)
         return out
+
+    def numbers(name: str, array: Any) -> Any:
+        return rows(name, array.reshape((array.shape[0], 1))).reshape((-1,))
 
     return replace(
         seen,
         records=rows("shown", seen.records),
-        order=seen.order[ranks],
+        order=numbers("shown order", seen.order),
         peaks=rows("shown peaks", seen.peaks),
         features=rows("shown features", seen.features),
-        keeps=seen.keeps[ranks] if seen.keeps.size else seen.keeps,
-        labels=seen.labels[ranks] if seen.labels.size else seen.labels,
+        keeps=numbers("shown keeps", seen.keeps),
+        labels=numbers("shown labels", seen.labels),
     )

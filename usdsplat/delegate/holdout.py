@@ -9,6 +9,7 @@ import numpy as np
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.layer import Behind, Holdout
+from usdsplat.delegate.scratch import Scratch
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import Device
 
@@ -16,7 +17,9 @@ HoldoutRows = F32 | Holdout
 """Of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
 
 
-def hold_back(device: Device, behind: Behind, rows: HoldoutRows, shape: tuple[int, int]) -> Behind:
+def hold_back(
+    device: Device, scratch: Scratch, behind: Behind, rows: HoldoutRows, shape: tuple[int, int]
+) -> Behind:
     """Return what is behind the splats once a holdout is there too.
 
     A flat one hides what is behind it wholly, a deep one as much as its samples cover.
@@ -29,11 +32,14 @@ def hold_back(device: Device, behind: Behind, rows: HoldoutRows, shape: tuple[in
     """
     _check(rows, shape)
     if isinstance(rows, tuple):
-        return Behind(behind.stops, behind.covered, rows)
+        offsets, depths, through = rows
+        kept = device.keep(offsets), device.keep(depths), device.keep(through)
+        return Behind(behind.stops, behind.covered, kept)
     if behind.stops.size == 0:
-        stops = np.full(rows.shape, np.inf, np.float32)
-        behind = Behind(stops, np.zeros(rows.shape, np.uint8))
-    device.run(surface.hold_back, behind.stops, behind.covered, rows)
+        stops = scratch.get("holdout stops", shape, np.float32)
+        behind = Behind(stops, scratch.get("holdout covered", shape, np.uint8))
+        device.run(surface.clear, behind.stops, behind.covered)
+    device.run(surface.hold_back, behind.stops, behind.covered, device.upload(rows))
     return behind
 
 

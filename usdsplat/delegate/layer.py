@@ -101,25 +101,16 @@ class Layer:
         self._by_ray = by_ray
         self._behind = behind
         self._stats = stats
-        self._walks = by_ray or len(seen.keeps) > 0 or len(behind.holdout[0]) > 0
+        self._walks = by_ray or seen.keeps.size > 0 or behind.holdout[0].size > 0
         """Whether contributions must be taken one by one."""
         self._grid = bins.grid_of(x0, y0, x1, y1)
-        self._bin()
-
-    def _bin(self) -> None:
-        """Make the list of each tile."""
-        run, get, seen, grid = self._device.run, self._scratch.get, self._seen, self._grid
-        tiles = int(grid["columns"][0] * grid["rows"][0])
-        chunks = 4 * self._device.threads
-        counts = get("counts", (chunks, tiles + 1), np.int32)
-        self._starts = get("starts", (tiles + 1,), np.int64)
-        run(bins.count_tiles, seen.records, grid, chunks, counts)
-        pairs = run(bins.offsets, counts, self._starts)
-        if pairs > np.iinfo(np.int32).max:
+        self._starts, self._lists, pairs = device.run(
+            bins.tile_lists, seen.records, self._grid, bins.tiles_in(self._grid),
+            4 * device.threads, scratch.get,
+        )  # fmt: skip
+        if pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{pairs} pairs of splat and tile", "less than 2**31")
-        self._lists = get("lists", (pairs,), np.int32)
-        run(bins.fill_tiles, seen.records, grid, chunks, counts, self._lists)
-        self._stats.pairs += int(pairs)
+        self._stats.pairs += pairs
 
     # --- what is read off ------------------------------------------------------------------
 
@@ -143,6 +134,7 @@ class Layer:
         """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which a part of the
         coverage is passed; `color` comes first."""
         run, get, seen = self._device.run, self._scratch.get, self._seen
+        keep = self._device.keep
         ranks = get(f"{name} ranks", self.shape, np.int32)
         depth = get(f"{name} depth", self.shape, np.float32)
         ids = get(f"{name} ids", (4, *self.shape), np.int32)
@@ -160,12 +152,12 @@ class Layer:
             )  # fmt: skip
         run(
             median.resolve, ranks, seen.records, seen.order, seen.sources,
-            seen.layout.first_slots, seen.layout.labels, depth, ids,
+            keep(seen.layout.first_slots), keep(seen.layout.labels), depth, ids,
         )  # fmt: skip
         if self._walks:
-            np.copyto(depth, peaks, where=ranks >= 0)
+            run(median.hold_depth, ranks, peaks, NO_STOPS, depth)
         elif self._behind.stops.size > 0:
-            np.minimum(depth, self._behind.stops, out=depth, where=ranks >= 0)
+            run(median.hold_depth, ranks, NO_STOPS, self._behind.stops, depth)
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
@@ -177,23 +169,28 @@ class Layer:
 
     def deep(self, error: float) -> DeepSamples:
         """Every contribution, or runs of them; `Visible` must be in a linear blend space."""
-        counts = np.empty(self.shape, np.uint32)
+        resident, fetch = self._device.resident, self._device.fetch
+        held = resident(self.shape, np.uint32)
         walks = self._walks or self._behind.stops.size > 0
         if walks:
-            self._walk(walk.COUNT, error=error, counts=counts)
+            self._walk(walk.COUNT, error=error, counts=held)
         else:
-            self._deep(error, False, np.empty(0, np.int64), counts, NO_DEEP)
+            self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
+        counts = fetch(held)
         ends = np.cumsum(counts, dtype=np.int64)
         total = int(ends[-1])
-        near, color = np.empty(total, np.float32), np.empty((total, 4), np.float32)
-        far = near if error == 0 else np.empty(total, np.float32)
-        samples = near, far, color
+        near, color = resident((total,), np.float32), resident((total, 4), np.float32)
+        far = near if error == 0 else resident((total,), np.float32)
         offsets, left = ends - counts.ravel(), np.ones(self.shape, np.float32)
         if walks:
-            self._walk(walk.FILL, error=error, offsets=offsets, through=left, deep=samples)
+            self._walk(
+                walk.FILL, error=error, offsets=offsets, through=left, deep=(near, far, color)
+            )
         else:
-            self._deep(error, True, offsets, counts, samples)
-        return DeepSamples(counts, *samples, left)
+            self._deep(error, True, offsets, held, (near, far, color))
+        depth = fetch(near)
+        back = depth if far is near else fetch(far)
+        return DeepSamples(counts, depth, back, fetch(color), left)
 
     # --- private ---------------------------------------------------------------------------
 
@@ -204,12 +201,14 @@ class Layer:
             through = get(f"{name} through", self.shape, np.float32)
             self._walk(walk.PAINT, paints=paints, column=column, image=image, through=through)
             return image, through
-        work = get("work", (len(self._starts) - 1,), np.int64)
+        work = get("work", (self._starts.shape[0] - 1,), np.int64)
+        height, width = self.shape
         run(
             blend.blend, seen.records, paints, column, self._starts, self._lists, self._grid,
-            seen.peaks, self._behind.stops, seen.is_parallel, image.reshape(len(image), -1), work,
+            seen.peaks, self._behind.stops, seen.is_parallel, image.reshape((height, 4 * width)),
+            work,
         )  # fmt: skip
-        self._stats.rows += int(work.sum())
+        self._stats.rows += int(self._device.fetch(work).sum())
         return image, None
 
     def _deep(

@@ -55,6 +55,11 @@ class _Way:
     first: I64
     deltas: F32
 
+    @property
+    def arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        """All of it, in the kernel's order."""
+        return self.views, self.moves, self.turns, self.first, self.deltas
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -96,7 +101,7 @@ class Motion:
         y0: int,
         wanted: set[str],
     ) -> dict[str, F32]:
-        """Return the motion AOVs of one band, (right, up) [pixel], shape (h, w, 2).
+        """Return the motion AOVs of one band, (right, up) [pixel], shape (h, w, 2), of the device.
 
         Args:
             median: Depth, primId, elementId and row of the appearance of what is seen.
@@ -105,18 +110,22 @@ class Motion:
             wanted: The AOVs.
         """
         rows, elements = median["row"], median["elementId"]
-        weights = np.full((*rows.shape, 2), -1, np.float32)
+        weights: F32 = np.empty((0, 0, 2), np.float32)
         if drawn is not None:
-            surfaces = (rows < 0) & (median["primId"] >= 0)
-            rows = np.where(surfaces, self.splats + drawn.hit[0], rows)
-            elements = np.where(surfaces, drawn.hit[1], elements)
-            np.copyto(weights, drawn.bary, where=surfaces[..., None])
+            all_rows = scratch.get("seen rows", rows.shape, np.int32)
+            all_elements = scratch.get("seen elements", rows.shape, np.int32)
+            weights = scratch.get("seen weights", (*rows.shape, 2), np.float32)
+            device.run(
+                position.seen, median["primId"], rows, elements, drawn.hit, drawn.bary, self.splats,
+                (all_rows, all_elements, weights),
+            )  # fmt: skip
+            rows, elements = all_rows, all_elements
         arrays = {}
         for name in sorted(wanted & set(self.ways)):
             way = self.ways[name]
             arrays[name] = scratch.get(name, (*rows.shape, 2), np.float32)
             device.run(
-                position.motion, way.views, way.moves, way.turns, way.first, way.deltas,
+                position.motion, *map(device.keep, way.arrays),
                 median["depth"], rows, elements, weights, x0, y0, FRAMES[name], arrays[name],
             )  # fmt: skip
         return arrays

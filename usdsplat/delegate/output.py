@@ -55,10 +55,11 @@ class Output:
 
     def splats(self, image: F32, *, counts: bool = True) -> F32:
         """Return a finished splat layer, premultiplied (h, w, 4), in the picture's space; `counts`
-        says whether it goes into `failed` and `covered`."""
+        says whether it goes into `failed` and `covered`. Only a view needs it on the host."""
         self._recolor(image, self._splats)
         if self._mode != "inverseView":
             return image
+        image = self._device.fetch(image)
         linear, failed = self._view.inverse_over(image, most=self._most)
         if counts:
             self.failed += int(failed.sum())
@@ -71,7 +72,7 @@ class Output:
         """Return shaded surfaces, linear Rec.709 (h, w, 3), in the picture's space."""
         self._recolor(rgb, self._surfaces)
         if self._mode == "display" and not self._view.is_plain:
-            return self._view.forward(rgb)
+            return self._view.forward(self._device.fetch(rgb))
         return rgb
 
     def _recolor(self, image: F32, numbers: F32) -> None:

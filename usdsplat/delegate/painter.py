@@ -35,7 +35,8 @@ class Painter:
         *,
         raw: bool = False,
     ) -> dict[str, npt.NDArray[Any]]:
-        """One band of one sample; `raw` mattes are (ids, weights), to be summed."""
+        """One band of one sample: arrays of the device; `raw` mattes are (ids, weights), to be
+        summed."""
         layer, behind, drawn = self._shot.layer(prepared, y0, y1)
         color, through = layer.color()
         self._shot.clock.lap("blend")
@@ -137,8 +138,7 @@ class Painter:
         if "albedo" in wanted:
             image = layer.paint("albedo", feature.ALBEDO)
             behind = None if drawn is None else drawn.albedo
-            image = self._finish(image, left, behind, counts=False)
-            arrays["albedo"] = image[..., :3]
+            arrays["albedo"] = self._finish(image, left, behind, counts=False)
         if "Neye" in wanted:
             sums = layer.paint("normals", feature.NORMAL)
             arrays["Neye"] = get("Neye", (*sums.shape[:2], 3), np.float32)
@@ -149,14 +149,12 @@ class Painter:
             )  # fmt: skip
         if "depthExpected" in wanted:
             sums = layer.depths()
-            if left is not None and drawn is not None:
-                behind = np.zeros((*left.shape, 3), np.float32)
-                np.copyto(behind[..., 0], drawn.depth, where=left > 0)
-                run(surface.over, sums, left, behind)
-            expected = get("Zexp", sums.shape[:2], np.float32)
-            expected[:] = np.inf
-            np.divide(sums[..., 0], sums[..., 3], out=expected, where=sums[..., 3] > 0)
-            arrays["depthExpected"] = expected
+            arrays["depthExpected"] = get("Zexp", sums.shape[:2], np.float32)
+            nothing = np.empty((0, 0), np.float32)
+            run(
+                feature.expected, sums, nothing if left is None else left,
+                nothing if drawn is None else drawn.depth, arrays["depthExpected"],
+            )  # fmt: skip
         self._shot.clock.lap("features")
         return arrays
 
@@ -172,8 +170,9 @@ class Painter:
         """How much each prim covers of each pixel."""
         found = [layer.weigh()]
         if left is not None and drawn is not None:
-            prims = np.where(left > 0, drawn.ids[0], -1).astype(np.int32)
-            found.append((prims[..., None], left[..., None]))
+            prims = self._shot.scratch.get("shown", left.shape, np.int32)
+            self._shot.device.run(surface.shown, left, drawn.ids, prims)
+            found.append((prims.reshape((*left.shape, 1)), left.reshape((*left.shape, 1))))
         self._shot.clock.lap("mattes")
         if raw:
             return found

@@ -196,9 +196,10 @@ class Renderer:
                 if view.camera.exposure != 1.0:
                     samples.color[:, :3] *= np.float32(view.camera.exposure)
                 if drawn is not None:
-                    samples = samples.with_surfaces(
-                        drawn.depth, drawn.covered == surface.DRAWN, output.surfaces(drawn.color)
-                    )
+                    fetch = self._device.fetch
+                    is_drawn = fetch(drawn.covered) == surface.DRAWN
+                    color = fetch(output.surfaces(drawn.color))
+                    samples = samples.with_surfaces(fetch(drawn.depth), is_drawn, color)
                 shot.clock.lap("deep")
                 self.stats = stats
                 yield y0, y1, samples
@@ -210,7 +211,7 @@ class Renderer:
 
     def _borrowing(self, bands: Callable[[Scratch], Iterator[Any]]) -> Iterator[Any]:
         """Run a generator with buffers of its own, which others take over at its end."""
-        scratch = self._idle.pop() if self._idle else Scratch(self._device.empty)
+        scratch = self._idle.pop() if self._idle else Scratch(self._device.resident)
         try:
             yield from bands(scratch)
         finally:
@@ -228,7 +229,7 @@ class Renderer:
             prepared = shot.prepare(center, screen.window, shot.aovs)
             motion = self._motion(shot, prepared, center)
             for y0, y1 in screen.bands(band_pixels):
-                yield y0, y1, painter.draw(prepared, motion, y0, y1, shot.aovs)
+                yield y0, y1, self._fetched(painter.draw(prepared, motion, y0, y1, shot.aovs))
             return
         for y0, y1 in screen.bands(band_pixels):
             try:
@@ -256,7 +257,7 @@ class Renderer:
         if read:
             prepared = shot.prepare(center, window, read)
             motion = self._motion(shot, prepared, center)
-            arrays |= painter.draw(prepared, motion, y0, y1, read)
+            arrays |= self._fetched(painter.draw(prepared, motion, y0, y1, read))
         if averaged:
             sums = Sums(self._device, shot.scratch, (y1 - y0, x1 - x0), averaged)
             for sample in plan:
@@ -264,8 +265,15 @@ class Renderer:
                 arrays_of_one = painter.draw(prepared, None, y0, y1, averaged, raw=True)
                 sums.add(arrays_of_one, prepared.seen.layout.prims)
                 shot.clock.lap("sums")
-            arrays |= sums.finish()
+            arrays |= self._fetched(sums.finish())
         return arrays
+
+    def _fetched(self, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
+        """AOVs on the host."""
+        found = {name: self._device.fetch(array) for name, array in arrays.items()}
+        if "albedo" in found:
+            found["albedo"] = found["albedo"][..., :3]
+        return found
 
     def _motion(self, shot: Shot, prepared: Prepared, center: sampling.Sample) -> Motion | None:
         """Where everything is in the neighbouring frames, if somebody asks."""

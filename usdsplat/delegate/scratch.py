@@ -11,15 +11,22 @@ import numpy.typing as npt
 
 
 class Scratch:
-    """Named buffers that grow and never shrink: a frame allocates nothing that the last one had."""
+    """Named buffers that grow and never shrink: a frame allocates nothing that the last one had.
 
-    def __init__(self, empty: Callable[[int, Any], npt.NDArray[Any]]) -> None:
+    Args:
+        empty: Makes a buffer of so many elements: `Device.resident`, so that what one kernel writes
+            the next one reads where it is. NumPy reads what `Device.fetch` brings.
+    """
+
+    def __init__(self, empty: Callable[[int, Any], Any]) -> None:
         self._empty = empty
-        self._buffers: dict[str, npt.NDArray[Any]] = {}
+        self._buffers: dict[str, Any] = {}
 
-    def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         """The buffer `name` as an array of this shape; what it holds is undefined."""
         size = math.prod(shape)
+        if size == 0:
+            return self._empty(0, dtype).reshape(shape)
         buffer = self._buffers.get(name)
         if buffer is None or buffer.size < size or buffer.dtype != np.dtype(dtype):
             self._buffers.pop(name, None)

@@ -78,7 +78,7 @@ class Shot:
             scale = view.framing.pixel_scale
             seen = displayed(self.device, self.scratch, seen, mode, scale)
             if mode == "ellipses":  # each is there twice, once as its rim
-                self.stats.visible = len(seen.order) // 2
+                self.stats.visible = seen.order.shape[0] // 2
             self.clock.lap("display")
         return Prepared(screen, seen, surfaces)
 
@@ -95,7 +95,7 @@ class Shot:
             self.clock.lap("surfaces")
         if self.holdout is not None:
             rows = self.holdout(x0, y0, x1, y1)
-            behind = hold_back(self.device, behind, rows, (y1 - y0, x1 - x0))
+            behind = hold_back(self.device, self.scratch, behind, rows, (y1 - y0, x1 - x0))
         layer = Layer(
             self.device,
             self.scratch,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.images.cryptomatte import object_hash
-from usdsplat.kernels import cryptomatte, walk
+from usdsplat.kernels import cryptomatte, total, walk
 from usdsplat.kernels.device import Device
 
 CHANNELS = {"color": 4, "albedo": 3}
@@ -36,12 +36,12 @@ class Sums:
         for name in names:
             if name in CHANNELS:
                 self._sums[name] = scratch.get(f"sum {name}", (*shape, CHANNELS[name]), np.float32)
-                self._sums[name][:] = 0
+                device.run(total.clear, self._sums[name])
         if "cryptoObject" in names:
             slots = (*shape, cryptomatte.SLOTS)
             self._ids = scratch.get("sum prims", slots, np.int32)
             self._weights = scratch.get("sum weights", slots, np.float32)
-            self._ids[:], self._weights[:] = -1, 0
+            device.run(cryptomatte.begin, self._ids, self._weights)
             self._mattes = scratch.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
 
     def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
@@ -52,25 +52,26 @@ class Sums:
             prims: Paths that its numbers of prims stand for.
         """
         self._count += 1
-        numbers = [self._prims.setdefault(path, len(self._prims)) for path in prims]
-        same = numbers == list(range(len(prims)))
-        table = np.array([*numbers, -1], np.int32)
+        run = self._device.run
+        table = [self._prims.setdefault(path, len(self._prims)) for path in prims]
+        numbers = self._device.upload(np.array(table, np.int32))
         for name in self._names:
             if name in CHANNELS:
-                self._sums[name] += arrays[name]
+                run(total.add, self._sums[name], arrays[name])
             else:
                 for ids, weights in arrays[name]:
-                    run, known = self._device.run, ids if same else table[ids]
-                    run(cryptomatte.gather, known, weights, self._ids, self._weights)
+                    run(cryptomatte.gather, ids, weights, numbers, self._ids, self._weights)
 
     def finish(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the averages."""
-        scale = np.float32(1 / self._count)
-        for total in self._sums.values():
-            total *= scale
+        """Return the averages, of the device."""
+        run, scale = self._device.run, np.float32(1 / self._count)
+        for each in self._sums.values():
+            run(total.scale, each, scale)
         if "cryptoObject" not in self._names:
             return dict(self._sums)
         hashes = np.array([object_hash(path) for path in self._prims], np.float32)
-        run, mattes = self._device.run, self._mattes
-        run(cryptomatte.finish, self._ids, self._weights, scale, hashes, mattes)
-        return {**self._sums, "cryptoObject": mattes}
+        run(
+            cryptomatte.finish, self._ids, self._weights, scale, self._device.upload(hashes),
+            self._mattes,
+        )  # fmt: skip
+        return {**self._sums, "cryptoObject": self._mattes}

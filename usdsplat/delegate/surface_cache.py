@@ -28,7 +28,8 @@ WRAPS = {
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedMeshes:
-    """All meshes of a scene, one after the other. One mesh alone is not copied."""
+    """All meshes of a scene, one after the other, where kernels reach them fastest. One mesh alone
+    is not copied."""
 
     points: F32
     triangles: I32
@@ -79,7 +80,7 @@ def _pack(device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
         ("material_of", "material_of", (), np.int32),
     ):
         array, rows[target] = _joined([getattr(spec, name) for spec in specs], shape, dtype)
-        looks.append(device.upload(array))
+        looks.append(device.keep(array))
     numbers = np.array([len(spec.materials) for spec in specs], np.int64)
     rows["material"] = np.cumsum(numbers) - numbers
     # a triangle's faces are where its corners are
@@ -140,8 +141,13 @@ def _materials(
         start = table["first"][first]
         texels[start : start + picture.pixels.size] = picture.pixels.ravel()
         for k in range(first, first + count - 1):
-            device.run(texture.halve, texels, table, k)
-    return records, table, texels
+            # only what is read and what is written travels to a device of its own
+            pair = table[k : k + 2].copy()
+            pair["first"] -= table["first"][k]
+            size = pair["first"][1] + pair["width"][1] * pair["height"][1] * texture.CHANNELS
+            begin = table["first"][k]
+            device.run(texture.halve, texels[begin : begin + size], pair, 0)
+    return device.keep(records), device.keep(table), device.keep(texels)
 
 
 def _halvings(height: int, width: int) -> Iterator[tuple[int, int]]:

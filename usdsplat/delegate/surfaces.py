@@ -28,7 +28,8 @@ from usdsplat.kernels.device import Device
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceBand:
-    """The nearest surface of each pixel of a band. Arrays are valid until the next band."""
+    """The nearest surface of each pixel of a band. Arrays are the device's, and valid until the
+    next band."""
 
     depth: F32
     """Planar camera depth [scene unit], +inf where nothing is, shape (h, w)."""
@@ -99,26 +100,27 @@ class Surfaces:
             raise UsageError("scene", f"{firsts[-1]} triangles in one view", "less than 2**31")
         transforms = np.array([instance.transform for _, _, instance in drawn], np.float64)
         matrices = screen.world_to_camera[:3] @ transforms.reshape(-1, 4, 4)
-        appearances = _appearances(drawn, which, packed, matrices, scene.prims(), matte)
-        view = view_record(screen)
-        vertices = device.empty((int(vertex_firsts[-1]), triangles.VERTEX), np.float64)
-        boxes = device.empty((int(firsts[-1]), 4), np.int32)
+        records = _appearances(drawn, which, packed, matrices, scene.prims(), matte)
+        vertices = device.resident((int(vertex_firsts[-1]), triangles.VERTEX), np.float64)
+        boxes = device.resident((int(firsts[-1]), 4), np.int32)
+        keep = device.keep
+        view, appearances = keep(view_record(screen)), keep(records)
+        ends, vertex_ends = keep(firsts), keep(vertex_firsts)
         device.run(
-            triangles.place, view, appearances, vertex_firsts, matrices, packed.points, vertices
+            triangles.place, view, appearances, vertex_ends, keep(matrices), packed.points, vertices
         )
         device.run(
-            triangles.boxes, view, appearances, firsts, vertex_firsts, vertices, packed.triangles,
-            boxes,
-        )  # fmt: skip
+            triangles.boxes, view, appearances, ends, vertex_ends, vertices, packed.triangles, boxes
+        )
         return cls(
             device=device,
             window=screen.window,
             view=view,
-            shapes=(appearances, firsts, vertex_firsts, packed.triangles, vertices),
+            shapes=(appearances, ends, vertex_ends, packed.triangles, vertices),
             boxes=boxes,
-            normal_matrices=_normal_matrices(matrices[:, :, :3]),
+            normal_matrices=keep(_normal_matrices(matrices[:, :, :3])),
             looks=packed.looks,
-            lights=_lights(scene.lights, screen),
+            lights=keep(_lights(scene.lights, screen)),
         )
 
     def draw(self, y0: int, y1: int, scratch: Scratch) -> SurfaceBand:
@@ -130,17 +132,12 @@ class Surfaces:
         x0, _, x1, _ = self.window
         run = self.device.run
         grid = bins.grid_of(x0, y0, x1, y1)
-        tiles = int(grid["columns"][0] * grid["rows"][0])
-        chunks = 4 * self.device.threads
-        counts = scratch.get("surface counts", (chunks, tiles + 1), np.int32)
-        starts = scratch.get("surface starts", (tiles + 1,), np.int64)
         scene = self.view, self.shapes, self.boxes, grid
-        run(raster.count, *scene, chunks, counts)
-        pairs = run(bins.offsets, counts, starts)
-        if pairs > np.iinfo(np.int32).max:
+        starts, lists, pairs = run(
+            raster.tile_lists, *scene, bins.tiles_in(grid), 4 * self.device.threads, scratch.get
+        )
+        if pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{pairs} pairs of triangle and tile", "less than 2**31")
-        lists = scratch.get("surface lists", (pairs,), np.int32)
-        run(raster.fill, *scene, chunks, counts, lists)
         shape = y1 - y0, x1 - x0
         winner = scratch.get("surface winner", shape, np.int32)
         band = SurfaceBand(

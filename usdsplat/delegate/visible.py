@@ -29,7 +29,9 @@ they stand for may be smaller."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visible:
-    """The splats that a view sees, nearest first; row k of every array is rank k."""
+    """The splats that a view sees, nearest first; row k of every array is rank k.
+
+    Arrays are the device's: NumPy reads what it fetches."""
 
     records: F32
     """Shape (n, project.RECORD)."""
@@ -99,9 +101,10 @@ class Look:
         )
         records, _, sources = out
         found = get("found", layout.block_starts.shape, np.int32)
-        ends = np.cumsum([group.all_blocks for group in layout.groups])
-        parts = np.split(found, ends[:-1])
-        pairs = list(zip(layout.groups, parts, strict=bool(layout.groups)))
+        pairs, end = [], 0
+        for group in layout.groups:
+            pairs.append((group, found[end : end + group.all_blocks]))
+            end += group.all_blocks
         stats.splats, stats.total = layout.splats, layout.total
         for group, part in pairs:
             self._project(group, out, part)
@@ -121,7 +124,7 @@ class Look:
                 self._radiance(group, sources, part, features, feature.ALBEDO, 0)
             clock.lap("features")
         for group in layout.groups:
-            _name_rows(group, sources)
+            self._name_rows(group, sources)
         order = self._sort(found, out[1])
         gathered = (
             self._gather("ordered", order, records),
@@ -129,7 +132,7 @@ class Look:
             self._gather("ordered features", order, features),
         )
         clock.lap("sort")
-        stats.visible = len(order)
+        stats.visible = order.shape[0]
         holds = [is_matte(path, matte) for path in layout.prims]
         keep = np.array([not each for each in holds], np.float32)[layout.labels[:, 0]]
         return Visible(
@@ -163,41 +166,41 @@ class Look:
         )
 
     def _project(self, group: Group, out: Any, found: I32) -> None:
-        cloud, upload = group.cloud, self._device.upload
+        cloud, keep = group.cloud, self._device.keep
         shapes, crops = volumes(group.field.crops, group.transforms)
         self._device.run(
             project.project, self._record(group), self._matrices(group), shapes, crops,
-            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales),
-            upload(cloud.opacities), group.block, group.slot, out, found,
+            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
+            keep(cloud.opacities), group.block, group.slot, out, found,
         )  # fmt: skip
 
     def _radiance(
         self, group: Group, sources: I32, found: I32, paints: F32, column: int, degree: int
     ) -> None:
-        spec, upload = group.field.spec, self._device.upload
+        spec, keep = group.field.spec, self._device.keep
         numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
         self._device.run(
-            radiance.radiance, self._sights(group), upload(group.cloud.positions),
-            upload(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
+            radiance.radiance, self._sights(group), keep(group.cloud.positions),
+            keep(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
             not is_identity(numbers), group.block, group.slot, sources, found, paints, column,
         )  # fmt: skip
 
     def _peaks(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
-        cloud, upload = group.cloud, self._device.upload
+        cloud, keep = group.cloud, self._device.keep
         matrices = self._matrices(group)
         self._device.run(
             peak.peaks, self._record(group), matrices, _inverses(matrices),
-            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales), group.block,
+            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
             group.slot, records, sources, found, out,
         )  # fmt: skip
 
     def _features(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
-        cloud, upload = group.cloud, self._device.upload
+        cloud, keep = group.cloud, self._device.keep
         matrices = self._matrices(group)
         self._device.run(
             feature.features, matrices, _inverses(matrices), self._screen.orthographic,
-            upload(cloud.positions), upload(cloud.rotations), upload(cloud.scales), group.block,
-            group.slot, sources, found, records[:, project.DEPTH], out,
+            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
+            group.slot, sources, found, records, out,
         )  # fmt: skip
 
     def _sights(self, group: Group) -> F64:
@@ -216,43 +219,45 @@ class Look:
             sights[:, :, 3:] = back @ (group.transforms[:, :3, 3:] - screen.eye[:, None])
         return sights
 
+    def _name_rows(self, group: Group, sources: Any) -> None:
+        """Where a budget leaves a part of a field, go from rows of the part to its own."""
+        if group.rows is not None and group.slots > 0:
+            used = sources[group.slot : group.slot + group.slots]
+            self._device.run(sort.name_rows, self._device.keep(group.rows), used)
+
     # --- all groups ------------------------------------------------------------------------
 
     def _sort(self, found: I32, keys: F32) -> I32:
         """Slots of the visible splats, nearest first."""
         run, get, threads = self._device.run, self._scratch.get, self._device.threads
         visible = get("visible", (self._layout.slots,), np.int32)
-        total = run(sort.visible_slots, found, self._layout.block_starts, len(found), visible)
+        starts = self._device.keep(self._layout.block_starts)
+        total = run(sort.visible_slots, found, starts, found.shape[0], visible)
         work = (
             get("sort keys", (2, total), np.uint32),
             get("sort slots", (2, total), np.int32),
         )
         histogram = get("histogram", (4 * threads, sort.DIGITS), np.int64)
         half = run(sort.depth_order, visible, total, keys, 4 * threads, work, histogram)
-        return np.asarray(work[1][half])
+        order: I32 = work[1][half]
+        return order
 
     def _gather(self, name: str, order: I32, rows: F32) -> F32:
         """Rows of the slots in order of depth; nothing of nothing."""
-        if len(rows) == 0 or len(order) == 0:
-            return np.empty((0, rows.shape[1]), np.float32)
-        out = self._scratch.get(name, (len(order), rows.shape[1]), np.float32)
-        self._device.run(sort.gather, order, rows, out)
+        count = order.shape[0] if rows.shape[0] > 0 else 0
+        out: F32 = self._scratch.get(name, (count, rows.shape[1]), np.float32)
+        if count > 0:
+            self._device.run(sort.gather, order, rows, out)
         return out
 
     def _label(self, name: str, order: I32, numbers: Any, wanted: bool) -> npt.NDArray[Any]:
         """What belongs to the appearance of each splat, in order of depth."""
-        if not wanted:
-            return np.empty(0, numbers.dtype)
-        out = self._scratch.get(name, (len(order),), numbers.dtype)
-        self._device.run(feature.labels, order, self._layout.first_slots, numbers, out)
+        count = order.shape[0] if wanted else 0
+        out: npt.NDArray[Any] = self._scratch.get(name, (count,), numbers.dtype)
+        if count > 0:
+            first_slots = self._device.keep(self._layout.first_slots)
+            self._device.run(feature.labels, order, first_slots, self._device.keep(numbers), out)
         return out
-
-
-def _name_rows(group: Group, sources: I32) -> None:
-    """Where a budget leaves a part of a field, go from rows of the part to rows of the field."""
-    if group.rows is not None and group.slots > 0:
-        used = slice(group.slot, group.slot + group.slots)
-        sources[used] = group.rows.take(sources[used], mode="clip")  # unused slots hold anything
 
 
 def _inverses(matrices: F64) -> F64:

@@ -21,6 +21,9 @@ TILE = 16
 """Edge of a tile [pixel]. Tiles lie on a fixed grid of the display window, so crops, bands and
 overscan see the same tiles as the full frame."""
 
+MOST_PAIRS = np.iinfo(np.int32).max
+"""Of a tile and what touches it, that one band may have."""
+
 SLACK = np.float32(1.0 / 64.0)
 """[pixel] Added to every span: float32 may not lose a pixel that the cutoff itself would keep."""
 
@@ -106,6 +109,11 @@ def grid_of(x0: int, y0: int, x1: int, y1: int) -> npt.NDArray[Any]:
     return np.array([(x0, y0, x1, y1, left, top, columns, rows)], GRID)
 
 
+def tiles_in(grid: npt.NDArray[Any]) -> int:
+    """How many tiles a GRID record has."""
+    return int(grid["columns"][0] * grid["rows"][0])
+
+
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
@@ -182,3 +190,26 @@ def fill_tiles(records, grid, chunks, counts, lists):
                     at = row[tile]
                     lists[at] = k
                     row[tile] = at + 1
+
+
+def tile_lists(records, grid, tiles, chunks, get):
+    """Make the list of each tile.
+
+    Args:
+        records, grid, chunks: Those of `count_tiles`.
+        tiles: How many the grid has.
+        get: Makes buffers by name, shape and dtype.
+
+    Returns:
+        (starts, lists, pairs): the first pair of each tile, shape (tiles + 1,) i64, rows of
+        `records` in order, shape (pairs,) i32, and the number of pairs. Beyond MOST_PAIRS there are
+        no lists.
+    """
+    counts = get("counts", (chunks, tiles + 1), np.int32)
+    starts = get("starts", (tiles + 1,), np.int64)
+    count_tiles(records, grid, chunks, counts)
+    pairs = offsets(counts, starts)
+    lists = get("lists", (pairs if pairs <= MOST_PAIRS else 0,), np.int32)
+    if pairs <= MOST_PAIRS:
+        fill_tiles(records, grid, chunks, counts, lists)
+    return starts, lists, int(pairs)

@@ -37,18 +37,31 @@ def remember(prim, weight, ids, weights):
 
 
 @parallel
-def gather(ids, weights, all_ids, all_weights):
+def begin(all_ids, all_weights):
+    """Nothing has been gathered yet; shapes (h, w, SLOTS)."""
+    for y in prange(all_ids.shape[0]):
+        for x in range(all_ids.shape[1]):
+            for slot in range(SLOTS):
+                all_ids[y, x, slot], all_weights[y, x, slot] = -1, np.float32(0)
+
+
+@parallel
+def gather(ids, weights, numbers, all_ids, all_weights):
     """Add the prims of one sample to those of all.
 
     Args:
         ids, weights: Of one sample, shape (h, w, n); -1 where there is no more.
-        all_ids, all_weights: Changed in place, shape (h, w, SLOTS); begin with -1 and 0.
+        numbers: What prims of the sample are called in all of them, shape (prims,) i32.
+        all_ids, all_weights: What `begin` began; changed in place.
     """
     for y in prange(ids.shape[0]):
         for x in range(ids.shape[1]):
             for rank in range(ids.shape[2]):
-                if ids[y, x, rank] >= 0:
-                    remember(ids[y, x, rank], weights[y, x, rank], all_ids[y, x], all_weights[y, x])
+                prim = ids[y, x, rank]
+                if prim >= 0:
+                    remember(
+                        numbers[prim], weights[y, x, rank], all_ids[y, x], all_weights[y, x]
+                    )  # fmt: skip
 
 
 @parallel

@@ -91,6 +91,15 @@ def dots(records, peaks, radius):
 
 
 @parallel
+def opaque(records, out):
+    """out[k] = whether splat k is more opaque than FAINTEST, u8."""
+    n = records.shape[0]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            out[k] = records[k, LOG_OPACITY] > np.float32(math.log(FAINTEST))
+
+
+@parallel
 def rings(records):
     """Make of every splat, which is there twice in a row, an ellipse and, behind it, its rim.
 

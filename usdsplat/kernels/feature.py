@@ -8,7 +8,10 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar
+from .project import DEPTH
 
+BLOCK = 1024
+"""Splats of one block."""
 FEATURES = 9
 NORMAL, ALBEDO, EXPECTED = 0, 3, 6
 """First columns of the paints of a splat: its normal in the camera's space; its colour without
@@ -55,7 +58,7 @@ def normal_of(m, inverse, position, q, s, is_parallel):
 @parallel
 def features(
     matrices, inverses, is_parallel, positions, rotations, scales, block, base, sources, found,
-    depths, out,
+    records, out,
 ):  # fmt: skip
     """Write the normals and depths of the visible splats of all instances of one field.
 
@@ -63,7 +66,7 @@ def features(
         matrices, inverses, positions, rotations, scales, block, base, sources, found: As `peaks`
             takes them.
         is_parallel: Whether rays are: the camera is orthographic.
-        depths: Of the slots, (slots,) f32.
+        records: What `project` made.
         out: Receives FEATURES floats for each used slot, but for the albedo.
     """
     n = positions.shape[0]
@@ -75,7 +78,7 @@ def features(
             i = sources[at]
             x, y, z = normal_of(m, inverse, positions[i], rotations[i], scales[i], is_parallel)
             out[at, NORMAL], out[at, NORMAL + 1], out[at, NORMAL + 2] = x, y, z
-            out[at, EXPECTED] = depths[at]
+            out[at, EXPECTED] = records[at, DEPTH]
             out[at, EXPECTED + 1], out[at, EXPECTED + 2] = np.float32(0), np.float32(0)
 
 
@@ -87,8 +90,8 @@ def labels(order, first_slots, numbers, out):
         order: Slots by depth; first_slots: first slot of each appearance, ascending.
         numbers: One for each appearance, any dtype.
     """
-    for block in prange((order.shape[0] + 1023) // 1024):
-        for k in range(block * 1024, min(order.shape[0], (block + 1) * 1024)):
+    for block in prange((order.shape[0] + BLOCK - 1) // BLOCK):
+        for k in range(block * BLOCK, min(order.shape[0], (block + 1) * BLOCK)):
             at = np.searchsorted(first_slots, order[k], side="right") - 1
             out[k] = numbers[at]
 
@@ -113,3 +116,21 @@ def unit(image, surface, left, out):
             length = np.float32(math.sqrt(a * a + b * b + c * c))
             scale = np.float32(1) / length if length > np.float32(0) else np.float32(0)
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale
+
+
+@parallel
+def expected(image, left, depth, out):
+    """Write the mean of all depths, a surface's behind them included; +inf where nothing is.
+
+    Args:
+        image: Sums of depths, two unused, and coverage, shape (h, w, 4) f32.
+        left: As `unit` takes it; depth: of the surface, (h, w) f32.
+        out: Receives planar depths [scene unit], (h, w) f32.
+    """
+    for y in prange(image.shape[0]):
+        for x in range(image.shape[1]):
+            total, weight = image[y, x, 0], image[y, x, 3]
+            if left.shape[0] > 0 and left[y, x] > np.float32(0):
+                total += left[y, x] * depth[y, x]
+                weight += left[y, x]
+            out[y, x] = total / weight if weight > np.float32(0) else np.float32(np.inf)

@@ -166,3 +166,21 @@ def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
                 ids[0, y, x], ids[1, y, x] = labels[drawn, 0], labels[drawn, 1]
                 ids[2, y, x] = sources[slot]
                 ids[3, y, x] = drawn
+
+
+@parallel
+def hold_depth(ranks, depths, most, depth):
+    """Put other depths where a splat is: those it was found at, or none behind a surface.
+
+    Args:
+        ranks: What `median` found, shape (h, w) i32.
+        depths: What to put; most: what no depth passes; (h, w) f32, or of no size.
+        depth: Changed in place, (h, w) f32.
+    """
+    for y in prange(ranks.shape[0]):
+        for x in range(ranks.shape[1]):
+            if ranks[y, x] >= 0:
+                if depths.shape[0] > 0:
+                    depth[y, x] = depths[y, x]
+                if most.shape[0] > 0:
+                    depth[y, x] = min(depth[y, x], most[y, x])

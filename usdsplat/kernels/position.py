@@ -65,6 +65,29 @@ def positions(view, camera_to_world, depth, x0, y0, out):
 
 
 @parallel
+def seen(prims, rows, elements, hit, bary, splats, out):
+    """Say of the surfaces among what is seen which appearance and where on it.
+
+    Args:
+        prims, rows, elements: Of what is seen, -1 where nothing is, shape (h, w) i32; a surface has
+            no row.
+        hit: Row among surfaces and triangle, shape (2, h, w) i32.
+        bary: Weights of the triangle's second and third corner, shape (h, w, 2) f32.
+        splats: Rows of splats; those of surfaces follow.
+        out: Receives (rows, elements (h, w) i32, weights (h, w, 2) f32): those of a splat (-1, -1).
+    """
+    all_rows, all_elements, weights = out
+    for y in prange(rows.shape[0]):
+        for x in range(rows.shape[1]):
+            if rows[y, x] < 0 and prims[y, x] >= 0:
+                all_rows[y, x], all_elements[y, x] = splats + hit[0, y, x], hit[1, y, x]
+                weights[y, x, 0], weights[y, x, 1] = bary[y, x, 0], bary[y, x, 1]
+            else:
+                all_rows[y, x], all_elements[y, x] = rows[y, x], elements[y, x]
+                weights[y, x, 0], weights[y, x, 1] = np.float32(-1), np.float32(-1)
+
+
+@parallel
 def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x0, y0, sign, out):
     """Write by how many pixels what is seen at each pixel moves to another frame.
 
@@ -79,7 +102,7 @@ def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x
         rows: Which appearance is seen, -1 where none is, shape (h, w) i32.
         elements: Which splat, or which triangle, of it, shape (h, w) i32.
         weights: Of the triangle's second and third corner, shape (h, w, 2) f32; of a splat
-            (-1, -1).
+            (-1, -1); of no size where there is nothing else.
         x0, y0: Pixel of the first column and row.
         sign: 1 for the way to the other frame, -1 for the way from it.
         out: Receives (right, up) [pixel], 0 where nothing is, shape (h, w, 2) f32.
@@ -94,7 +117,9 @@ def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x
             px, py, pz = unproject(views[0], column, line, z)
             px, py, pz = apply(moves[row], px, py, pz)
             if first[row] != STILL:
-                b, c = np.float64(weights[y, x, 0]), np.float64(weights[y, x, 1])
+                b, c = -1.0, -1.0
+                if weights.shape[0] > 0:
+                    b, c = np.float64(weights[y, x, 0]), np.float64(weights[y, x, 1])
                 dx, dy, dz = 0.0, 0.0, 0.0
                 if b < 0.0:
                     at = first[row] + elements[y, x]

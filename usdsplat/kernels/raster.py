@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .bins import TILE
+from .bins import MOST_PAIRS, TILE, offsets
 from .jit import parallel, scalar
 from .triangles import Z, depth_from, depth_plane, edge, find, orientation
 
@@ -176,6 +176,24 @@ def fill(view, shapes, boxes, grid, chunks, counts, lists):
                         at = row[y * g.columns + x]
                         lists[at] = t
                         row[y * g.columns + x] = at + 1
+
+
+def tile_lists(view, shapes, boxes, grid, tiles, chunks, get):
+    """Make the list of each tile: what `bins.tile_lists` returns, of triangles.
+
+    Args:
+        view, shapes, boxes, grid, chunks: Those of `count`.
+        tiles: How many the grid has.
+        get: Makes buffers by name, shape and dtype.
+    """
+    counts = get("surface counts", (chunks, tiles + 1), np.int32)
+    starts = get("surface starts", (tiles + 1,), np.int64)
+    count(view, shapes, boxes, grid, chunks, counts)
+    pairs = offsets(counts, starts)
+    lists = get("surface lists", (pairs if pairs <= MOST_PAIRS else 0,), np.int32)
+    if pairs <= MOST_PAIRS:
+        fill(view, shapes, boxes, grid, chunks, counts, lists)
+    return starts, lists, int(pairs)
 
 
 @parallel

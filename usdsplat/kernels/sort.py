@@ -15,6 +15,8 @@ from .jit import parallel, scalar, serial
 
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
+BLOCK = 1024
+"""Rows of one block."""
 PASSES = 3
 """3 x 11 bits cover the 32 of a key."""
 
@@ -95,12 +97,25 @@ def depth_order(visible, count, keys, chunks, work, histogram):
 
 
 @parallel
+def name_rows(rows, sources):
+    """Where a budget leaves a part of a field, go from rows of the part to rows of the field.
+
+    Args:
+        rows: Of each splat of the part in its field, shape (n,) i32, n > 0.
+        sources: Slots of the part, of which unused ones hold anything; changed in place, i32.
+    """
+    count = sources.shape[0]
+    for block in prange((count + BLOCK - 1) // BLOCK):
+        for at in range(block * BLOCK, min(count, (block + 1) * BLOCK)):
+            sources[at] = rows[min(max(sources[at], 0), rows.shape[0] - 1)]
+
+
+@parallel
 def gather(order, records, out):
     """out[k] = records[order[k]]: what blending reads, in the order it reads it."""
     n = order.shape[0]
-    blocks = (n + 1023) // 1024
-    for b in prange(blocks):
-        for k in range(b * 1024, min(n, (b + 1) * 1024)):
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        for k in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
             slot = order[k]
             for c in range(records.shape[1]):
                 out[k, c] = records[slot, c]

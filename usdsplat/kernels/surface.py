@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar
-from .shade import DRAWN, MATTE
+from .shade import DRAWN, MATTE, NOTHING
 from .walk import held_through
 
 
@@ -17,6 +17,14 @@ def straight_depth(depth):
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def clear(stops, covered):
+    """Say that there is no surface: +inf and NOTHING, (h, w)."""
+    for y in prange(stops.shape[0]):
+        for x in range(stops.shape[1]):
+            stops[y, x], covered[y, x] = np.float32(np.inf), NOTHING
 
 
 @parallel
@@ -87,3 +95,16 @@ def nearest(depth, ids, stops, covered, surface_ids):
                 depth[y, x] = stops[y, x]
                 for k in range(3):
                     ids[k, y, x] = surface_ids[k, y, x]
+
+
+@parallel
+def shown(left, surface_ids, out):
+    """out[y, x] = the prim of the surface, -1 where nothing is left of it.
+
+    Args:
+        left: Of `show_through`; surface_ids: of `nearest`.
+        out: Shape (h, w) i32.
+    """
+    for y in prange(left.shape[0]):
+        for x in range(left.shape[1]):
+            out[y, x] = surface_ids[0, y, x] if left[y, x] > np.float32(0) else np.int32(-1)
