@@ -1,0 +1,69 @@
+"""Lists of what touches each tile, on a GPU: pairs of tile and thing, sorted by tile.
+
+Things write their pairs in their own order, and the sort is stable: every list is in that order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import cuda
+
+from usdsplat.kernels.bins import MOST_PAIRS
+from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice
+
+NOTHING = np.zeros(0, np.int32)
+
+
+@cuda.jit
+def _begins(keys, starts):
+    """starts[t] = how many keys, which are sorted, are less than t."""
+    n, tiles = keys.shape[0], starts.shape[0] - 1
+    for i in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
+        first = np.int64(keys[i - 1]) + 1 if i > 0 else np.int64(0)
+        last = min(np.int64(keys[i]), np.int64(tiles)) if i < n else np.int64(tiles)
+        for tile in range(first, last + 1):
+            starts[tile] = i
+
+
+def make_lists(
+    device: CudaDevice,
+    get: Callable[..., Any],
+    name: str,
+    things: int,
+    tiles: int,
+    touch: Callable[[bool, Any, Any, Any], None],
+) -> tuple[Any, Any, int]:
+    """Return what `bins.tile_lists` returns, of any things.
+
+    Args:
+        get: Makes buffers by name, shape and dtype; name: theirs.
+        things, tiles: How many there are.
+        touch: Launches a kernel with (writes, places, tiles of pairs, things of pairs). If it does
+            not write, places[k] receives how many tiles thing k < `things` touches, and the last
+            one 0; else thing k writes its pairs from places[k] on and before places[k + 1], and
+            what it has fewer of are of the tile after the last.
+    """
+    narrow = np.uint16 if tiles < 1 << 16 else np.uint32
+    starts = get(f"{name} starts", (tiles + 1,), np.int64)
+    counts = get(f"{name} counts", (things + 1,), np.int64)
+    places = get(f"{name} places", (things + 1,), np.int64)
+    none = get(f"{name} none", (0,), narrow)
+    lists = get(f"{name} lists", (0,), np.int32)
+    touch(False, counts, none, lists)
+    device.primitives.running_sum(counts, places, things + 1)
+    pairs = int(device.fetch(places[things : things + 1])[0])
+    if 0 < pairs <= MOST_PAIRS:
+        keys = get(f"{name} keys {narrow.__name__}", (2 * pairs,), narrow)
+        owners = get(f"{name} owners", (pairs,), np.int32)
+        lists = get(f"{name} lists", (pairs,), np.int32)
+        touch(True, places, keys[:pairs], owners)
+        ordered = keys[pairs:]
+        device.primitives.sort_pairs(
+            keys[:pairs], owners, ordered, lists, pairs, end_bit=tiles.bit_length()
+        )
+        none = ordered
+    _begins[BLOCKS, THREADS, device.stream](none, starts)
+    return starts, lists, pairs

@@ -1,0 +1,93 @@
+"""Projection on a GPU: a block of threads for each block of slots.
+
+Threads take splats in the order of rows, and votes say where in the slots each goes: what is seen
+is packed to the front in the order of rows, as on the CPU.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import cuda
+
+from usdsplat.kernels.crop import is_left
+from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.project import (
+    DEPTH,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    LOG_OPACITY,
+    ORTHOGRAPHIC,
+    RECORD,
+    SORT_DISTANCE,
+    A,
+    B,
+    C,
+    U,
+    V,
+    project_one,
+    squared_distance,
+)
+
+THREADS = 128
+WARPS = THREADS // 32
+ALL_LANES = 0xFFFFFFFF
+
+
+@cuda.jit
+def _project(
+    camera, matrices, volumes, crops, positions, rotations, scales, opacities, block, base, out,
+    found,
+):  # fmt: skip
+    records, keys, sources = out
+    seen_of = cuda.shared.array(WARPS, np.int32)
+    record = cuda.local.array(RECORD, np.float32)
+    thread = cuda.threadIdx.x
+    warp = thread // 32
+    cam = camera[0]
+    n = positions.shape[0]
+    blocks = (n + block - 1) // block
+    item = cuda.blockIdx.x
+    m = matrices[item // blocks]
+    first = (item % blocks) * block
+    end = min(first + block, n)
+    slot = base + item * block
+    count = 0
+    for begin in range(first, end, THREADS):
+        i = begin + thread
+        is_seen = False
+        if i < end and (
+            volumes.shape[0] == 0 or is_left(volumes, crops[item // blocks], positions[i])
+        ):
+            is_seen = project_one(
+                cam, m, positions[i], rotations[i], scales[i], opacities[i], record
+            )
+        votes = np.uint32(cuda.ballot_sync(ALL_LANES, is_seen))
+        at = slot + count + cuda.popc(np.uint32(votes & cuda.lanemask_lt()))
+        if thread % 32 == 0:
+            seen_of[warp] = cuda.popc(votes)
+        cuda.syncthreads()
+        for w in range(WARPS):
+            if w < warp:
+                at += seen_of[w]
+            count += seen_of[w]
+        if is_seen:
+            for c in (U, V, A, B, C, LOG_OPACITY, HALF_WIDTH, HALF_HEIGHT, DEPTH):
+                records[at, c] = record[c]
+            if cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC:
+                keys[at] = squared_distance(m, positions[i])
+            else:
+                keys[at] = record[DEPTH]
+            sources[at] = i
+        cuda.syncthreads()
+    if thread == 0:
+        found[item] = count
+
+
+@form
+def project(device: CudaDevice, *args: Any) -> None:
+    """`kernels.project.project` with a thread for each splat."""
+    found = args[-1]
+    if found.shape[0] > 0:
+        _project[found.shape[0], THREADS, device.stream](*args)

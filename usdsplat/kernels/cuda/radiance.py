@@ -1,0 +1,8 @@
+"""Radiance on a GPU: a thread for each splat of a block."""
+
+from __future__ import annotations
+
+from usdsplat.kernels import radiance as host
+from usdsplat.kernels.cuda.device import spread
+
+radiance = spread(host.radiance)

@@ -1,0 +1,75 @@
+"""A tile on a GPU: a block of threads, one for each pixel; splats of its list come in batches.
+
+Each thread fetches one splat of a batch into memory that the block shares, and finds the rows that
+it touches; then each goes through all of them for its own pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import cuda
+
+from usdsplat.kernels.bins import TILE
+from usdsplat.kernels.blend import SHRINK, alpha_at, rows_touched
+from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
+from usdsplat.kernels.project import HALF_HEIGHT, LOG_OPACITY, A, B, C, U, V
+
+THREADS = TILE * TILE
+BATCH = THREADS
+"""Splats of a batch."""
+FIELDS, PEAKS = 6, 7
+"""Numbers of a splat in a batch, and those of its peak."""
+
+
+@cuda.jit(device=True)
+def origin(g, tile):
+    """The first column and row of a tile [pixel]."""
+    return g.left + tile % g.columns * TILE, g.top + tile // g.columns * TILE
+
+
+@cuda.jit(device=True)
+def fetch_splat(records, rank, left, top, batch, rows, i):
+    """Put a splat into place i of a batch; u and v are relative to the tile, exponents shrunk."""
+    s = records[rank]
+    u, v = s[U] - np.float32(left), s[V] - np.float32(top)
+    a, b, c = s[A] * SHRINK, s[B] * SHRINK, s[C] * SHRINK
+    log_opacity = s[LOG_OPACITY] * SHRINK
+    batch[0, i], batch[1, i] = u, v
+    batch[2, i], batch[3, i], batch[4, i], batch[5, i] = a, b, c, log_opacity
+    rows[0, i], rows[1, i] = rows_touched(a, b, c, log_opacity, s[HALF_HEIGHT], u, v)
+
+
+@cuda.jit(device=True)
+def fetch_peak(peaks, rank, shape, i):
+    """Put a splat's peak into place i of a batch."""
+    for k in range(PEAKS):
+        shape[k, i] = peaks[rank, k]
+
+
+@cuda.jit(device=True)
+def alpha_in(batch, i, x, y):
+    """What splat i of a batch contributes to pixel (x, y) of the tile, as `blend` has it."""
+    dy = np.float32(y) - batch[1, i]
+    rest = batch[4, i] * dy * dy + batch[5, i]
+    return alpha_at(np.float32(x) - batch[0, i], batch[2, i], batch[3, i] * dy, rest)
+
+
+@cuda.jit(device=True)
+def depth_in(batch, shape, i, x, y, is_parallel):
+    """The depth at which splat i of a batch peaks along the ray of pixel (x, y)."""
+    dy = np.float32(y) - batch[1, i]
+    first, second, third = row_at(shape[HX, i], shape[HY, i], shape[HZ, i], dy)
+    return peak_at(
+        np.float32(x) - batch[0, i], shape[GX, i], shape[GY, i], first, second, third,
+        shape[CENTER, i], shape[REACH, i], is_parallel,
+    )  # fmt: skip
+
+
+@cuda.jit(device=True)
+def is_hidden(batch, shape, i, x, y, stop, is_parallel):
+    """Whether splat i of a batch peaks behind the depth `stop` at pixel (x, y)."""
+    if shape[CENTER, i] + shape[REACH, i] <= stop:
+        return False
+    if shape[CENTER, i] - shape[REACH, i] > stop:
+        return True
+    return not (depth_in(batch, shape, i, x, y, is_parallel) <= stop)
