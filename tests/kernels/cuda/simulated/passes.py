@@ -1,0 +1,58 @@
+"""Everything that the delegate draws, by the simulator: few splats, few pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.delegate.everything import CASES, drawn, drawn_deep
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.device import CpuDevice
+
+SIZE, SPLATS = (20, 18), 7
+DEEP = ("splats alone", "deep holdout")
+DRAWN = (
+    "surfaces", "crops", "distance", "rays and surfaces", "matte splats", "flat holdout alone",
+    "ellipses", "budget", "samples",
+)  # fmt: skip
+"""Cases that between them launch every form."""
+
+
+class PythonDevice(CpuDevice):
+    """The CPU's loops as Python, to which fields of records are attributes too."""
+
+    def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
+        """Call `kernel` with records that have attributes."""
+        return kernel(*map(_with_attributes, args))
+
+
+def _with_attributes(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_with_attributes, value))
+    is_record = isinstance(value, np.ndarray) and value.dtype.names
+    return value.view(np.recarray) if is_record else value
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_all_aovs_are_those_of_the_cpu(name: str) -> None:
+    """Oracle: the CPU's loops, in Python here as the kernels are, so to rounding."""
+    ours = drawn(CudaDevice(), CASES[name], size=SIZE, splats=SPLATS)
+    theirs = drawn(PythonDevice(threads=1), CASES[name], size=SIZE, splats=SPLATS)
+    # the GPU counts no rows outside the picture
+    np.testing.assert_allclose(ours.pop("stats"), theirs.pop("stats"), rtol=0.2)
+    for each in theirs:
+        np.testing.assert_allclose(ours[each], theirs[each], rtol=1e-4, atol=1e-5, err_msg=each)
+
+
+@pytest.mark.parametrize("name", DEEP)
+def test_deep_samples_are_those_of_the_cpu(name: str) -> None:
+    """Oracle: the CPU's loops."""
+    (ours,) = drawn_deep(CudaDevice(), CASES[name], 0.01, size=SIZE, splats=SPLATS)
+    (theirs,) = drawn_deep(PythonDevice(threads=1), CASES[name], 0.01, size=SIZE, splats=SPLATS)
+    for field in ("counts", "depth", "depth_back", "color", "left"):
+        np.testing.assert_allclose(
+            getattr(ours, field), getattr(theirs, field), rtol=1e-4, atol=1e-5, err_msg=field
+        )
