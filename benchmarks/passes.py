@@ -1,18 +1,19 @@
 """What each thing costs beside the plain colour picture, and a deep file beside the flat one.
 
-    python -m benchmarks.passes [deep]
+    python -m benchmarks.passes [deep] [--device cpu | cuda] [scene ...]
 
 1920x1080, all in one run, each picture in turns with the others; medians. Times are those of whole
-pictures, everything included: splats are projected anew for each. `deep` prints the second table
-only.
+pictures, everything included: splats are projected anew for each, and pixels are brought to the
+host. `deep` prints the second table only. Scenes are SCENES, of which those are left out that the
+test data lack, and `noise`, which needs none.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +22,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.scenes import capture, garden, scaled, scene_of, view_of
+from benchmarks.scenes import DATA, capture, garden, scaled, scene_of, view_of
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
+from usdsplat.delegate.renderer import AOVS, Renderer
 from usdsplat.delegate.specs import InstanceSpec, MeshSpec, View
 from usdsplat.images import open_writer
 from usdsplat.images.deep import DeepBand, DeepWriter
@@ -61,8 +63,33 @@ def measured(actions: dict[str, Callable[[], object]]) -> dict[str, Spent]:
     return {name: Spent(wall=float(wall), cpu=float(cpu)) for name, (wall, cpu) in medians.items()}
 
 
+def is_there(name: str) -> bool:
+    """Whether the test data have it."""
+    return (DATA / ("garden/scene.npz" if name == "garden" else f"splats/{name}")).is_file()
+
+
+def noise() -> tuple[RenderScene, View]:
+    """As many splats as the garden has, anywhere before the camera."""
+    rng = np.random.default_rng(0)
+    n = 138_766
+    turns = rng.normal(size=(n, 4))
+    cloud = SplatCloud(
+        positions=rng.normal(0, 1, (n, 3)).astype(np.float32),
+        scales=np.exp(rng.normal(-4.6, 0.6, (n, 3))).astype(np.float32),
+        rotations=(turns / np.linalg.norm(turns, axis=1, keepdims=True)).astype(np.float32),
+        opacities=rng.uniform(0.02, 1, n).astype(np.float32),
+        sh=rng.normal(0, 0.3, (n, 1, 3)).astype(np.float32),
+    )
+    matrix, k = np.eye(4), np.diag([1100.0, 1100.0, 1.0])
+    matrix[2, 3] = 3.5
+    k[:2, 2] = SIZE[0] / 2, SIZE[1] / 2
+    return scene_of(cloud), view_of(matrix, k, SIZE)
+
+
 def opened(name: str) -> tuple[RenderScene, View]:
-    """One of SCENES and what is seen of it."""
+    """One of SCENES, or noise, and what is seen of it."""
+    if name == "noise":
+        return noise()
     if name == "garden":
         cloud, matrix, k = garden()
         return scene_of(cloud), view_of(matrix, k, SIZE)
@@ -106,15 +133,14 @@ def draw(
         pass
 
 
-def show_passes() -> None:
+def show_passes(device: str, scenes: Sequence[str]) -> None:
     """Print what each thing costs."""
-    table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS}: wall ms, CPU ms, CPU ÷ plain's")
-    table.add_column("")
-    for name in SCENES:
-        table.add_column(name, justify="right")
+    title = f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS}: wall ms, CPU ms, CPU ÷ plain's"
     rows: dict[str, list[str]] = {}
-    for name in SCENES:
-        renderer = Renderer(open_device())
+    name_of_device = ""
+    for name in scenes:
+        renderer = Renderer(open_device(device))
+        name_of_device = renderer.device
         scene, view = opened(name)
         walled, _ = opened(name)
         add_wall(walled, view, renderer)
@@ -135,12 +161,20 @@ def show_passes() -> None:
                 "+ CryptoObject": partial(of_plain, PLAIN, ("color", "cryptoObject")),
                 "+ motion": partial(of_plain, PLAIN, ("color", "motionForward")),
                 "16 samples": partial(of_plain, replace(PLAIN, samples=16), ("color",)),
+                "all AOVs": partial(of_plain, PLAIN, AOVS),
+                "all AOVs, mesh, rayHitDistance": partial(
+                    draw, renderer, walled, view, by_ray, AOVS
+                ),
             }
         )
         plain = next(iter(spent.values()))
         for what, now in spent.items():
             ratio = now.cpu / plain.cpu
-            rows.setdefault(what, []).append(f"{now.wall:.0f}  {now.cpu:.0f}  {ratio:.2f}")
+            rows.setdefault(what, []).append(f"{now.wall:.1f}  {now.cpu:.0f}  {ratio:.2f}")
+    table = Table(title=f"{name_of_device}, {title}")
+    table.add_column("")
+    for name in scenes:
+        table.add_column(name, justify="right")
     for what, cells in rows.items():
         table.add_row(what, *cells)
     Console(width=110).print(table)
@@ -173,7 +207,7 @@ def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: Rend
     return sum(len(samples.depth) for _, _, samples in renderer.render_deep(scene, view, settings))
 
 
-def show_deep() -> None:
+def show_deep(device: str, scenes: Sequence[str]) -> None:
     """Print what a deep file costs."""
     table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s]")
     for name in (
@@ -181,8 +215,8 @@ def show_deep() -> None:
     ):  # fmt: skip
         table.add_column(name, justify="right")
     with tempfile.TemporaryDirectory() as folder:
-        for name in SCENES:
-            renderer = Renderer(open_device())
+        for name in scenes:
+            renderer = Renderer(open_device(device))
             scene, view = opened(name)
             flat = Path(folder) / "flat.exr"
             drawing = partial(draw, renderer, scene, view, PLAIN, ("color",))
@@ -214,6 +248,12 @@ def show_deep() -> None:
 
 
 if __name__ == "__main__":
-    if "deep" not in sys.argv:
-        show_passes()
-    show_deep()
+    options = argparse.ArgumentParser()
+    options.add_argument("--device", default="auto")
+    options.add_argument("what", nargs="*")
+    given = options.parse_args()
+    asked = [name for name in given.what if name != "deep"]
+    there = asked or [name for name in SCENES if is_there(name)] or ["noise"]
+    if "deep" not in given.what:
+        show_passes(given.device, there)
+    show_deep(given.device, there)

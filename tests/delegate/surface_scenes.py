@@ -65,7 +65,8 @@ def draw(scene, screen, *, bands=None, threads=None, **options) -> SurfaceBand:
     parts = []
     for top, bottom in bands or [(y0, y1)]:
         band = surfaces.draw(top, bottom, scratch)
-        parts.append({name: getattr(band, name).copy() for name in (*FIELDS, *STACKED)})
+        names = (*FIELDS, *STACKED)
+        parts.append({name: device.fetch(getattr(band, name)).copy() for name in names})
     joined = {name: np.concatenate([part[name] for part in parts]) for name in FIELDS}
     stacked = {name: np.concatenate([part[name] for part in parts], axis=1) for name in STACKED}
     return SurfaceBand(**joined, **stacked)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
 from tests.delegate.everything import CASES, DEEP, drawn, drawn_deep
-from usdsplat.kernels.cuda.support import is_simulated, obstacle
-from usdsplat.kernels.device import CpuDevice, Device, open_device
+from tests.devices import device_of
+from usdsplat.kernels.device import CpuDevice, Device
 
 SIZE, SPLATS = (150, 110), 400
 CLOSE = 1e-3
@@ -20,14 +18,9 @@ IDS = ("primId", "instanceId", "elementId")
 
 
 @pytest.fixture(scope="module")
-def cuda() -> Iterator[Device]:
+def cuda() -> Device:
     """A GPU."""
-    missing = obstacle()
-    if missing is not None or is_simulated():
-        pytest.skip(f"device cuda: found {missing[0] if missing else 'a simulated one'}")
-    device = open_device("cuda")
-    yield device
-    device.close()
+    return device_of("cuda")
 
 
 def differs(name: str, ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:

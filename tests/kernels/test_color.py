@@ -10,7 +10,6 @@ import pytest
 from usdsplat.core import sh
 from usdsplat.images.color import conversion, convert
 from usdsplat.kernels import color, radiance
-from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.recolor import recolor
 
 VALUES = np.linspace(-0.2, 1.8, 101, dtype=np.float32)
@@ -29,14 +28,14 @@ def test_srgb_is_iec_61966():
 
 
 @pytest.mark.parametrize("target", ["lin_rec709_scene", "lin_ap1_scene", "g22_rec709_scene"])
-def test_a_picture_is_converted_where_it_is_not_premultiplied(target):
+def test_a_picture_is_converted_where_it_is_not_premultiplied(device, target):
     """Oracle: the float64 conversion of images.color, applied to un-premultiplied colour."""
     rng = np.random.default_rng(2)
     alpha = rng.uniform(0.1, 1, (5, 7, 1))
     rgb = rng.uniform(0, 1.5, (5, 7, 3))
     image = np.concatenate([rgb * alpha, alpha], axis=2).astype(np.float32)
     image[2, 3] = 0
-    CpuDevice().run(recolor, image, conversion("srgb_rec709_scene", target))
+    device.run(recolor, image, conversion("srgb_rec709_scene", target))
     expected = convert(rgb, "srgb_rec709_scene", target) * alpha
     expected[2, 3] = 0
     np.testing.assert_allclose(image[..., :3], expected, atol=2e-5)

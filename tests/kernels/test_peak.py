@@ -21,7 +21,7 @@ from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.screen import Screen
 from usdsplat.delegate.visible import Look, Visible, Wanted
 from usdsplat.kernels import reference, reference_rays
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.device import Device
 from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
 from usdsplat.kernels.project import U, V
 
@@ -34,6 +34,8 @@ KINDS = {
     "huge": (3.0, 0.02, 0.02),
 }
 """Standard deviations, times 0.5 to 2."""
+ARRAYS = ("records", "order", "sources", "peaks")
+"""What is looked at of a `Visible`."""
 PIXELS = 24
 """Rays that are tried for each splat."""
 
@@ -46,15 +48,16 @@ def cloud_of(kind: str, seed: int, n: int = 60) -> SplatCloud:
     return replace(cloud, scales=scales.astype(np.float32), opacities=opacities)
 
 
-def look(cloud: SplatCloud, matrix: np.ndarray, eye: reference.Lens) -> Visible:
+def look(device: Device, cloud: SplatCloud, matrix: np.ndarray, eye: reference.Lens) -> Visible:
     """What the kernels know of a cloud."""
-    device = open_device()
     mode = "tangential" if eye.model == "tangential" else "perspective"
     scene = scene_of((cloud, matrix), projection_mode=mode)
     screen, stats = Screen.of(view_of(eye)), FrameStats()
     space = "srgb_rec709_scene"
     seen = Look(device, Scratch(device.resident), scene, screen, settings_of(), space)
-    return seen.take(Wanted(peaks=True), (), stats, Clock(stats))
+    found = seen.take(Wanted(peaks=True), (), stats, Clock(stats))
+    on_host = {name: device.fetch(getattr(found, name)) for name in ARRAYS}
+    return replace(found, **on_host)
 
 
 def found_depth(record: np.ndarray, peak: np.ndarray, x: float, y: float, parallel: bool) -> float:
@@ -89,7 +92,9 @@ def nearest_passes(seen: reference.Footprints, eye: reference.Lens, depth: np.nd
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_peaks_lie_where_rays_pass_the_centre_nearest(kind: str, model: str) -> None:
+def test_peaks_lie_where_rays_pass_the_centre_nearest(
+    device: Device, kind: str, model: str
+) -> None:
     """Balls, discs, needles, blades and giants, in sheared and mirrored fields, wherever a ray hits
     the ellipsoid of what counts. Oracle: the float64 reference, by the inverse covariance."""
     eye = replace(lens(model), size=(60, 44), focal=(60.0, 64.0), center=(28.0, 23.0))
@@ -99,7 +104,7 @@ def test_peaks_lie_where_rays_pass_the_centre_nearest(kind: str, model: str) -> 
     for seed in (1, 2):
         cloud = cloud_of(kind, seed)
         matrix = np.eye(4) if seed == 1 else random_transform(seed)
-        visible = look(cloud, matrix, eye)
+        visible = look(device, cloud, matrix, eye)
         seen = reference.footprints([(cloud, matrix)], eye)
         depths = reference_rays.peak_depths(seen, eye)
         away = nearest_passes(seen, eye, depths)
@@ -122,7 +127,9 @@ def test_peaks_lie_where_rays_pass_the_centre_nearest(kind: str, model: str) -> 
 
 
 @pytest.mark.parametrize("tilt", [0.0, 60.0, 85.0, 89.9])
-def test_a_disc_without_thickness_is_met_where_the_ray_meets_its_plane(tilt: float) -> None:
+def test_a_disc_without_thickness_is_met_where_the_ray_meets_its_plane(
+    device: Device, tilt: float
+) -> None:
     """Up to nearly edge on. Oracle: the point where a ray meets a plane."""
     eye = replace(lens(), size=(60, 44), focal=(60.0, 64.0), center=(30.0, 22.0))
     half = np.radians(tilt) / 2
@@ -133,7 +140,7 @@ def test_a_disc_without_thickness_is_met_where_the_ray_meets_its_plane(tilt: flo
         opacities=np.float32([1.0]),
         sh=np.zeros((1, 1, 3), np.float32),
     )
-    visible = look(cloud, np.eye(4), eye)
+    visible = look(device, cloud, np.eye(4), eye)
     normal = np.array([0.0, -np.sin(2 * half), np.cos(2 * half)])
     center = np.array([0.1, -0.2, 4.0])
     record, peak = visible.records[0], visible.peaks[0]
@@ -149,12 +156,12 @@ def test_a_disc_without_thickness_is_met_where_the_ray_meets_its_plane(tilt: flo
     assert tried > 5
 
 
-def test_a_peak_never_leaves_its_ellipsoid() -> None:
+def test_a_peak_never_leaves_its_ellipsoid(device: Device) -> None:
     """Rays that only the low-pass filter lets through keep a depth near the splat's. Oracle: the
     depths at which the ellipsoid of what counts begins and ends."""
     eye = lens()
     cloud = cloud_of("needle", 5)
-    visible = look(cloud, np.eye(4), eye)
+    visible = look(device, cloud, np.eye(4), eye)
     seen = reference.footprints([(cloud, np.eye(4))], eye)
     rows = {int(row): i for i, row in enumerate(seen.row)}
     sources = visible.sources[visible.order]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from usdsplat.kernels import crop, project
-from usdsplat.kernels.device import CpuDevice
 
 FOCAL = 800.0
 
@@ -55,11 +54,6 @@ def covariance(record):
     """Screen covariance of a record, from the exponent it stores."""
     a, b, c = record[[project.A, project.B, project.C]].astype(np.float64)
     return np.linalg.inv(-2.0 * np.array([[a, b / 2], [b / 2, c]]))
-
-
-@pytest.fixture
-def device():
-    return CpuDevice()
 
 
 @pytest.mark.parametrize("depth", [1.0, 10.0, 1000.0])

@@ -8,14 +8,13 @@ import pytest
 from tests.delegate.surface_scenes import screen_of, sheet
 from usdsplat.delegate.surfaces import view_record
 from usdsplat.kernels import bins, raster, triangles
-from usdsplat.kernels.device import open_device
 
 
-def set_up(screen, points, corners):
+def set_up(device, screen, points, corners):
     """What the raster kernels have of one double-sided mesh in camera space."""
     points = np.ascontiguousarray(points, np.float32)
     corners = np.ascontiguousarray(corners, np.int32)
-    device, view = open_device(), view_record(screen)
+    view = view_record(screen)
     appearance = np.zeros(1, triangles.APPEARANCE)
     appearance["double_sided"] = 1
     firsts, vertex_firsts = np.array([0, len(corners)]), np.array([0, len(points)])
@@ -26,12 +25,12 @@ def set_up(screen, points, corners):
     device.run(
         triangles.boxes, view, appearance, firsts, vertex_firsts, vertices, corners, boxes
     )  # fmt: skip
-    return device, view, (appearance, firsts, vertex_firsts, corners, vertices), boxes
+    return view, (appearance, firsts, vertex_firsts, corners, vertices), boxes
 
 
-def times_covered(screen, points, corners):
+def times_covered(device, screen, points, corners):
     """How many triangles cover each pixel: each is drawn alone, into every tile."""
-    device, view, shapes, boxes = set_up(screen, points, corners)
+    view, shapes, boxes = set_up(device, screen, points, corners)
     grid = bins.grid_of(*screen.window)
     x0, y0, x1, y1 = screen.window
     tiles = int(grid["columns"][0] * grid["rows"][0])
@@ -66,28 +65,28 @@ def jittered(screen, columns, rows, rng, *, jitter, depths):
 
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_sheet_covers_each_pixel_once(orthographic, seed):
+def test_a_sheet_covers_each_pixel_once(device, orthographic, seed):
     """Oracle: a triangulation of the plane; corners at random, and depths too."""
     screen = screen_of((90, 70), orthographic=orthographic)
     points, corners = jittered(
         screen, 9, 8, np.random.default_rng(seed), jitter=0.3, depths=(0.2, 5.0)
     )
-    np.testing.assert_array_equal(times_covered(screen, points, corners), 1)
+    np.testing.assert_array_equal(times_covered(device, screen, points, corners), 1)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_corners_on_pixels_are_covered_once(orthographic):
+def test_corners_on_pixels_are_covered_once(device, orthographic):
     """Oracle: a triangulation of the plane whose every corner is a pixel's centre up to
     rounding."""
     screen = screen_of((60, 40), orthographic=orthographic)
     rng = np.random.default_rng(4)
     points, corners = jittered(screen, 25, 20, rng, jitter=0.0, depths=(3.0, 3.0))
     assert len(points) == 26 * 21
-    np.testing.assert_array_equal(times_covered(screen, points, corners), 1)
+    np.testing.assert_array_equal(times_covered(device, screen, points, corners), 1)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_floor_through_the_near_plane_has_no_cracks(seed):
+def test_a_floor_through_the_near_plane_has_no_cracks(device, seed):
     """Oracle: the plane's closed form; the sheet reaches from behind the eye to the distance."""
     screen = screen_of((80, 60), clip=(0.25, 1e3))
     rng = np.random.default_rng(seed)
@@ -100,10 +99,10 @@ def test_a_floor_through_the_near_plane_has_no_cracks(seed):
     x = (u - screen.center[0]) / screen.focal[0] * z
     expected = (z >= 0.25) & (z <= 47) & (abs(x) <= 40)
     assert 1000 < expected.sum() < expected.size
-    np.testing.assert_array_equal(times_covered(screen, points, corners), expected)
+    np.testing.assert_array_equal(times_covered(device, screen, points, corners), expected)
 
 
-def test_the_edge_belongs_to_the_left_and_the_top():
+def test_the_edge_belongs_to_the_left_and_the_top(device):
     """Oracle: the top-left rule; a square whose corners are pixel centres."""
     screen = screen_of((16, 16), orthographic=True)
     pixel = np.array([[4, 5], [9, 5], [9, 8], [4, 8]], float)
@@ -111,11 +110,11 @@ def test_the_edge_belongs_to_the_left_and_the_top():
     expected = np.zeros((16, 16))
     expected[5:8, 4:9] = 1
     for corners in ([[0, 1, 2], [0, 2, 3]], [[1, 3, 0], [3, 1, 2]]):
-        np.testing.assert_array_equal(times_covered(screen, points, corners), expected)
+        np.testing.assert_array_equal(times_covered(device, screen, points, corners), expected)
 
 
 @pytest.mark.parametrize("chunks", [1, 5])
-def test_lists_hold_every_tile_that_a_triangle_covers_in_order(chunks):
+def test_lists_hold_every_tile_that_a_triangle_covers_in_order(device, chunks):
     """Oracle: drawing every triangle into every tile gives the same picture."""
     screen = screen_of((200, 150), data=(-20, -9, 230, 170))
     rng = np.random.default_rng(7)
@@ -123,13 +122,14 @@ def test_lists_hold_every_tile_that_a_triangle_covers_in_order(chunks):
     small = rng.uniform([-0.6, -0.4, 0.8], [0.7, 0.5, 1.2], (60, 1, 3))
     points = np.concatenate([large, small + 0.05 * rng.normal(size=(60, 3, 3))]).reshape(-1, 3)
     corners = np.arange(300).reshape(-1, 3)
-    device, view, shapes, boxes = set_up(screen, points, corners)
+    view, shapes, boxes = set_up(device, screen, points, corners)
     grid = bins.grid_of(*screen.window)
     tiles = int(grid["columns"][0] * grid["rows"][0])
-    counts, starts = np.empty((chunks, tiles + 1), np.int32), np.empty(tiles + 1, np.int64)
-    device.run(raster.count, view, shapes, boxes, grid, chunks, counts)
-    lists = np.empty(device.run(bins.offsets, counts, starts), np.int32)
-    device.run(raster.fill, view, shapes, boxes, grid, chunks, counts, lists)
+    starts, lists, _ = device.run(
+        raster.tile_lists, view, shapes, boxes, grid, tiles, chunks,
+        lambda _, shape, dtype: device.resident(shape, dtype),
+    )  # fmt: skip
+    starts, lists = device.fetch(starts), device.fetch(lists)
     assert len(lists) < 0.7 * tiles * len(corners), "there is something to leave out"
     for tile in range(tiles):
         assert np.all(np.diff(lists[starts[tile] : starts[tile + 1]]) > 0)

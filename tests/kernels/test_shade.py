@@ -10,7 +10,8 @@ from tests.kernels.ray_caster import rays
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.specs import LightSpec, MaterialSpec, TextureSpec
 from usdsplat.kernels import texture
-from usdsplat.kernels.device import open_device
+
+pytestmark = pytest.mark.usefixtures("scenes_on_device")
 
 SQUARE = (0.0, 0.0, 1.0, 1.0)
 """An aperture that a unit square at depth 1, or any of an orthographic view, fills."""
@@ -114,7 +115,7 @@ def test_far_away_a_checker_is_grey():
 
 
 @pytest.mark.parametrize("size", [(5, 7), (1, 9), (6, 1), (1, 1), (13, 2)])
-def test_every_level_of_a_pyramid_keeps_the_mean(size):
+def test_every_level_of_a_pyramid_keeps_the_mean(device, size):
     """Oracle: NumPy's mean; odd sizes too."""
     height, width = size
     pixels = np.random.default_rng(4).random((height, width, 3)).astype(np.float32)
@@ -128,7 +129,7 @@ def test_every_level_of_a_pyramid_keeps_the_mean(size):
     levels, texels = np.array(levels, texture.LEVEL), np.zeros(end, np.float32)
     texels[: pixels.size] = pixels.ravel()
     for k in range(len(levels) - 1):
-        open_device().run(texture.halve, texels, levels, k)
+        device.run(texture.halve, texels, levels, k)
     for level in levels:
         n = int(level["width"] * level["height"])
         mean = texels[level["first"] :][: 3 * n].reshape(-1, 3).mean(axis=0)

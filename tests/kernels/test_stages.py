@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import device_of
 from usdsplat.kernels import bins, blend, median, peak, project, sort
 from usdsplat.kernels.device import CpuDevice
 
 rng = np.random.default_rng(11)
 
 
-@pytest.fixture(params=[1, 2])
+@pytest.fixture(params=["one thread", "two threads", "cuda"])
 def device(request):
-    """One thread and two: the results may not differ."""
-    return CpuDevice(threads=min(request.param, CpuDevice().threads))
+    """One thread and two: the results may not differ; and a GPU."""
+    if request.param == "cuda":
+        return device_of("cuda")
+    return CpuDevice(threads=min(1 + (request.param == "two threads"), CpuDevice().threads))
 
 
 def records_of(centers, covariances, opacities, colors, depths):
@@ -57,13 +60,12 @@ NOTHING_BEHIND = (np.empty((0, peak.PEAK), np.float32), np.empty((0, 0), np.floa
 def lists_of(device, records, window, chunks=3):
     """Tile lists of a window: (grid, starts, lists)."""
     grid = bins.grid_of(*window)
-    tiles = int(grid["columns"][0] * grid["rows"][0])
-    counts = np.zeros((chunks, tiles + 1), np.int32)
-    starts = np.zeros(tiles + 1, np.int64)
-    device.run(bins.count_tiles, records, grid, chunks, counts)
-    lists = np.zeros(device.run(bins.offsets, counts, starts), np.int32)
-    device.run(bins.fill_tiles, records, grid, chunks, counts, lists)
-    return grid, starts, lists
+    starts, lists, pairs = device.run(
+        bins.tile_lists, records, grid, bins.tiles_in(grid), chunks,
+        lambda _, shape, dtype: device.resident(shape, dtype),
+    )  # fmt: skip
+    assert pairs == lists.shape[0]
+    return grid, device.fetch(starts), device.fetch(lists)
 
 
 def alphas(records, xs, ys):
@@ -116,11 +118,11 @@ def test_sort_is_numpys_stable_argsort(device):
     np.testing.assert_array_equal(work[1][half], expected)
 
 
-def test_visible_slots_skips_the_unused_ends_of_blocks():
+def test_visible_slots_skips_the_unused_ends_of_blocks(device):
     """Oracle: written down by hand."""
     visible = np.zeros(8, np.int32)
     found, starts = np.int32([2, 0, 1]), np.int64([0, 4, 8])
-    assert sort.visible_slots(found, starts, 3, visible) == 3
+    assert device.run(sort.visible_slots, found, starts, 3, visible) == 3
     assert visible[:3].tolist() == [0, 1, 8]
 
 
@@ -174,7 +176,7 @@ def test_blending_is_front_to_back_over_the_rules(device, window, needles):
     assert np.mean(ranks != expected) < 0.01
 
 
-def test_no_tile_has_a_cap():
+def test_no_tile_has_a_cap(device):
     """Oracle: closed form: 20,000 equal splats over one tile leave (1 - a)^20000, and cover."""
     n, opacity = 20_000, 0.0045
     records = records_of(
@@ -182,7 +184,7 @@ def test_no_tile_has_a_cap():
         np.ones((n, 3)), np.arange(n) + 1.0,
     )  # fmt: skip
     records[:1000, project.RED : project.BLUE + 1] = 0
-    image, _ = blend_all(CpuDevice(), records, (0, 0, 16, 16))
+    image, _ = blend_all(device, records, (0, 0, 16, 16))
     seen = int(np.ceil(np.log(1e-4) / np.log(1 - opacity))) - 1
     np.testing.assert_allclose(image[..., 3], 1 - (1 - opacity) ** seen, atol=2e-5)
     np.testing.assert_allclose(
@@ -190,12 +192,12 @@ def test_no_tile_has_a_cap():
     )
 
 
-def test_a_pixel_ends_before_the_splat_that_would_close_it():
+def test_a_pixel_ends_before_the_splat_that_would_close_it(device):
     """Oracle: closed form: after 0.999 another 0.999 would leave 1e-6, so it is not taken."""
     records = records_of(
         np.full((3, 2), 8.0), np.tile(1e9 * np.eye(2), (3, 1, 1)), np.ones(3), np.eye(3), [1, 2, 3]
     )
-    image, ranks = blend_all(CpuDevice(), records, (0, 0, 16, 16))
+    image, ranks = blend_all(device, records, (0, 0, 16, 16))
     np.testing.assert_allclose(image[8, 8], [0.999, 0, 0, 0.999], rtol=1e-6)
     assert np.all(ranks == 0)
 

@@ -19,6 +19,8 @@ from usdsplat.kernels.device import Device
 Holdout = tuple[I64, F32, F32]
 """A deep holdout as `walk` takes it."""
 NO_HOLDOUT: Holdout = (np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0, np.float32))
+for _each in NO_HOLDOUT:
+    _each.flags.writeable = False  # as those are that a device keeps: kernels are compiled once
 NO_STOPS = np.empty((0, 0), np.float32)
 NO_COVER = np.empty((0, 0), np.uint8)
 NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))

@@ -1,0 +1,26 @@
+"""The devices that tests run on, and how they say that they do without one."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from usdsplat.kernels.cuda.support import is_simulated, obstacle
+from usdsplat.kernels.device import Device, open_device
+
+NAMES = ("cpu", "cuda")
+
+
+@functools.cache
+def _opened(name: str) -> Device:
+    return open_device(name)
+
+
+def device_of(name: str) -> Device:
+    """One of NAMES; a test that asks for a GPU skips visibly where there is none."""
+    if name == "cuda":
+        missing = obstacle()
+        if missing is not None or is_simulated():
+            pytest.skip(f"device cuda: found {missing[0] if missing else 'a simulated GPU'}")
+    return _opened(name)

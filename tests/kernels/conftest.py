@@ -1,0 +1,22 @@
+"""Kernels are tested on each device."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.delegate import rendering, surface_scenes
+from tests.devices import NAMES, device_of
+from usdsplat.kernels.device import Device
+
+
+@pytest.fixture(params=NAMES)
+def device(request: pytest.FixtureRequest) -> Device:
+    """The CPU, then the GPU."""
+    return device_of(request.param)
+
+
+@pytest.fixture
+def scenes_on_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What helpers draw is drawn on `device`."""
+    for module in (rendering, surface_scenes):
+        monkeypatch.setattr(module, "open_device", lambda **_: device)
