@@ -2,8 +2,8 @@
 
     python -m benchmarks.frame [--quick]
 
-The floor is the inner loop of blending alone (`probe`), run in this process by as many threads as
-the frame uses, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
+The floor is blending where it has nothing to look for (`probe_ns`), in this process and by as many
+threads, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
 where it is present, draws the same garden in the same run, picture after picture in turns with
 ours.
 """
@@ -14,7 +14,6 @@ import importlib.util
 import shutil
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from rich.table import Table
 
 from benchmarks.scenes import (
     CAPTURES,
-    SHARED,
+    DATA,
     capture,
     garden,
     lens_of,
@@ -39,49 +38,39 @@ from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import FrameStats, Renderer
 from usdsplat.delegate.specs import View
-from usdsplat.kernels import blend, reference
+from usdsplat.kernels import bins, blend, peak, project, reference
 from usdsplat.kernels.bins import TILE
-from usdsplat.kernels.device import open_device
-from usdsplat.kernels.jit import serial
+from usdsplat.kernels.device import Device, open_device
 
 STAGES = ("project", "radiance", "sort", "bins", "blend")
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")
 REPEATS = 9
-PROBE_ROWS = 2_000_000
 
 
-@serial
-def probe(state, splats, rows):
-    """Blend `rows` rows of a tile with one random splat after another: blending's inner loop
-    alone."""
-    for k in range(rows):
-        s = splats[k & 63]
-        blend.blend_row(state, k & (TILE - 1), s[0], s[1], s[2], s[3], s[4], s[5], s[6])
-
-
-def probe_ns(threads: int) -> float:
-    """CPU nanoseconds a row takes when `threads` threads do nothing else, the median of 5."""
-    rng = np.random.default_rng(0)
-    low = [0, -0.01, -0.001, -0.6, 0, 0, 0]
-    high = [16, -0.001, 0.001, -0.1, 1, 1, 1]
-    splats = rng.uniform(low, high, (64, 7)).astype(np.float32)
-    spent: list[float] = []
-
-    def work() -> None:
-        state = np.zeros((TILE, 4, TILE), np.float32)
-        state[:, 0] = 1.0
-        probe(state.reshape(-1), splats, PROBE_ROWS)
-
-    work()
-    for _ in range(5):
-        workers = [threading.Thread(target=work) for _ in range(threads)]
+def probe_ns(device: Device) -> float:
+    """CPU nanoseconds that a row of 16 pixels takes to blend where nothing else is to do: tiles
+    that many faint splats cover; the median of 5."""
+    tiles, splats = 128, 512
+    records = np.zeros((splats, project.RECORD), np.float32)
+    records[:, project.U] = records[:, project.V] = np.random.default_rng(0).uniform(0, 15, splats)
+    records[:, project.A] = records[:, project.C] = -1e-9
+    records[:, project.LOG_OPACITY] = np.log(0.01)
+    records[:, project.HALF_WIDTH] = records[:, project.HALF_HEIGHT] = 1e4
+    starts = np.arange(tiles + 1, dtype=np.int64) * splats
+    lists = np.tile(np.arange(splats, dtype=np.int32), tiles)
+    grid = bins.grid_of(0, 0, TILE, TILE * tiles)
+    image = np.empty((TILE * tiles, TILE * 4), np.float32)
+    work = np.empty(tiles, np.int64)
+    nothing = np.empty((0, peak.PEAK), np.float32), np.empty((0, 0), np.float32)
+    spent = []
+    for _ in range(6):
         before = time.process_time()
-        for worker in workers:
-            worker.start()
-        for worker in workers:
-            worker.join()
-        spent.append((time.process_time() - before) / (threads * PROBE_ROWS))
-    return 1e9 * float(np.median(spent))
+        device.run(
+            blend.blend, records, records, project.RED, starts, lists, grid, *nothing, False,
+            image, work,
+        )  # fmt: skip
+        spent.append((time.process_time() - before) / work.sum())
+    return 1e9 * float(np.median(spent[1:]))
 
 
 def draw(renderer: Renderer, scene: RenderScene, view: View) -> tuple[F32, FrameStats]:
@@ -94,7 +83,7 @@ def draw(renderer: Renderer, scene: RenderScene, view: View) -> tuple[F32, Frame
 
 def load_yardstick(folder: Path) -> Any | None:
     """The peer as a module, from a copy: its compiled code is cached beside it."""
-    source = SHARED / "peers" / "yardstick.py"
+    source = DATA.parent / "peers" / "yardstick.py"
     if not source.is_file():
         return None
     spec = importlib.util.spec_from_file_location("yardstick", shutil.copy(source, folder))
@@ -164,7 +153,7 @@ def against_yardstick(
     stats, log = [], []
     theirs: Any = None
     if yardstick is not None:
-        npz = SHARED / "data" / "garden" / "scene.npz"
+        npz = DATA / "garden" / "scene.npz"
         peer_scene, peer_view, peer_k = yardstick.garden(npz, grid, size)
         work = yardstick.Work(len(peer_scene[0]))
         theirs = yardstick.render(work, peer_scene, peer_view, peer_k, *size)[0].copy()
@@ -207,7 +196,7 @@ def main(quick: bool = False) -> None:
     renderer = Renderer(device)
     repeats = 3 if quick else REPEATS
     print(f"numba {numba.__version__}, {device.threads} threads, {repeats} repeats, medians")
-    report = Report(probe_ns(device.threads))
+    report = Report(probe_ns(device))
     with tempfile.TemporaryDirectory() as folder:
         yardstick = load_yardstick(Path(folder))
         against_yardstick(yardstick, renderer, report, 1, (1920, 1080), repeats)

@@ -1,10 +1,10 @@
 """Blend each tile's list front to back: colour and coverage.
 
-A tile's state is one array of 16 rows of 64 floats: transmittance, red, green and blue, 16 pixels
-each. Side by side in one array the four provably do not alias, and the loop over 16 pixels becomes
-a few vector instructions. A pixel that has ended keeps its transmittance with the sign turned: it
-neither changes again nor decays into denormals. (Half rows were tried: 14 % fewer pixels, but loops
-of 8 were not vectorised, and it took three times as long.)
+Lists are taken in batches, and within a batch row after row of the tile: 16 pixels and four
+numbers of each - transmittance, red, green and blue - stay in four registers (see `lanes`) while
+all splats of the batch that touch the row go by, found by the bits of a mask. A pixel that has
+ended keeps its transmittance with the sign turned: it neither changes again nor decays into
+denormals.
 
 Where surfaces are, each splat is compared with them pixel by pixel, at the depth where it peaks
 along the pixel's own ray; what lies behind is skipped, and the pixel goes on, because a list in the
@@ -22,24 +22,42 @@ import math
 import numpy as np
 from numba import prange
 
+from .batch import (
+    FIELDS,
+    LEAST,
+    LOOK,
+    behind_surfaces,
+    lay_row,
+    load_batch,
+    load_paints,
+    load_stops,
+)
+from .batch import SHRINK as SHRINK
 from .bins import SLACK, TILE, span
-from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
-from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+from .jit import exact, parallel, routine, scalar
+from .lanes import (
+    apart,
+    bits,
+    choose,
+    count_bits,
+    fused,
+    load,
+    lower,
+    lowest_bit,
+    number,
+    place,
+    ramp,
+    size,
+    store,
+    store_mixed,
+)
+from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
 CHANNELS = 4
 ROW = CHANNELS * TILE
 """Floats of one row of a tile's state."""
-LOOK = 32
-"""Splats between two looks at which rows of a tile are saturated."""
-
 END = np.float32(1e-4)
 """A pixel ends before the splat that would take its transmittance under this."""
-SQUARINGS = 3
-SHRINK = np.float32(1.0 / (1 << SQUARINGS))
-"""Exponents are divided by 8, where a short polynomial is exact enough, and powers squared back."""
-LEAST = LOG_CUTOFF * SHRINK
-"""The shrunk exponent under which a contribution does not count."""
 MOST = np.float32(math.log(0.999)) * SHRINK
 """The shrunk exponent of the largest contribution of one splat at one pixel."""
 
@@ -51,9 +69,8 @@ MOST = np.float32(math.log(0.999)) * SHRINK
 def exponential(z):
     """e**(8 z) for z in [LEAST, 0], 2e-6 relative.
 
-    Unlike math.exp it is vectorised without a vector mathematics library. Below that range it is
-    wrong but never NaN. Coefficients: least relative maximum of a polynomial of degree 5 that is 1
-    at 0.
+    Of float32 or lanes. Below that range it is wrong but never NaN. Coefficients: least relative
+    maximum of a polynomial of degree 5 that is 1 at 0.
     """
     w = np.float32(0.0398810700) + z * np.float32(0.00590597)
     w = np.float32(0.4999036) + z * (np.float32(0.1660462) + z * w)
@@ -76,45 +93,36 @@ def alpha_at(dx, a, slope, rest):
 
 
 @scalar
-def blend_row(state, row, u, a, slope, rest, r, g, b):
-    """Blend one splat into row `row` of a tile's state; u is its centre relative to the tile."""
-    at = np.uint64(row * ROW)
-    for x in range(TILE):
-        j = at + np.uint64(x)
-        alpha = alpha_at(np.float32(x) - u, a, slope, rest)
-        t = state[j]
-        weight = alpha * t
-        left = t - weight
-        goes_on = left >= END
-        weight = weight if goes_on else np.float32(0)
-        state[j] = left if goes_on else -abs(t)
-        state[j + np.uint64(TILE)] += weight * r
-        state[j + np.uint64(2 * TILE)] += weight * g
-        state[j + np.uint64(3 * TILE)] += weight * b
+def alphas_at(dx, a, slope, rest):
+    """`alpha_at` of 16 pixels."""
+    e = lower(fused(fused(dx, a, slope), dx, rest), MOST)
+    return choose(e >= LEAST, exponential(e), np.float32(0))
 
 
 @scalar
-def blend_row_before(state, stop, row, u, a, slope, rest, r, g, b, peak, dy, is_parallel):
-    """`blend_row`, but for the pixels where the splat peaks behind `stop`: those it leaves."""
-    at = np.uint64(row * ROW)
-    behind = np.uint64(row * TILE)
-    first, second, third = row_at(peak[HX], peak[HY], peak[HZ], dy)
-    gx, gy, center, reach = peak[GX], peak[GY], peak[CENTER], peak[REACH]
-    for x in range(TILE):
-        j = at + np.uint64(x)
-        dx = np.float32(x) - u
-        depth = peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel)
-        alpha = alpha_at(dx, a, slope, rest)
-        alpha = alpha if depth <= stop[behind + np.uint64(x)] else np.float32(0)
-        t = state[j]
-        weight = alpha * t
-        left = t - weight
-        goes_on = left >= END
-        weight = weight if goes_on else np.float32(0)
-        state[j] = left if goes_on else -abs(t)
-        state[j + np.uint64(TILE)] += weight * r
-        state[j + np.uint64(2 * TILE)] += weight * g
-        state[j + np.uint64(3 * TILE)] += weight * b
+def pass_through(through, alpha):
+    """Transmittance of 16 pixels behind a contribution, and what that one weighs in each."""
+    remains = fused(-alpha, through, through)
+    goes_on = remains >= END
+    weight = choose(goes_on, alpha * through, np.float32(0))
+    return choose(goes_on, remains, -size(through)), weight
+
+
+@scalar
+def is_alive(through):
+    """1 if any of 16 pixels goes on, else 0."""
+    return 1 if bits(through > np.float32(0)) != np.uint64(0) else 0
+
+
+@exact
+def peaks_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
+    """`peak_at` of 16 pixels."""
+    one = np.float32(1)
+    a, b = first + gx * dx, second + gy * dx
+    along = a * a + b * b + third * third
+    apart = one - a if is_parallel else center * (a / along - one)
+    held = choose(apart > np.float32(0), reach, -reach)
+    return center + choose(size(apart) < reach, apart, held)
 
 
 @scalar
@@ -133,73 +141,6 @@ def rows_touched(a, b, c, log_opacity, half_height, u, v):
 
 # --- 2. CPU ----------------------------------------------------------------------------
 
-FIELDS = 7
-"""Floats of a record that blending reads, packed: u v a b c ln(opacity) half-height, exponents
-shrunk."""
-
-
-@scalar
-def load_paints(paints, column, lists, first, count, batch):
-    """Fetch the paint of `count` splats of a list, beside what `load_batch` fetches."""
-    for i in range(count):
-        k = lists[first + i]
-        batch[7 * LOOK + i] = paints[k, column]
-        batch[8 * LOOK + i] = paints[k, column + 1]
-        batch[9 * LOOK + i] = paints[k, column + 2]
-
-
-@scalar
-def load_stops(stops, top, left, g, stop):
-    """Copy the depths of surfaces in a tile, +inf outside the band; returns (least, most)."""
-    least, most = np.float32(np.inf), np.float32(-np.inf)
-    for y in range(TILE):
-        for x in range(TILE):
-            depth = np.float32(np.inf)
-            if g.y0 <= top + y < g.y1 and g.x0 <= left + x < g.x1:
-                depth = stops[top + y - g.y0, left + x - g.x0]
-                least, most = min(least, depth), max(most, depth)
-            stop[y * TILE + x] = depth
-    return least, most
-
-
-@scalar
-def load_batch(records, lists, first, count, left, top, batch, rows):
-    """Fetch `count` splats of a list and find the rows of this tile that each touches.
-
-    Fetching many before blending any hides the latency of memory, and the square roots of the row
-    spans are taken for several splats at once.
-    """
-    for i in range(count):
-        s = records[lists[first + i]]
-        batch[i] = s[U] - left
-        batch[LOOK + i] = s[V] - top
-        batch[2 * LOOK + i] = s[A] * SHRINK
-        batch[3 * LOOK + i] = s[B] * SHRINK
-        batch[4 * LOOK + i] = s[C] * SHRINK
-        batch[5 * LOOK + i] = s[LOG_OPACITY] * SHRINK
-        batch[6 * LOOK + i] = s[HALF_HEIGHT]
-    for i in range(LOOK):
-        k = np.uint64(i)
-        rows[k], rows[k + np.uint64(LOOK)] = rows_touched(
-            batch[k + np.uint64(2 * LOOK)], batch[k + np.uint64(3 * LOOK)],
-            batch[k + np.uint64(4 * LOOK)], batch[k + np.uint64(5 * LOOK)],
-            batch[k + np.uint64(6 * LOOK)], batch[k], batch[k + np.uint64(LOOK)],
-        )  # fmt: skip
-
-
-@scalar
-def look(state, row_floats, live):
-    """Mark rows with a pixel that goes on; returns how many there are."""
-    rows = 0
-    for y in range(TILE):
-        at = np.uint64(y * row_floats)
-        alive = np.int32(0)
-        for x in range(TILE):
-            alive += np.int32(state[at + np.uint64(x)] > np.float32(0))
-        live[y] = alive > 0
-        rows += live[y]
-    return rows
-
 
 @scalar
 def _store(state, image, top, left, y0, y1, x0, x1):
@@ -207,6 +148,14 @@ def _store(state, image, top, left, y0, y1, x0, x1):
     for y in range(y0, y1):
         at = np.uint64(y * ROW)
         row = image[top + y]
+        if x1 - x0 == TILE:
+            through = size(load(state, at))
+            store_mixed(
+                row, np.uint64(left * CHANNELS), load(state, at + np.uint64(TILE)),
+                load(state, at + np.uint64(2 * TILE)), load(state, at + np.uint64(3 * TILE)),
+                np.float32(1) - through,
+            )  # fmt: skip
+            continue
         first = np.uint64((left + x0) * CHANNELS)
         for x in range(x1 - x0):
             j = at + np.uint64(x0 + x)
@@ -215,6 +164,34 @@ def _store(state, image, top, left, y0, y1, x0, x1):
             row[k + np.uint64(1)] = state[j + np.uint64(2 * TILE)]
             row[k + np.uint64(2)] = state[j + np.uint64(3 * TILE)]
             row[k + np.uint64(3)] = np.float32(1) - abs(state[j])
+
+
+@routine
+def blend_row(state, batch, slopes, touched):
+    """Blend the splats of a batch that touch a row of a tile into its state; 1 if it goes on.
+
+    All are places: of the row's state, and of what `load_splats` and `lay_row` made.
+    """
+    apart()
+    xs, one = ramp(), np.uint64(1)
+    through, red = load(state, np.uint64(0)), load(state, np.uint64(TILE))
+    green, blue = load(state, np.uint64(2 * TILE)), load(state, np.uint64(3 * TILE))
+    while touched != np.uint64(0):
+        i = lowest_bit(touched)
+        touched &= touched - one
+        alpha = alphas_at(
+            xs - number(batch, i), number(batch, i + np.uint64(2 * LOOK)), number(slopes, i),
+            number(slopes, i + np.uint64(LOOK)),
+        )  # fmt: skip
+        through, weight = pass_through(through, alpha)
+        red = red + weight * number(batch, i + np.uint64(7 * LOOK))
+        green = green + weight * number(batch, i + np.uint64(8 * LOOK))
+        blue = blue + weight * number(batch, i + np.uint64(9 * LOOK))
+    store(state, np.uint64(0), through)
+    store(state, np.uint64(TILE), red)
+    store(state, np.uint64(2 * TILE), green)
+    store(state, np.uint64(3 * TILE), blue)
+    return is_alive(through)
 
 
 @parallel
@@ -236,52 +213,80 @@ def blend(records, paints, column, starts, lists, grid, peaks, stops, is_paralle
         g = grid[0]
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
+        xs, zero, one = ramp(), np.uint64(0), np.uint64(1)
         state = np.zeros(TILE * ROW, np.float32)
-        for y in range(TILE):
-            state[y * ROW : y * ROW + TILE] = np.float32(1)
+        x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
+        y0, y1 = max(0, g.y0 - top), min(TILE, g.y1 - top)
+        inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
+        live = np.zeros(TILE, np.uint8)
+        for y in range(y0, y1):
+            store(state, np.uint64(y * ROW), choose(inside, np.float32(1), np.float32(0)))
+            live[y] = 1
+        alive = y1 - y0
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
         if stops.shape[0] > 0:
             least, most = load_stops(stops, top, left, g, stop)
-        live = np.ones(TILE, np.uint8)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.int32)
+        rows = np.empty(2 * LOOK, np.float32)
+        slopes = np.empty(2 * LOOK, np.float32)
         done = 0
         end = starts[tile + 1]
         for first in range(starts[tile], end, LOOK):
+            if alive == 0:
+                break
             count = min(LOOK, end - first)
             load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
             load_paints(paints, column, lists, first, count, batch)
-            for i in range(count):
-                u, v = batch[i], batch[LOOK + i]
-                a, b, c = batch[2 * LOOK + i], batch[3 * LOOK + i], batch[4 * LOOK + i]
-                log_opacity = batch[5 * LOOK + i]
-                red, green, blue = batch[7 * LOOK + i], batch[8 * LOOK + i], batch[9 * LOOK + i]
-                if least < np.float32(np.inf):
-                    peak = peaks[lists[first + i]]
-                    if peak[CENTER] - peak[REACH] > most:
-                        continue
-                    if peak[CENTER] + peak[REACH] > least:
-                        for y in range(rows[i], rows[LOOK + i]):
-                            if live[y]:
-                                dy = np.float32(y) - v
-                                rest = c * dy * dy + log_opacity
-                                blend_row_before(
-                                    state, stop, y, u, a, b * dy, rest, red, green, blue,
-                                    peak, dy, is_parallel,
-                                )  # fmt: skip
-                                done += 1
-                        continue
-                for y in range(rows[i], rows[LOOK + i]):
-                    if live[y]:
-                        dy = np.float32(y) - v
-                        rest = c * dy * dy + log_opacity
-                        blend_row(state, y, u, a, b * dy, rest, red, green, blue)
-                        done += 1
-            if look(state, ROW, live) == 0:
-                break
+            there = ~np.uint64(0) >> np.uint64(64 - count)
+            mixed = np.uint64(0)
+            if least < np.float32(np.inf):
+                hidden, mixed = behind_surfaces(peaks, lists, first, count, least, most)
+                there &= ~hidden
+            for y in range(TILE):
+                if live[y] == 0:
+                    continue
+                touched = lay_row(batch, rows, np.float32(y), slopes) & there
+                done += count_bits(touched)
+                at = np.uint64(y * ROW)
+                if touched & mixed == zero:
+                    goes_on = blend_row(
+                        place(state, at), place(batch, zero), place(slopes, zero), touched
+                    )
+                    live[y] = goes_on
+                    alive -= 1 - goes_on
+                    continue
+                through = load(state, at)
+                red = load(state, at + np.uint64(TILE))
+                green = load(state, at + np.uint64(2 * TILE))
+                blue = load(state, at + np.uint64(3 * TILE))
+                while touched != np.uint64(0):
+                    i = lowest_bit(touched)
+                    touched &= touched - one
+                    dx = xs - batch[i]
+                    alpha = alphas_at(
+                        dx, batch[i + np.uint64(2 * LOOK)], slopes[i], slopes[i + np.uint64(LOOK)]
+                    )
+                    if (mixed >> i) & one:
+                        k = np.uint64(lists[first + np.int64(i)])
+                        dy = np.float32(y) - batch[i + np.uint64(LOOK)]
+                        d0, d1, d2 = row_at(peaks[k, HX], peaks[k, HY], peaks[k, HZ], dy)
+                        depth = peaks_at(
+                            dx, peaks[k, GX], peaks[k, GY], d0, d1, d2, peaks[k, CENTER],
+                            peaks[k, REACH], is_parallel,
+                        )  # fmt: skip
+                        behind = load(stop, np.uint64(y * TILE))
+                        alpha = choose(depth <= behind, alpha, np.float32(0))
+                    through, weight = pass_through(through, alpha)
+                    red = red + weight * batch[i + np.uint64(7 * LOOK)]
+                    green = green + weight * batch[i + np.uint64(8 * LOOK)]
+                    blue = blue + weight * batch[i + np.uint64(9 * LOOK)]
+                store(state, at, through)
+                store(state, at + np.uint64(TILE), red)
+                store(state, at + np.uint64(2 * TILE), green)
+                store(state, at + np.uint64(3 * TILE), blue)
+                goes_on = is_alive(through)
+                live[y] = goes_on
+                alive -= 1 - goes_on
         work[tile] = done
-        _store(
-            state, image, top - g.y0, left - g.x0, max(0, g.y0 - top), min(TILE, g.y1 - top),
-            max(0, g.x0 - left), min(TILE, g.x1 - left),
-        )  # fmt: skip
+        _store(state, image, top - g.y0, left - g.x0, y0, y1, x0, x1)

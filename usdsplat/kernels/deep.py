@@ -12,8 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from .batch import FIELDS, LOOK, load_batch, load_paints, look
 from .bins import TILE
-from .blend import END, FIELDS, LOOK, alpha_at, load_batch, load_paints, look
+from .blend import END, alpha_at
 from .jit import parallel, scalar
 from .project import DEPTH
 
@@ -90,7 +91,7 @@ def deep(
                 state[y * ROW + TILE + x] = np.float32(1)
         live = np.ones(TILE, np.uint8)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.int32)
+        rows = np.empty(2 * LOOK, np.float32)
         end = starts[tile + 1]
         look(state, ROW, live)
         for first in range(starts[tile], end, LOOK):
@@ -103,7 +104,7 @@ def deep(
                 log_opacity = batch[5 * LOOK + i]
                 red, green, blue = batch[7 * LOOK + i], batch[8 * LOOK + i], batch[9 * LOOK + i]
                 depth = records[lists[first + i], DEPTH]
-                for y in range(rows[i], rows[LOOK + i]):
+                for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):
                     if live[y] == 0:
                         continue
                     dy = np.float32(y) - v

@@ -91,6 +91,11 @@ def exact(function: Callable[..., Any]) -> Any:
     return numba.njit(forceinline=True, error_model="numpy", fastmath={"nsz"})(function)
 
 
+def routine(function: Callable[..., Any]) -> Any:
+    """What loops call; `lanes.apart` keeps it from being inlined into them."""
+    return numba.njit(**FLAGS)(function)
+
+
 def serial(function: Callable[..., Any]) -> Any:
     """A loop for one thread. It does not hold the GIL."""
     return _compile(function, {"nogil": True})

@@ -12,8 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from .batch import FIELDS, LOOK, load_batch, load_stops, look
 from .bins import TILE
-from .blend import END, FIELDS, LOOK, alpha_at, load_batch, load_stops, look
+from .blend import END, alpha_at
 from .jit import parallel, scalar
 from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
@@ -96,7 +97,7 @@ def median(records, starts, lists, grid, peaks, stops, is_parallel, image, cover
                     state[y * ROW + TILE + x] = np.float32(1) - whole * part
         live = np.zeros(TILE, np.uint8)
         batch = np.ones(FIELDS * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.int32)
+        rows = np.empty(2 * LOOK, np.float32)
         counter = np.empty(1, np.int32)
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
@@ -119,7 +120,7 @@ def median(records, starts, lists, grid, peaks, stops, is_parallel, image, cover
                     if peak[CENTER] - peak[REACH] > most:
                         continue
                     if peak[CENTER] + peak[REACH] > least:
-                        for y in range(rows[i], rows[LOOK + i]):
+                        for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):
                             if live[y]:
                                 dy = np.float32(y) - v
                                 pass_row_before(
@@ -127,7 +128,7 @@ def median(records, starts, lists, grid, peaks, stops, is_parallel, image, cover
                                     place, peak, dy, is_parallel,
                                 )  # fmt: skip
                         continue
-                for y in range(rows[i], rows[LOOK + i]):
+                for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):
                     if live[y]:
                         dy = np.float32(y) - v
                         pass_row(state, y, u, a, b * dy, c * dy * dy + log_opacity, place)

@@ -19,8 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from .batch import FIELDS, LOOK, load_batch
 from .bins import TILE
-from .blend import END, FIELDS, LOOK, alpha_at, load_batch
+from .blend import END, alpha_at
 from .jit import parallel, scalar
 from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
@@ -128,7 +129,7 @@ def walk(
         fields = np.empty(FIELDS * n, np.float32)
         spans = np.empty(2 * n, np.int32)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.int32)
+        rows = np.empty(2 * LOOK, np.float32)
         loaded = 0
         bound = np.empty(n + 1, np.float32)
         near = np.empty(TILE * n, np.float32)

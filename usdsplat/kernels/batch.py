@@ -1,0 +1,161 @@
+"""A batch of a tile's list: fetched before any of it is drawn, and laid out for 16 lanes.
+
+Fetching many splats hides the latency of memory, and the square roots of their spans are taken 16
+at a time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bins import SLACK, TILE
+from .jit import scalar
+from .lanes import bits, choose, floor, higher, load, lower, root, store
+from .peak import CENTER, REACH
+from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+
+LOOK = 32
+"""Splats of a batch, and so between two looks at which rows of a tile are saturated."""
+FIELDS = 7
+"""Rows of LOOK floats: u v a b c ln(opacity) half-height, exponents shrunk; (u, v) is relative to
+the tile. Paint comes behind them."""
+
+SQUARINGS = 3
+SHRINK = np.float32(1.0 / (1 << SQUARINGS))
+"""Exponents are divided by 8, where a short polynomial is exact enough, and powers squared back."""
+LEAST = LOG_CUTOFF * SHRINK
+"""The shrunk exponent under which a contribution does not count."""
+
+
+# --- 1. mathematics: 16 splats ----------------------------------------------------------
+
+
+@scalar
+def spans(a, b, c, reach, half, low, high):
+    """`bins.span` of 16 splats."""
+    zero, two, none = np.float32(0), np.float32(2), np.float32(-np.inf)
+    inverse = np.float32(0.5) / a
+    tip = -b * half / (two * c)
+    bend, shift = two * c * reach / (half * half), two * a * reach
+    y = lower(high, higher(low, tip))
+    square = bend * y * y - shift
+    crossing = (-b * y - root(higher(square, zero))) * inverse
+    highest = choose(y == tip, half, choose(square >= zero, crossing, none))
+    y = lower(high, higher(low, -tip))
+    square = bend * y * y - shift
+    crossing = (-b * y + root(higher(square, zero))) * inverse
+    return choose(y == -tip, -half, crossing), highest
+
+
+@scalar
+def _touched_rows(batch, rows):
+    """Find the rows of a tile that each splat of a batch touches: `blend.rows_touched`, 16 at a
+    time.
+
+    Args:
+        batch: Fields of LOOK splats.
+        rows: Receives the first row of each, then one past the last, whole numbers in f32.
+    """
+    zero, one, most = np.float32(0), np.float32(1), np.float32(TILE - 1)
+    for i in range(0, LOOK, TILE):
+        k = np.uint64(i)
+        u, v = load(batch, k), load(batch, k + np.uint64(LOOK))
+        a, b = load(batch, k + np.uint64(2 * LOOK)), load(batch, k + np.uint64(3 * LOOK))
+        c, log_opacity = load(batch, k + np.uint64(4 * LOOK)), load(batch, k + np.uint64(5 * LOOK))
+        half = load(batch, k + np.uint64(6 * LOOK))
+        reach = (log_opacity - LEAST) * np.float32(2)
+        lowest, highest = spans(c, b, a, reach, half, -u - SLACK, most - u + SLACK)
+        store(rows, k, floor(higher(v + lowest, zero) + (one - SLACK)))
+        store(
+            rows, k + np.uint64(LOOK), floor(higher(lower(v + highest + SLACK, most), -one) + one)
+        )
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@scalar
+def load_batch(records, lists, first, count, left, top, batch, rows):
+    """Fetch `count` splats of a list and find the rows of this tile that each touches.
+
+    Args:
+        batch: Receives FIELDS rows of LOOK floats.
+        rows: Receives the first row of each, then one past the last, whole numbers in f32.
+    """
+    for i in range(count):
+        k, j = np.uint64(lists[first + i]), np.uint64(i)
+        batch[j] = records[k, U] - left
+        batch[j + np.uint64(LOOK)] = records[k, V] - top
+        batch[j + np.uint64(2 * LOOK)] = records[k, A] * SHRINK
+        batch[j + np.uint64(3 * LOOK)] = records[k, B] * SHRINK
+        batch[j + np.uint64(4 * LOOK)] = records[k, C] * SHRINK
+        batch[j + np.uint64(5 * LOOK)] = records[k, LOG_OPACITY] * SHRINK
+        batch[j + np.uint64(6 * LOOK)] = records[k, HALF_HEIGHT]
+    _touched_rows(batch, rows)
+
+
+@scalar
+def load_paints(paints, column, lists, first, count, batch):
+    """Fetch the paint of `count` splats of a list, beside what `load_batch` fetches."""
+    for i in range(count):
+        k = lists[first + i]
+        batch[7 * LOOK + i] = paints[k, column]
+        batch[8 * LOOK + i] = paints[k, column + 1]
+        batch[9 * LOOK + i] = paints[k, column + 2]
+
+
+@scalar
+def lay_row(batch, rows, y, slopes):
+    """Lay a batch out along row y of a tile: which splats touch it, bit by bit.
+
+    `slopes` receives the linear and the constant part of each splat's exponent there.
+    """
+    touched = np.uint64(0)
+    for i in range(0, LOOK, TILE):
+        k = np.uint64(i)
+        inside = (load(rows, k) <= y) & (load(rows, k + np.uint64(LOOK)) > y)
+        touched |= bits(inside) << k
+        dy = y - load(batch, k + np.uint64(LOOK))
+        store(slopes, k, load(batch, k + np.uint64(3 * LOOK)) * dy)
+        rest = load(batch, k + np.uint64(4 * LOOK)) * dy * dy + load(batch, k + np.uint64(5 * LOOK))
+        store(slopes, k + np.uint64(LOOK), rest)
+    return touched
+
+
+@scalar
+def load_stops(stops, top, left, g, stop):
+    """Copy the depths of surfaces in a tile, +inf outside the band; returns (least, most)."""
+    least, most = np.float32(np.inf), np.float32(-np.inf)
+    for y in range(TILE):
+        for x in range(TILE):
+            depth = np.float32(np.inf)
+            if g.y0 <= top + y < g.y1 and g.x0 <= left + x < g.x1:
+                depth = stops[top + y - g.y0, left + x - g.x0]
+                least, most = min(least, depth), max(most, depth)
+            stop[y * TILE + x] = depth
+    return least, most
+
+
+@scalar
+def behind_surfaces(peaks, lists, first, count, least, most):
+    """Which splats of a batch peak behind all of a tile's surfaces, and which may behind some."""
+    hidden, mixed = np.uint64(0), np.uint64(0)
+    for i in range(count):
+        k = np.uint64(lists[first + i])
+        bit = np.uint64(1) << np.uint64(i)
+        if peaks[k, CENTER] - peaks[k, REACH] > most:
+            hidden |= bit
+        elif peaks[k, CENTER] + peaks[k, REACH] > least:
+            mixed |= bit
+    return hidden, mixed
+
+
+@scalar
+def look(state, row_floats, live):
+    """Mark rows with a pixel that goes on; returns how many there are."""
+    rows = 0
+    for y in range(TILE):
+        through = load(state, np.uint64(y * row_floats))
+        live[y] = 1 if bits(through > np.float32(0)) != np.uint64(0) else 0
+        rows += live[y]
+    return rows

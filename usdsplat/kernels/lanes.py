@@ -1,0 +1,388 @@
+"""Sixteen float32 numbers at once, for loops that must not wait for LLVM to find them.
+
+A value of type `lanes` is one `<16 x float>`: one register with AVX-512, two with AVX2, four with
+NEON. LLVM left alone prefers half registers on AVX-512, and stops vectorising for reasons that no
+source shows. Operators work as on float32, lane by lane, and take float32 on one side; comparisons
+give a mask, which `choose` and `bits` read. Flags of the function around hold, contraction
+included.
+
+Where nothing is compiled (NUMBA_DISABLE_JIT), lanes are NumPy arrays of 16.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
+
+WIDTH = 16
+"""Numbers of one value: a row of a tile."""
+
+_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+_FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
+_ALIGNMENT = 4
+"""[byte] Of what is loaded and stored: any float32."""
+
+
+class _Lanes(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name="lanes")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+        """A float32 stands for 16 equal ones."""
+        return Conversion.safe if other == types.float32 else None
+
+
+class _Mask(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name="mask")
+
+
+lanes, mask = _Lanes(), _Mask()
+
+
+@register_model(_Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, frontend: Any) -> None:
+        super().__init__(manager, frontend, _FLOATS)
+
+
+@register_model(_Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, frontend: Any) -> None:
+        super().__init__(manager, frontend, _FLAGS)
+
+
+# --- operators -------------------------------------------------------------------------
+
+
+def _spread(builder: Any, number: Any) -> Any:
+    """16 times the same number."""
+    nothing = ir.Constant(_FLOATS, ir.Undefined)
+    one = builder.insert_element(nothing, number, ir.IntType(32)(0))
+    return builder.shuffle_vector(
+        one, nothing, ir.Constant(ir.VectorType(ir.IntType(32), 16), None)
+    )
+
+
+@lower_cast(types.float32, _Lanes)
+def _cast(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
+    return _spread(builder, value)
+
+
+def _binary(function: Any, result: Any, emit: Any) -> None:
+    """Make `function` work on two lanes, or lanes and a float32."""
+
+    @infer_global(function)
+    class _Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            both = (lanes, types.float32)
+            if len(args) == 2 and lanes in args and all(each in both for each in args):
+                return signature(result, lanes, lanes)
+            return None
+
+    @lower_builtin(function, lanes, lanes)
+    def _lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return emit(builder, *args)
+
+
+def _compare(function: Any, sign: str) -> None:
+    _binary(function, mask, lambda builder, a, b: builder.fcmp_ordered(sign, a, b))
+
+
+_binary(operator.add, lanes, lambda builder, a, b: builder.fadd(a, b))
+_binary(operator.sub, lanes, lambda builder, a, b: builder.fsub(a, b))
+_binary(operator.mul, lanes, lambda builder, a, b: builder.fmul(a, b))
+_binary(operator.truediv, lanes, lambda builder, a, b: builder.fdiv(a, b))
+_compare(operator.lt, "<")
+_compare(operator.le, "<=")
+_compare(operator.gt, ">")
+_compare(operator.ge, ">=")
+_compare(operator.eq, "==")
+
+
+@infer_global(operator.and_)
+class _And(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        return signature(mask, mask, mask) if tuple(args) == (mask, mask) else None
+
+
+@lower_builtin(operator.and_, mask, mask)
+def _and(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.and_(*args)
+
+
+@infer_global(operator.neg)
+class _Neg(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        return signature(lanes, lanes) if tuple(args) == (lanes,) else None
+
+
+@lower_builtin(operator.neg, lanes)
+def _neg(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.fneg(args[0])
+
+
+# --- functions -------------------------------------------------------------------------
+
+
+def _of_llvm(name: str, count: int) -> Any:
+    """Emits a call of LLVM's own function of `count` lanes."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(_FLOATS, [_FLOATS] * count)
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v16f32")
+        return builder.call(function, args)
+
+    return emit
+
+
+def _first(context: Any, builder: Any, source_type: Any, source: Any) -> Any:
+    """Where the memory of an array begins, or what a place points to."""
+    if isinstance(source_type, types.CPointer):
+        return source
+    return context.make_array(source_type)(context, builder, source).data
+
+
+def _place(context: Any, builder: Any, source_type: Any, source: Any, at: Any) -> Any:
+    """Where in the memory of an array 16 numbers begin."""
+    first = _first(context, builder, source_type, source)
+    return builder.bitcast(builder.gep(first, [at]), _FLOATS.as_pointer())
+
+
+@intrinsic
+def place(typing: Any, array: Any, at: Any) -> Any:
+    """The place of number `at` of a flat float32 array: what functions that are not inlined take,
+    because an array is seven arguments and a count of references."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.gep(_first(context, builder, sig.args[0], args[0]), [args[1]])
+
+    return types.CPointer(types.float32)(array, types.uintp), emit
+
+
+@intrinsic
+def number(typing: Any, source: Any, at: Any) -> Any:
+    """The float32 that is `at` numbers behind a place."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(builder.gep(args[0], [args[1]]))
+
+    return types.float32(source, types.uintp), emit
+
+
+@intrinsic
+def apart(typing: Any) -> Any:
+    """Keeps the function that this is called in from being inlined: all registers are its own."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), emit
+
+
+@intrinsic
+def load(typing: Any, array: Any, at: Any) -> Any:
+    """array[at : at + 16] of a flat float32 array, at >= 0."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(_place(context, builder, sig.args[0], *args), align=_ALIGNMENT)
+
+    return lanes(array, types.uintp), emit
+
+
+@intrinsic
+def store(typing: Any, array: Any, at: Any, numbers: Any) -> Any:
+    """array[at : at + 16] = numbers; the array is flat and float32, at >= 0."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _place(context, builder, sig.args[0], *args[:2])
+        builder.store(args[2], place, align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, types.uintp, lanes), emit
+
+
+@intrinsic
+def store_mixed(typing: Any, array: Any, at: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """array[at : at + 64] = a0 b0 c0 d0 a1 b1 c1 d1 ..: four planes become pixels."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def order(numbers: Any) -> Any:
+            return ir.Constant(ir.VectorType(ir.IntType(32), len(numbers)), numbers)
+
+        pairs = order([i + WIDTH * half for i in range(WIDTH) for half in range(2)])
+        quads = order(
+            [2 * i + k + 2 * WIDTH * h for i in range(WIDTH) for h in (0, 1) for k in (0, 1)]
+        )
+        low = builder.shuffle_vector(args[2], args[3], pairs)
+        high = builder.shuffle_vector(args[4], args[5], pairs)
+        mixed = builder.shuffle_vector(low, high, quads)
+        where = _place(context, builder, sig.args[0], *args[:2])
+        builder.store(mixed, builder.bitcast(where, mixed.type.as_pointer()), align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, types.uintp, lanes, lanes, lanes, lanes), emit
+
+
+@intrinsic
+def spread(typing: Any, number: Any) -> Any:
+    """16 times the same float32."""
+    return lanes(types.float32), lambda context, builder, sig, args: _spread(builder, args[0])
+
+
+@intrinsic
+def ramp(typing: Any) -> Any:
+    """0, 1, 2 .. 15."""
+    numbers = ir.Constant(_FLOATS, [float(i) for i in range(WIDTH)])
+    return lanes(), lambda context, builder, sig, args: numbers
+
+
+@intrinsic
+def choose(typing: Any, condition: Any, yes: Any, no: Any) -> Any:
+    """`yes` where the mask is set, else `no`; both are lanes or float32."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(*args)
+
+    return lanes(mask, lanes, lanes), emit
+
+
+@intrinsic
+def lower(typing: Any, a: Any, b: Any) -> Any:
+    """The lower of two; b where either is NaN."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", *args), *args)
+
+    return lanes(lanes, lanes), emit
+
+
+@intrinsic
+def higher(typing: Any, a: Any, b: Any) -> Any:
+    """The higher of two; b where either is NaN."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", *args), *args)
+
+    return lanes(lanes, lanes), emit
+
+
+@intrinsic
+def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded once where the machine can."""
+    return lanes(lanes, lanes, lanes), _of_llvm("fmuladd", 3)
+
+
+@intrinsic
+def root(typing: Any, a: Any) -> Any:
+    """The square root."""
+    return lanes(lanes), _of_llvm("sqrt", 1)
+
+
+@intrinsic
+def floor(typing: Any, a: Any) -> Any:
+    """The largest whole number that is not above."""
+    return lanes(lanes), _of_llvm("floor", 1)
+
+
+@intrinsic
+def size(typing: Any, a: Any) -> Any:
+    """The absolute value."""
+    return lanes(lanes), _of_llvm("fabs", 1)
+
+
+@intrinsic
+def bits(typing: Any, condition: Any) -> Any:
+    """Bit k is lane k of a mask, u64."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.zext(builder.bitcast(args[0], ir.IntType(WIDTH)), ir.IntType(64))
+
+    return types.uint64(mask), emit
+
+
+@intrinsic
+def lowest_bit(typing: Any, number: Any) -> Any:
+    """The place of the lowest bit of a u64 that is not 0."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.IntType(1)(1))
+
+    return types.uint64(types.uint64), emit
+
+
+@intrinsic
+def count_bits(typing: Any, number: Any) -> Any:
+    """How many bits of a u64 are set, i64."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.int64(types.uint64), emit
+
+
+config: Any = numba.config
+if config.DISABLE_JIT:
+
+    def load(array: Any, at: Any) -> Any:
+        return array[int(at) : int(at) + WIDTH].copy()
+
+    def store(array: Any, at: Any, numbers: Any) -> None:
+        array[int(at) : int(at) + WIDTH] = numbers
+
+    def place(array: Any, at: Any) -> Any:
+        return array[int(at) :]
+
+    def number(source: Any, at: Any) -> Any:
+        return source[int(at)]
+
+    def apart() -> None:
+        pass
+
+    def store_mixed(array: Any, at: Any, a: Any, b: Any, c: Any, d: Any) -> None:
+        array[int(at) : int(at) + 4 * WIDTH] = np.stack([a, b, c, d], axis=1).ravel()
+
+    def spread(number: Any) -> Any:
+        return np.full(WIDTH, number, np.float32)
+
+    def ramp() -> Any:
+        return np.arange(WIDTH, dtype=np.float32)
+
+    def choose(condition: Any, yes: Any, no: Any) -> Any:
+        return np.where(condition, yes, no)
+
+    def lower(a: Any, b: Any) -> Any:
+        return np.where(a < b, a, b)
+
+    def higher(a: Any, b: Any) -> Any:
+        return np.where(a > b, a, b)
+
+    def root(a: Any) -> Any:
+        return np.sqrt(a)
+
+    def floor(a: Any) -> Any:
+        return np.floor(a)
+
+    def size(a: Any) -> Any:
+        return np.abs(a)
+
+    def fused(a: Any, b: Any, c: Any) -> Any:
+        return a * b + c
+
+    def bits(condition: Any) -> Any:
+        return np.uint64(np.packbits(condition, bitorder="little").view(np.uint16)[0])
+
+    def lowest_bit(number: Any) -> Any:
+        return np.uint64((int(number) & -int(number)).bit_length() - 1)
+
+    def count_bits(number: Any) -> int:
+        return int(number).bit_count()
