@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,26 @@ def numpy_type(dtype: Any) -> Any:
     from numba.np.numpy_support import as_dtype
 
     return as_dtype(dtype)
+
+
+def _bits_as(source: str, target: str) -> Callable[[Any], Any]:
+    return lambda x: np.asarray(x, source).view(target)[()]
+
+
+def _rounded(kind: type, combine: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    return lambda a, b: combine(kind(a), kind(b))
+
+
+LIBDEVICE = ModuleType("numba.cuda.libdevice")
+"""Those functions of NVIDIA's libdevice that kernels call."""
+LIBDEVICE.__dict__.update(
+    int_as_float=_bits_as("i4", "f4"),
+    float_as_int=_bits_as("f4", "i4"),
+    fadd_rn=_rounded(np.float32, lambda a, b: a + b),
+    fmul_rn=_rounded(np.float32, lambda a, b: a * b),
+    dadd_rn=_rounded(np.float64, lambda a, b: a + b),
+    dmul_rn=_rounded(np.float64, lambda a, b: a * b),
+)
 
 
 class Local:

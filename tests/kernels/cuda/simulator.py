@@ -28,6 +28,7 @@ import numpy as np
 
 from .simulated_lane import (
     ALL,
+    LIBDEVICE,
     Atomic,
     Constant,
     Local,
@@ -88,6 +89,7 @@ def install() -> None:
     for name in ("threadfence", "threadfence_block", "threadfence_system"):
         setattr(cuda, name, lambda: None)
 
+    cuda.libdevice = sys.modules["numba.cuda.libdevice"] = LIBDEVICE
     place = "usdsplat.kernels.cuda.primitives"
     sys.modules[place] = python_types.ModuleType(place)
     sys.modules[place].Primitives = Primitives  # type: ignore[attr-defined]
@@ -169,13 +171,17 @@ class _Kernel:
 
         def launch(*args: Any) -> None:
             on_gpu = tuple(within(each) for each in args)
-            with _Running.lock, np.errstate(all="ignore"):
+            with _Running.lock:
                 for z in range(grid.z):
                     for y in range(grid.y):
                         for x in range(grid.x):
                             self._block(_Dim3(x, y, z), grid, block, size, on_gpu)
 
         return launch
+
+    def _lane(self, args: tuple[Any, ...]) -> None:
+        with np.errstate(all="ignore"):  # which greenlets do not inherit
+            self.py_func(*args)
 
     def _block(
         self, at: _Dim3, grid: _Dim3, block: _Dim3, size: int, args: tuple[Any, ...]
@@ -185,7 +191,7 @@ class _Kernel:
         cuda.blockIdx, cuda.gridDim, cuda.blockDim = at, grid, block
         _Running.shared, _Running.dynamic = {}, poisoned(size, np.dtype(np.uint8))
         count = block.x * block.y * block.z
-        lanes = [_Lane(n, block, lambda _: self.py_func(*args)) for n in range(count)]
+        lanes = [_Lane(n, block, lambda _: self._lane(args)) for n in range(count)]
         alive = dict(enumerate(lanes))
         while alive:
             progress = False

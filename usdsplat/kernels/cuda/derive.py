@@ -8,6 +8,10 @@ is, but for these:
   BLOCK is 1.
 - Where the body is one loop more, over as many items each time, both become one.
 - Small arrays of a constant size are the thread's own.
+- Where each item is a loop over a block's rows and then `out[item] = total`, a block of threads
+  has the item: each makes a total of its own, by +=, |= or max, and `total` is what those make.
+- Where the loop counts something that the kernel returns, threads add to `COUNTED`, one argument
+  more.
 
 So the loops are written once, and what they compute is the same expression on both devices.
 """
@@ -17,6 +21,7 @@ from __future__ import annotations
 import ast
 import copy
 import inspect
+import math
 import textwrap
 from collections.abc import Callable
 from typing import Any
@@ -24,16 +29,25 @@ from typing import Any
 import numpy as np
 
 BLOCK = "BLOCK"
+COUNTED = "_counted"
+"""Name of the argument, (1,) i64, that receives what a kernel returns."""
+PRIVATE = 2048
+"""Bytes that a thread may have of its own: more would be slow."""
 
 
 class Underivable(Exception):
     """The kernel is not one parallel loop."""
 
 
-def derive(kernel: Callable[..., Any], *, spread: bool = False) -> Callable[..., None]:
-    """The kernel as Python that each thread runs, for `cuda.jit` to compile.
+def derive(
+    kernel: Callable[..., Any], threads: int, *, spread: bool = False
+) -> Callable[..., None]:
+    """The kernel as Python that each thread runs, for `cuda.jit` to compile; `counts` tells whether
+    it has the argument `COUNTED`.
 
     Args:
+        kernel: As the CPU runs it.
+        threads: Of a block that it will be launched with, a power of two.
         spread: An item is a block of threads, and its last loop's items are theirs: plain
             statements come before it, and its items do not wait for each other.
 
@@ -49,6 +63,9 @@ def derive(kernel: Callable[..., Any], *, spread: bool = False) -> Callable[...,
     assert isinstance(function, ast.FunctionDef)
     function.decorator_list = []
     body = _without_docstring(function.body)
+    counted = _counted(body)
+    if counted is not None:
+        body = body[:-1]
     parallels = [
         node
         for node in ast.walk(function)
@@ -65,16 +82,40 @@ def derive(kernel: Callable[..., Any], *, spread: bool = False) -> Callable[...,
     if BLOCK in names and _mentions(call.args[0], BLOCK):
         names[BLOCK] = 1
     loop.body = _Private(names).statements(loop.body)
+    totalled = None if spread else _totalled(loop)
     if spread:
         _spread(loop, source.__name__)
+        _stride(loop, call.args[0], "block")
+    elif totalled is not None:
+        _share(loop, totalled, call.args[0], threads)
+        names["_total"] = _TOTALS[totalled[1]]
     else:
         _flatten(loop, call)
-    function.body = [*body[:-1], _strided(loop, call.args[0], "block" if spread else "grid")]
+        _stride(loop, call.args[0], "grid")
+    function.body = [*body[:-1], loop]
+    if counted is not None:
+        function.args.args.append(ast.arg(COUNTED))
+        text = f"if {counted} != 0:\n    cuda.atomic.add({COUNTED}, 0, {counted})"
+        function.body += ast.parse(text).body
     ast.fix_missing_locations(tree)
     names["cuda"] = cuda
     exec(compile(tree, inspect.getsourcefile(source) or "?", "exec"), names)
     derived: Callable[..., None] = names[function.name]
     return derived
+
+
+def counts(derived: Callable[..., None]) -> bool:
+    """Whether a derived kernel has the argument `COUNTED`."""
+    return COUNTED in inspect.signature(derived).parameters
+
+
+def _counted(body: list[ast.stmt]) -> str | None:
+    """What the kernel returns: a name that is 0 before the loop, if it returns anything."""
+    last = body[-1] if body else None
+    if not isinstance(last, ast.Return) or not isinstance(last.value, ast.Name):
+        return None
+    starts = f"{last.value.id} = 0"
+    return last.value.id if any(ast.unparse(each) == starts for each in body) else None
 
 
 _SHARES = {
@@ -83,12 +124,86 @@ _SHARES = {
 }
 
 
-def _strided(loop: ast.For, count: ast.expr, who: str) -> ast.For:
-    """The loop over the share of `count` items that a thread, or a block, has."""
+def _stride(loop: ast.For, count: ast.expr, who: str) -> None:
+    """Make it the loop over the share of `count` items that a thread, or a block, has."""
     first, step = _SHARES[who]
     loop.iter = ast.parse(f"range({first}, 0, {step})", mode="eval").body
     loop.iter.args[1] = count  # type: ignore[attr-defined]
-    return loop
+
+
+_TOTALS: dict[str, type] = {"+": np.float64, "|": np.bool_, "max": np.float64}
+"""How totals are made -> what they are."""
+
+
+def _totalled(loop: ast.For) -> tuple[str, str] | None:
+    """The name of what an item's loop over rows makes, and how; None where it is not just that."""
+    if len(loop.body) != 3 or not isinstance(loop.body[1], ast.For):
+        return None
+    start, rows, end = loop.body
+    if not (isinstance(start, ast.Assign) and isinstance(start.targets[0], ast.Name)):
+        return None
+    name = start.targets[0].id
+    assert isinstance(loop.target, ast.Name) and isinstance(rows, ast.For)
+    is_kept = (
+        isinstance(end, ast.Assign)
+        and ast.unparse(end.value) == name
+        and isinstance(end.targets[0], ast.Subscript)
+        and ast.unparse(end.targets[0].slice) == loop.target.id
+    )
+    changes = [
+        node
+        for node in ast.walk(rows)
+        if isinstance(node, ast.Assign | ast.AugAssign)
+        and name in [ast.unparse(each) for each in _targets(node)]
+    ]
+    makers = {_maker_of(node, name) for node in changes}
+    if not is_kept or len(makers) != 1 or any(isinstance(n, ast.Break) for n in _own(rows.body)):
+        return None
+    maker = makers.pop()
+    return None if maker is None else (name, maker)
+
+
+def _targets(node: ast.Assign | ast.AugAssign) -> list[ast.expr]:
+    return node.targets if isinstance(node, ast.Assign) else [node.target]
+
+
+def _maker_of(node: ast.Assign | ast.AugAssign, name: str) -> str | None:
+    """ "+" or "|" of `name += ...` and `name |= ...`, "max" of `name = max(name, ...)`."""
+    if isinstance(node, ast.AugAssign):
+        return {ast.Add: "+", ast.BitOr: "|"}.get(type(node.op))
+    return "max" if ast.unparse(node.value).startswith(f"max({name}, ") else None
+
+
+def _share(loop: ast.For, totalled: tuple[str, str], count: ast.expr, threads: int) -> None:
+    """Make it the loop over items of a block of threads, which divide the rows among themselves."""
+    name, maker = totalled
+    _stride(loop, count, "block")
+    rows, end = loop.body[1], loop.body[2]
+    assert isinstance(rows, ast.For) and isinstance(rows.iter, ast.Call)
+    first, last = rows.iter.args
+    rows.iter = ast.parse("range(_first + cuda.threadIdx.x, 0, cuda.blockDim.x)", mode="eval").body
+    rows.iter.args[1] = last  # type: ignore[attr-defined]
+    begin = ast.parse("_first = 0").body[0]
+    assert isinstance(begin, ast.Assign)
+    begin.value = first
+    two = "_totals[_me], _totals[_me + _half]"
+    both = f"max({two})" if maker == "max" else two.replace(",", f" {maker}")
+    meet = f"""
+_totals = cuda.shared.array({threads}, _total)
+_me = cuda.threadIdx.x
+_totals[_me] = {name}
+cuda.syncthreads()
+_half = {threads // 2}
+while _half > 0:
+    if _me < _half:
+        _totals[_me] = {both}
+    cuda.syncthreads()
+    _half //= 2
+if _me == 0:
+    {ast.unparse(end).removesuffix(name)}_totals[0]
+cuda.syncthreads()
+"""
+    loop.body = [begin, loop.body[0], rows, *ast.parse(meet).body]
 
 
 def _spread(loop: ast.For, name: str) -> None:
@@ -195,17 +310,21 @@ class _Private:
         return value.func.attr if is_numpy and value.func.attr in _FILLS else None
 
     def _array(self, target: str, maker: str, call: ast.Call) -> list[ast.stmt]:
+        dtype = ast.unparse(call.args[-1])
         try:
-            shape = eval(ast.unparse(call.args[0]), self._names)
+            shape = tuple(np.atleast_1d(eval(ast.unparse(call.args[0]), self._names)).tolist())
+            size = math.prod(shape) * np.dtype(eval(dtype, self._names)).itemsize
         except NameError as error:
             raise Underivable(f"{target}: an array whose size is not constant") from error
-        if not isinstance(shape, int | np.integer):
-            raise Underivable(f"{target}: an array of more than one axis")
-        dtype = ast.unparse(call.args[-1])
-        lines = [f"{target} = cuda.local.array({int(shape)}, {dtype})"]
+        if size > PRIVATE:
+            raise Underivable(f"{target}: {size} bytes for each thread")
+        wide = shape[0] if len(shape) == 1 else shape
+        lines = [f"{target} = cuda.local.array({wide}, {dtype})"]
         fill = _FILLS[maker] or (ast.unparse(call.args[1]) if maker == "full" else None)
         if fill is not None:
-            lines += [f"for _i in range({int(shape)}):", f"    {target}[_i] = {fill}"]
+            lines += [f"{target}[...] = {fill}"] if len(shape) > 1 else [
+                f"for _i in range({wide}):", f"    {target}[_i] = {fill}",
+            ]  # fmt: skip
         return ast.parse("\n".join(lines)).body
 
 

@@ -20,7 +20,7 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 
 from numba import cuda
 
-from usdsplat.kernels.cuda.derive import Underivable, derive
+from usdsplat.kernels.cuda.derive import Underivable, counts, derive
 from usdsplat.kernels.device import CpuDevice
 
 HOST = "usdsplat.kernels"
@@ -63,7 +63,7 @@ def form(function: Form) -> Form:
 
 def spread(kernel: Callable[..., Any]) -> Form:
     """The form of a kernel whose items are blocks of threads, see `derive`."""
-    threads_of = cuda.jit(derive(kernel, spread=True))
+    threads_of = cuda.jit(derive(kernel, THREADS, spread=True))
 
     @form
     def launch(device: CudaDevice, *args: Any) -> None:
@@ -74,14 +74,26 @@ def spread(kernel: Callable[..., Any]) -> Form:
 
 def _derived(kernel: Callable[..., Any]) -> Form | None:
     try:
-        threads_of = cuda.jit(derive(kernel))
+        derived = derive(kernel, THREADS)
     except Underivable:
         return None
+    threads_of = cuda.jit(derived)
 
     def launch(device: CudaDevice, *args: Any) -> None:
         threads_of[BLOCKS, THREADS, device.stream](*args)
 
-    return launch
+    def launch_and_count(device: CudaDevice, *args: Any) -> int:
+        counted = device.zeros(1, np.int64)
+        launch(device, *args, counted)
+        return int(device.fetch(counted)[0])
+
+    return launch_and_count if counts(derived) else launch
+
+
+@cuda.jit
+def _clear(out):
+    for i in range(cuda.grid(1), out.shape[0], cuda.gridsize(1)):
+        out[i] = 0
 
 
 class CudaDevice:
@@ -136,6 +148,12 @@ class CudaDevice:
             self._lent.pop(name, None)
             found = self._lent[name] = self.resident(max(size, 1), dtype)
         return found
+
+    def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """A buffer of the GPU that holds zeros."""
+        out = self.resident(shape, dtype)
+        _clear[BLOCKS, THREADS, self.stream](out.reshape(-1).view(np.uint8))
+        return out
 
     def fetch(self, array: Any) -> npt.NDArray[Any]:
         """What an array of the GPU holds, for the host to read; a host's array as it is."""

@@ -9,6 +9,8 @@ Source: I. Quilez 2013, "Smooth minimum".
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -131,7 +133,7 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
         e -= bodies[j, CLEARANCE] * sigma
         if e < least:
             least = e
-            length = np.sqrt(u * u + v * v + w * w)
+            length = math.sqrt(u * u + v * v + w * w)
             if length > 1e-6:
                 nx, ny, nz = u / length, v / length, w / length
             else:
@@ -147,7 +149,7 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
 @scalar
 def outward(gx, gy, gz, nx, ny, nz):
     """Unit way out by what `union` returned, and the slope that it has in that direction."""
-    length = np.sqrt(gx * gx + gy * gy + gz * gz)
+    length = math.sqrt(gx * gx + gy * gy + gz * gz)
     if length < RIDGE:
         return nx, ny, nz, 1.0
     return gx / length, gy / length, gz / length, length
@@ -209,7 +211,7 @@ def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
         return vx + sx, vy + sy, vz + sz
     push = -(1.0 + restitution) * out
     tx, ty, tz = vx - out * nx, vy - out * ny, vz - out * nz
-    speed = np.sqrt(tx * tx + ty * ty + tz * tz)
+    speed = math.sqrt(tx * tx + ty * ty + tz * tz)
     keep = max(0.0, 1.0 - friction * push / speed) if speed > 0.0 else 0.0
     out = -restitution * out
     return tx * keep + out * nx + sx, ty * keep + out * ny + sy, tz * keep + out * nz + sz

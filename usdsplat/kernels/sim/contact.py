@@ -10,6 +10,8 @@ Source: Macklin et al. 2014, "Unified particle physics", for friction by positio
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -133,7 +135,7 @@ def contact_row(
     rz = z - started[i, 2] - dt * sz
     out = rx * nx + ry * ny + rz * nz
     rx, ry, rz = rx - out * nx, ry - out * ny, rz - out * nz
-    slid = np.sqrt(rx * rx + ry * ry + rz * rz)
+    slid = math.sqrt(rx * rx + ry * ry + rz * rz)
     if rubs and friction > 0.0 and slid > 0.0:
         part = min(1.0, friction * depth / slid)
         x, y, z = x - part * rx, y - part * ry, z - part * rz

@@ -11,6 +11,8 @@ wrapping stands for the hash of Teschner et al. 2003.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -29,7 +31,7 @@ FAR = 2.0**30
 @exact
 def cell_of(x, inverse):
     """Cell (i64) of a finite coordinate x; inverse: 1 / edge [1/unit], float64."""
-    return np.int64(np.floor(min(max(np.float64(x) * inverse, -FAR), FAR)))
+    return np.int64(math.floor(min(max(np.float64(x) * inverse, -FAR), FAR)))
 
 
 @exact
@@ -78,7 +80,7 @@ def bounds(positions, lower, upper):
         for a in range(3):
             lower[b, a], upper[b, a] = np.inf, -np.inf
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            if np.isfinite(positions[i, 0] + positions[i, 1] + positions[i, 2]):
+            if math.isfinite(positions[i, 0] + positions[i, 1] + positions[i, 2]):
                 for a in range(3):
                     lower[b, a] = min(lower[b, a], positions[i, a])
                     upper[b, a] = max(upper[b, a], positions[i, a])
@@ -100,7 +102,7 @@ def keys(positions, inverse, bits, out):
     for b in prange((n + BLOCK - 1) // BLOCK):
         for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
             x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
+            if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
                 key = key_of(
                     cell_of(x, inverse), cell_of(y, inverse), cell_of(z, inverse), bx, by, bz
                 )

@@ -8,6 +8,8 @@ Source: Verlet 1967 for lists that outlast a step.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -42,10 +44,10 @@ def distance_gone(x, y, z, px, py, pz):
     dx = np.float64(x) - np.float64(px)
     dy = np.float64(y) - np.float64(py)
     dz = np.float64(z) - np.float64(pz)
-    d = np.sqrt(dx * dx + dy * dy + dz * dz)
-    if np.isfinite(d):
+    d = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if math.isfinite(d):
         return d
-    both = not (np.isfinite(x + y + z) or np.isfinite(px + py + pz))
+    both = not (math.isfinite(x + y + z) or math.isfinite(px + py + pz))
     return 0.0 if both else np.inf
 
 
@@ -140,7 +142,7 @@ def search(
             x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
             counts[i] = 0
             twins[i] = False
-            if not (np.isfinite(x + y + z) and np.isfinite(h) and h > 0):
+            if not (math.isfinite(x + y + z) and math.isfinite(h) and h > 0):
                 continue
             h2 = h * h
             far = np.float64(max(h, widest)) * MARGIN

@@ -10,6 +10,8 @@ expected time".
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -142,7 +144,7 @@ def nearest(points, index, levels, boxes, queries, order, k, indices, distances)
                 indices[c] = -1
                 distances[c] = np.inf
             x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
-            if n == 0 or not np.isfinite(x + y + z):
+            if n == 0 or not math.isfinite(x + y + z):
                 continue
             nodes[0], bounds[0], depths[0] = 1, np.float32(0), 0
             worst = np.float32(np.inf)

@@ -63,7 +63,8 @@ def noise(positions, seed, size, out):
     for block in prange((n + BLOCK - 1) // BLOCK):
         for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
             px, py, pz = positions[i, 0] / size, positions[i, 1] / size, positions[i, 2] / size
-            x, y, z = math.floor(px), math.floor(py), math.floor(pz)
+            x = np.int64(math.floor(px))  # which on a GPU is a float64
+            y, z = np.int64(math.floor(py)), np.int64(math.floor(pz))
             tx = eased(np.float32(px - x))
             ty = eased(np.float32(py - y))
             tz = eased(np.float32(pz - z))

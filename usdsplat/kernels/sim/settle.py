@@ -8,6 +8,8 @@ start of a step w is relative to its velocity in the step before.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -69,7 +71,7 @@ def settle(
                     speeds[i, axis] = (after[i, axis] - before[i, axis]) * per_dt
                 continue
             own = omega * weights[i]
-            decay = np.exp(-own * dt)
+            decay = math.exp(-own * dt)
             for axis in range(3):
                 x, v = positions[i, axis], velocities[i, axis]
                 carried = speed = np.float32(0)
@@ -86,7 +88,7 @@ def settle(
                     )
                 positions[i, axis], velocities[i, axis] = x, v
             vx, vy, vz = velocities[i, 0], velocities[i, 1], velocities[i, 2]
-            rate = np.sqrt(vx * vx + vy * vy + vz * vz)
+            rate = math.sqrt(vx * vx + vy * vy + vz * vz)
             if rate > fastest:
                 part = fastest / rate
                 velocities[i, 0], velocities[i, 1], velocities[i, 2] = (

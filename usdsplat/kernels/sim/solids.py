@@ -10,6 +10,8 @@ normal on the axis is clamped instead of telling three cases apart.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from usdsplat.kernels.jit import scalar
@@ -28,10 +30,10 @@ ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 @scalar
 def round_foot(x, y, z, half, slope):
     """Where on the axis the normal through a point begins, and the point's distance from it."""
-    across = np.sqrt(x * x + y * y)
+    across = math.sqrt(x * x + y * y)
     foot = min(max(z - across * slope, -half), half)
     along = z - foot
-    return foot, np.sqrt(x * x + y * y + along * along)
+    return foot, math.sqrt(x * x + y * y + along * along)
 
 
 @scalar
@@ -60,7 +62,7 @@ def box_distance(x, y, z, a, b, c):
     """Distance to a box with half edges (a, b, c) [unit]."""
     x, y, z = abs(x) - a, abs(y) - b, abs(z) - c
     u, v, w = max(x, ZERO), max(y, ZERO), max(z, ZERO)
-    return np.sqrt(u * u + v * v + w * w) + min(max(x, max(y, z)), ZERO)
+    return math.sqrt(u * u + v * v + w * w) + min(max(x, max(y, z)), ZERO)
 
 
 @scalar
@@ -70,7 +72,7 @@ def box_solid(x, y, z, a, b, c):
     deepest = max(u, max(v, w))
     if deepest > ZERO:
         p, q, r = max(u, ZERO), max(v, ZERO), max(w, ZERO)
-        length = np.sqrt(p * p + q * q + r * r)
+        length = math.sqrt(p * p + q * q + r * r)
     else:
         p = ONE if u == deepest else ZERO
         q = ONE if v == deepest and u != deepest else ZERO
@@ -80,9 +82,9 @@ def box_solid(x, y, z, a, b, c):
     distance = length if deepest > ZERO else deepest
     return (
         distance,
-        np.copysign(p / length, x),
-        np.copysign(q / length, y),
-        np.copysign(r / length, z),
+        math.copysign(p / length, x),
+        math.copysign(q / length, y),
+        math.copysign(r / length, z),
     )
 
 
@@ -127,12 +129,12 @@ def field_solid(x, y, z, fields, field, voxels):
     dz = high - low
     ou, ov, ow = (u - cu) * size, (v - cv) * size, (w - cw) * size
     dx, dy, dz = dx / size, dy / size, dz / size
-    slope = np.sqrt(dx * dx + dy * dy + dz * dz)
+    slope = math.sqrt(dx * dx + dy * dy + dz * dz)
     if ou * ou + ov * ov + ow * ow > 0.0:
         # From the surface's point that is nearest to the field's nearest point.
         back = distance / slope if slope > 0.0 and distance > 0.0 else 0.0
         ou, ov, ow = ou + back * dx, ov + back * dy, ow + back * dz
-        distance = np.sqrt(ou * ou + ov * ov + ow * ow)
+        distance = math.sqrt(ou * ou + ov * ov + ow * ow)
         return distance, ou / distance, ov / distance, ow / distance
     return distance, dx, dy, dz
 

@@ -11,6 +11,8 @@ advancement; ray and capsule after I. Quilez.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -63,7 +65,7 @@ def ball_hit(x, y, z, dx, dy, dz, radius):
     root = b * b - a * c
     if root < 0.0 or b >= 0.0:
         return np.inf
-    return c / (np.sqrt(root) - b)
+    return c / (math.sqrt(root) - b)
 
 
 @scalar
@@ -76,7 +78,7 @@ def capsule_hit(x, y, z, dx, dy, dz, half, radius):
         c = x * x + y * y - radius * radius
         root = b * b - a * c
         if root >= 0.0 and b < 0.0 and c >= 0.0:
-            t = c / (np.sqrt(root) - b)
+            t = c / (math.sqrt(root) - b)
             if abs(z + t * dz) <= half:
                 first = t
         low = ball_hit(x, y, z + half, dx, dy, dz, radius)
@@ -91,7 +93,7 @@ def box_gap(bodies, j, x, y, z):
     u = max(max(bodies[j, LOW] - x, x - bodies[j, HIGH]), 0.0)
     v = max(max(bodies[j, LOW + 1] - y, y - bodies[j, HIGH + 1]), 0.0)
     w = max(max(bodies[j, LOW + 2] - z, z - bodies[j, HIGH + 2]), 0.0)
-    return np.sqrt(u * u + v * v + w * w)
+    return math.sqrt(u * u + v * v + w * w)
 
 
 @serial
@@ -107,7 +109,7 @@ def first_hit(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz):
             x, y, z, dx, dy, dz, bodies[j, SIZE + 2], bodies[j, SIZE] + clearance
         )  # fmt: skip
         return t if t <= 1.0 else np.inf
-    length = np.sqrt(dx * dx + dy * dy + dz * dz)
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
     close = 1e-3 * bodies[j, THIN]
     t = 0.0
     for _ in range(ADVANCES):
@@ -140,7 +142,7 @@ def creep(nx, ny, nz, dx, dy, dz, friction):
     if out >= 0.0:
         return dx, dy, dz
     tx, ty, tz = dx - out * nx, dy - out * ny, dz - out * nz
-    length = np.sqrt(tx * tx + ty * ty + tz * tz)
+    length = math.sqrt(tx * tx + ty * ty + tz * tz)
     keep = max(0.0, 1.0 + friction * out / length) if length > 1e-9 else 0.0
     return tx * keep, ty * keep, tz * keep
 
@@ -199,7 +201,7 @@ def sweep_row(bodies, j, fields, voxels, dt, clearance, i, started, positions, v
         np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2]),
     )  # fmt: skip
     dx, dy, dz = bx - ax, by - ay, bz - az
-    way = np.sqrt(dx * dx + dy * dy + dz * dz)
+    way = math.sqrt(dx * dx + dy * dy + dz * dz)
     if not way > bodies[j, THIN]:
         return False
     dx, dy, dz = dx / way, dy / way, dz / way
@@ -267,7 +269,7 @@ def may_pass(bodies, j, before, after, far, reach):
         high = max(first[axis] + was, last[axis] + own)
         if low > bodies[j, HIGH + axis] or high < bodies[j, LOW + axis]:
             misses = True
-    shift = np.sqrt((ax - cx) ** 2 + (ay - cy) ** 2 + (az - cz) ** 2)
+    shift = math.sqrt((ax - cx) ** 2 + (ay - cy) ** 2 + (az - cz) ** 2)
     return not misses and shift + total + far > bodies[j, THIN]
 
 
@@ -305,7 +307,7 @@ def sweep_block(
     found = np.int64(0)
     for j in range(bodies.shape[0]):
         if bodies[j, SWEPT] != 0.0 and may_pass(
-            bodies, j, before, after, 1.001 * np.sqrt(moved), 1.001 * clearance * largest
+            bodies, j, before, after, 1.001 * math.sqrt(moved), 1.001 * clearance * largest
         ):
             near[block, found] = j
             found += 1
