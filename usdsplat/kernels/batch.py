@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .bins import SLACK, TILE
+from .bins import SLACK, TILE, spans
 from .jit import scalar
-from .lanes import bits, choose, floor, higher, load, lower, root, store
+from .lanes import bits, floor, higher, load, lower, store
 from .peak import CENTER, REACH
 from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
 
@@ -28,23 +28,6 @@ LEAST = LOG_CUTOFF * SHRINK
 
 
 # --- 1. mathematics: 16 splats ----------------------------------------------------------
-
-
-@scalar
-def spans(a, b, c, reach, half, low, high):
-    """`bins.span` of 16 splats."""
-    zero, two, none = np.float32(0), np.float32(2), np.float32(-np.inf)
-    inverse = np.float32(0.5) / a
-    tip = -b * half / (two * c)
-    bend, shift = two * c * reach / (half * half), two * a * reach
-    y = lower(high, higher(low, tip))
-    square = bend * y * y - shift
-    crossing = (-b * y - root(higher(square, zero))) * inverse
-    highest = choose(y == tip, half, choose(square >= zero, crossing, none))
-    y = lower(high, higher(low, -tip))
-    square = bend * y * y - shift
-    crossing = (-b * y + root(higher(square, zero))) * inverse
-    return choose(y == -tip, -half, crossing), highest
 
 
 @scalar

@@ -1,8 +1,10 @@
 """Which splats touch which tile: exact spans of an ellipse over rows of tiles.
 
 For each row of tiles a splat crosses, the stretch of columns it touches there follows in closed
-form from the ellipse at which a contribution falls under 1/255; no tile is tested one by one. Lists
-are filled by a stable counting scatter over the depth order, so every tile's list is in that order.
+form from the ellipse at which a contribution falls under 1/255; no tile is tested one by one. Such
+crossings are scattered over the rows of tiles, and those of a row over its tiles, each by stable
+counting over the depth order, so every tile's list is in that order. (Scattering over all tiles at
+once takes twice as long: there are more tiles than lines in the fastest cache.)
 """
 
 from __future__ import annotations
@@ -15,11 +17,15 @@ import numpy.typing as npt
 from numba import prange
 
 from .jit import parallel, scalar, serial
+from .lanes import choose, floor, higher, load, lower, root, store
 from .project import HALF_HEIGHT, HALF_WIDTH, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
 
 TILE = 16
 """Edge of a tile [pixel]. Tiles lie on a fixed grid of the display window, so crops, bands and
 overscan see the same tiles as the full frame."""
+
+CHUNK = 8
+"""Loop items that a thread takes at a time, see `device`."""
 
 MOST_PAIRS = np.iinfo(np.int32).max
 """Of a tile and what touches it, that one band may have."""
@@ -55,6 +61,23 @@ def span(a, b, c, reach, half, low, high):
     crossing = (-b * y + math.sqrt(max(root, zero))) * inverse
     lowest = -half if y == -tip else crossing
     return lowest, highest
+
+
+@scalar
+def spans(a, b, c, reach, half, low, high):
+    """`span` of 16 splats."""
+    zero, two, none = np.float32(0), np.float32(2), np.float32(-np.inf)
+    inverse = np.float32(0.5) / a
+    tip = -b * half / (two * c)
+    bend, shift = two * c * reach / (half * half), two * a * reach
+    y = lower(high, higher(low, tip))
+    square = bend * y * y - shift
+    crossing = (-b * y - root(higher(square, zero))) * inverse
+    highest = choose(y == tip, half, choose(square >= zero, crossing, none))
+    y = lower(high, higher(low, -tip))
+    square = bend * y * y - shift
+    crossing = (-b * y + root(higher(square, zero))) * inverse
+    return choose(y == -tip, -half, crossing), highest
 
 
 @scalar
@@ -117,40 +140,6 @@ def tiles_in(grid: npt.NDArray[Any]) -> int:
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def count_tiles(records, grid, chunks, counts):
-    """counts[t, tile] = splats of chunk t that touch the tile.
-
-    Only the ends of each span are marked, +1 and -1; a running sum along the row makes counts of
-    them.
-
-    Args:
-        records: Depth-ordered splats, shape (n, RECORD).
-        grid: One GRID record, shape (1,).
-        chunks: Pieces of the order; any number gives the same lists.
-        counts: Shape (chunks, tiles + 1) i32; the last column is scratch.
-    """
-    n = records.shape[0]
-    for t in prange(chunks):
-        g = grid[0]
-        row = counts[t]
-        row[:] = 0
-        for k in range(n * t // chunks, n * (t + 1) // chunks):
-            s = records[k]
-            first, end = tile_rows(s, g)
-            for y in range(first, end):
-                left, right = tile_columns(s, y, g)
-                if left < right:
-                    row[y * g.columns + left] += 1
-                    row[y * g.columns + right] -= 1
-        # a span that ends at the last column marks the next row's first, where the sum is still
-        # right
-        total = 0
-        for tile in range(g.columns * g.rows):
-            total += row[tile]
-            row[tile] = total
-
-
 @serial
 def offsets(counts, starts):
     """Turn counts into the place where each chunk writes; returns the number of all pairs.
@@ -175,29 +164,187 @@ def offsets(counts, starts):
 
 
 @parallel
-def fill_tiles(records, grid, chunks, counts, lists):
-    """Write each tile's list of splats (rows of `records`, i32) in depth order."""
-    n = records.shape[0]
+def count_rows(records, grid, counts):
+    """counts[t, y] = splats of chunk t that may touch row y of tiles.
+
+    Args:
+        records: Depth-ordered splats, shape (n, RECORD).
+        grid: One GRID record, shape (1,).
+        counts: Shape (chunks, rows + 1) i64, the last column scratch; any number of chunks gives
+            the same lists.
+    """
+    n, chunks = records.shape[0], counts.shape[0]
     for t in prange(chunks):
         g = grid[0]
-        row = counts[t]
+        for y in range(counts.shape[1]):
+            counts[t, y] = 0
         for k in range(n * t // chunks, n * (t + 1) // chunks):
-            s = records[k]
-            first, end = tile_rows(s, g)
-            for y in range(first, end):
-                left, right = tile_columns(s, y, g)
-                for tile in range(y * g.columns + left, y * g.columns + right):
-                    at = row[tile]
-                    lists[at] = k
-                    row[tile] = at + 1
+            v, half = records[k, V], records[k, HALF_HEIGHT]
+            first, end = tiles_between(v - half, v + half, g.top, g.y0, g.y1)
+            if first < end:
+                counts[t, first] += 1
+                counts[t, end] -= 1
+        total = 0
+        for y in range(counts.shape[1]):
+            total += counts[t, y]
+            counts[t, y] = total
+
+
+@serial
+def row_places(counts, ends):
+    """Turn counts into the place where each chunk writes its spans of each row of tiles.
+
+    Args:
+        counts: What `count_rows` made; becomes places.
+        ends: Receives the end of each row's places, shape (rows,) i64.
+    """
+    place = 0
+    for y in range(ends.shape[0]):
+        for t in range(counts.shape[0]):
+            here = counts[t, y]
+            counts[t, y] = place
+            place += here
+        ends[y] = place
+    return place
+
+
+@scalar
+def _column_spans(fields, g):
+    """Turn the numbers of 16 crossings into the first column of tiles and one past the last."""
+    one, tile = np.float32(1), np.float32(TILE)
+    u, y = load(fields, np.uint64(0)), load(fields, np.uint64(TILE))
+    a, b = load(fields, np.uint64(2 * TILE)), load(fields, np.uint64(3 * TILE))
+    c, reach = load(fields, np.uint64(4 * TILE)), load(fields, np.uint64(5 * TILE))
+    lowest, highest = spans(
+        a, b, c, reach, load(fields, np.uint64(6 * TILE)), y - SLACK, y + (tile - one + SLACK)
+    )
+    origin = np.float32(g.left)
+    low = floor(higher(u + lowest, np.float32(g.x0)) - origin + (one - SLACK))
+    high = floor(lower(u + highest + SLACK, np.float32(g.x1 - 1)) - origin)
+    shrink = one / tile
+    is_touched = (low <= high) & (high >= np.float32(0))
+    store(fields, np.uint64(0), choose(is_touched, floor(low * shrink), np.float32(0)))
+    store(fields, np.uint64(TILE), choose(is_touched, floor(high * shrink) + one, np.float32(0)))
+
+
+@parallel
+def find_spans(records, grid, counts, crossings):
+    """Find the columns of tiles that each splat touches in each row of tiles that it crosses.
+
+    Args:
+        counts: What `row_places` made; changed.
+        crossings: Receives, row after row of tiles and in depth order there, the splat and both
+            ends of its columns: shape (places, 2) i32, first | end << 16.
+    """
+    n, chunks = records.shape[0], counts.shape[0]
+    for t in prange(chunks):
+        g = grid[0]
+        fields = np.ones(7 * TILE, np.float32)
+        splats, rows = np.empty(TILE, np.int32), np.empty(TILE, np.int32)
+        waiting = 0
+        last = n * (t + 1) // chunks
+        for k in range(n * t // chunks, last + 1):
+            first, end = np.int32(0), np.int32(0)
+            if k < last:
+                v, half = records[k, V], records[k, HALF_HEIGHT]
+                first, end = tiles_between(v - half, v + half, g.top, g.y0, g.y1)
+            # once more at the end, for what waits
+            for y in range(first, end if k < last else np.int32(1)):
+                if k < last:
+                    j = np.uint64(waiting)
+                    splats[j], rows[j] = k, y
+                    fields[j] = records[k, U]
+                    fields[j + np.uint64(TILE)] = np.float32(g.top + y * TILE) - records[k, V]
+                    fields[j + np.uint64(2 * TILE)] = records[k, A]
+                    fields[j + np.uint64(3 * TILE)] = records[k, B]
+                    fields[j + np.uint64(4 * TILE)] = records[k, C]
+                    reach = np.float32(2) * (records[k, LOG_OPACITY] - LOG_CUTOFF)
+                    fields[j + np.uint64(5 * TILE)] = reach
+                    fields[j + np.uint64(6 * TILE)] = records[k, HALF_WIDTH]
+                    waiting += 1
+                    if waiting < TILE:
+                        continue
+                _column_spans(fields, g)
+                for i in range(waiting):
+                    j = np.uint64(i)
+                    left, right = np.int32(fields[j]), np.int32(fields[j + np.uint64(TILE)])
+                    at = np.uint64(counts[t, rows[j]])
+                    counts[t, rows[j]] += 1
+                    crossings[at, 0] = splats[j]
+                    crossings[at, 1] = left | right << np.int32(16)
+                waiting = 0
+
+
+@parallel
+def count_columns(crossings, ends, columns, counts):
+    """counts[tile] = splats that touch the tile.
+
+    Only the ends of each span are marked, +1 and -1; a running sum along the row makes counts of
+    them.
+
+    Args:
+        crossings, ends: What `find_spans` and `row_places` made.
+        columns: Of tiles.
+        counts: Shape (rows, columns + 1) i32; the last column is scratch.
+    """
+    for item in prange(ends.shape[0] * CHUNK):
+        if item % CHUNK != 0:  # one row is as much work as a thread takes at a time
+            continue
+        y = item // CHUNK
+        row = counts[y]
+        row[:] = 0
+        for k in range(ends[y - 1] if y > 0 else 0, ends[y]):
+            both = crossings[k, 1]
+            row[both & 0xFFFF] += 1
+            row[both >> 16] -= 1
+        total = 0
+        for x in range(columns):
+            total += row[x]
+            row[x] = total
+
+
+@parallel
+def fill_tiles(crossings, ends, starts, counts, lists):
+    """Write each tile's list of splats (rows of the records, i32) in depth order.
+
+    Args:
+        crossings, ends: As `count_columns` has them.
+        starts: First pair of each tile, shape (tiles + 1,) i64.
+        counts: Scratch, shape (rows, columns + 1) i32.
+    """
+    for item in prange(ends.shape[0] * CHUNK):
+        if item % CHUNK != 0:
+            continue
+        y = item // CHUNK
+        row, columns = counts[y], counts.shape[1] - 1
+        for x in range(columns):
+            row[x] = starts[y * columns + x]
+        for k in range(ends[y - 1] if y > 0 else 0, ends[y]):
+            splat, both = crossings[k, 0], crossings[k, 1]
+            for x in range(both & 0xFFFF, both >> 16):
+                at = row[np.uint64(x)]
+                lists[np.uint64(at)] = splat
+                row[np.uint64(x)] = at + 1
+
+
+@serial
+def tile_starts(counts, starts):
+    """starts[tile] = pairs of all tiles before, shape (tiles + 1,) i64; returns all there are."""
+    columns = counts.shape[1] - 1
+    starts[0] = 0
+    for tile in range(starts.shape[0] - 1):
+        starts[tile + 1] = starts[tile] + counts[tile // columns, tile % columns]
+    return starts[starts.shape[0] - 1]
 
 
 def tile_lists(records, grid, tiles, chunks, get):
     """Make the list of each tile.
 
     Args:
-        records, grid, chunks: Those of `count_tiles`.
+        records: Depth-ordered splats, shape (n, RECORD).
+        grid: One GRID record, shape (1,).
         tiles: How many the grid has.
+        chunks: Pieces of the order; any number gives the same lists.
         get: Makes buffers by name, shape and dtype.
 
     Returns:
@@ -205,11 +352,18 @@ def tile_lists(records, grid, tiles, chunks, get):
         `records` in order, shape (pairs,) i32, and the number of pairs. Beyond MOST_PAIRS there are
         no lists.
     """
-    counts = get("counts", (chunks, tiles + 1), np.int32)
+    columns = int(grid["columns"][0])
+    rows = tiles // columns
+    places = get("row places", (chunks, rows + 1), np.int64)
+    ends = get("row ends", (rows,), np.int64)
+    count_rows(records, grid, places)
+    crossings = get("crossings", (row_places(places, ends), 2), np.int32)
+    find_spans(records, grid, places, crossings)
+    counts = get("counts", (rows, columns + 1), np.int32)
     starts = get("starts", (tiles + 1,), np.int64)
-    count_tiles(records, grid, chunks, counts)
-    pairs = offsets(counts, starts)
+    count_columns(crossings, ends, columns, counts)
+    pairs = tile_starts(counts, starts)
     lists = get("lists", (pairs if pairs <= MOST_PAIRS else 0,), np.int32)
     if pairs <= MOST_PAIRS:
-        fill_tiles(records, grid, chunks, counts, lists)
+        fill_tiles(crossings, ends, starts, counts, lists)
     return starts, lists, int(pairs)
