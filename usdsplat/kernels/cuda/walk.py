@@ -343,5 +343,5 @@ def walk(device: CudaDevice, options: Any, *args: Any) -> None:
             windows("walk places", np.int32), bounds, local, known.reshape((blocks, prims)),
             names.reshape((blocks, prims + 1)), windows("walk table", np.float32, here),
         )  # fmt: skip
-        chosen_tiles = cuda.to_device(tiles, stream=device.stream)
+        chosen_tiles = device.keep(tiles)
         _walk[blocks, THREADS, device.stream](options, chosen_tiles, room, *args)
