@@ -199,3 +199,15 @@ def test_samples_of_different_degrees_are_held(stage: Usd.Stage) -> None:
     for name in ("scales", "rotations", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     np.testing.assert_array_equal(schema.fetch(prim, 2).sh, schema.fetch(other, 2).sh)
+
+
+def test_a_packed_prim_is_read_without_decoding_it(stage: Usd.Stage) -> None:
+    """Oracle: `fetch`, which decodes; between two samples there is nothing that is packed."""
+    prim = schema.author(stage, "/Splats", cloud(2), form="packed", time=1)
+    schema.author(stage, "/Splats", cloud(2), form="packed", time=3)
+    found = schema.fetch_packed(prim, 1)
+    decoded = schema.fetch(prim, 1)
+    again = packing.unpack(decoded.positions, found)
+    for name in ("scales", "rotations", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(decoded, name))
+    assert schema.fetch_packed(prim, 2) is None

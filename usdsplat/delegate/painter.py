@@ -10,6 +10,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.layer import Behind, Layer
 from usdsplat.delegate.motion import Motion
+from usdsplat.delegate.plain import PlainSplats
 from usdsplat.delegate.shot import Prepared, Shot
 from usdsplat.delegate.sums import Sums
 from usdsplat.delegate.surfaces import SurfaceBand
@@ -37,6 +38,8 @@ class Painter:
     ) -> dict[str, npt.NDArray[Any]]:
         """One band of one sample: arrays of the device; `raw` mattes are (ids, weights), to be
         summed."""
+        if isinstance(prepared.seen, PlainSplats):
+            return {"color": self._finish(prepared.seen.rows(y0, y1), None, None)}
         layer, behind, drawn = self._shot.layer(prepared, y0, y1)
         color, through = layer.color()
         self._shot.clock.lap("blend")

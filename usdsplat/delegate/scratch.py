@@ -21,6 +21,7 @@ class Scratch:
     def __init__(self, empty: Callable[[int, Any], Any]) -> None:
         self._empty = empty
         self._buffers: dict[str, Any] = {}
+        self._made: dict[str, Any] = {}
 
     def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         """The buffer `name` as an array of this shape; what it holds is undefined."""
@@ -32,3 +33,9 @@ class Scratch:
             self._buffers.pop(name, None)
             buffer = self._buffers[name] = self._empty(size, dtype)
         return buffer[:size].reshape(shape)
+
+    def made(self, name: str, make: Callable[[], Any]) -> Any:
+        """What `make` made when it was first asked for: something with buffers of its own."""
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]

@@ -11,6 +11,7 @@ from usdsplat.delegate.frame_stats import Clock, FrameStats
 from usdsplat.delegate.holdout import HoldoutRows, hold_back
 from usdsplat.delegate.layer import Behind, Layer
 from usdsplat.delegate.output import Output
+from usdsplat.delegate.plain import PlainPicture, PlainSplats, is_plain
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.scratch import Scratch
@@ -33,7 +34,8 @@ class Prepared:
     """One sample of a view before any pixel."""
 
     screen: Screen
-    seen: Visible
+    seen: Visible | PlainSplats
+    """All that is to be known of each splat, or a whole picture of nothing but colour."""
     surfaces: Surfaces | None
 
 
@@ -73,6 +75,12 @@ class Shot:
             labels="cryptoObject" in aovs,
         )
         look = Look(self.device, self.scratch, scene, screen, self.settings, self.blend_space)
+        is_bare = surfaces is None and self.holdout is None and set(aovs) == {"color"}
+        if self.device.name == "cuda" and is_bare and is_plain(look, view.matte):
+            drawn = self.scratch.made("plain", lambda: PlainPicture(self.device))
+            plain = drawn.draw(look, self.stats)
+            self.clock.lap("frame")
+            return Prepared(screen, plain, None)
         seen = look.take(wanted, view.matte, self.stats, self.clock)
         if mode != "splats":
             scale = view.framing.pixel_scale
@@ -86,6 +94,7 @@ class Shot:
         self, prepared: Prepared, y0: int, y1: int
     ) -> tuple[Layer, Behind, SurfaceBand | None]:
         """The splats of a band, and what is behind them."""
+        assert isinstance(prepared.seen, Visible)
         x0, _, x1, _ = prepared.screen.window
         drawn = None
         behind = Behind()

@@ -26,6 +26,20 @@ NO_GRADE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PackedSpec:
+    """Splats as a packed prim holds them, but for their centres; see `schema.packing`."""
+
+    words: I32
+    """Shape (n, 4)."""
+    harmonics: I32
+    """All words of each splat in a row, shape (n, 4 w); of degree 0 no rows, shape (0, 4)."""
+    color_range: F32
+    """Lower, then upper end of red, green and blue, shape (6,)."""
+    steps: F32
+    """Size of a code of degree 1, 2, ..., shape (degree,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FieldSpec:
     """The splats of one prim, in its own space, and how it asks to be drawn."""
 
@@ -38,6 +52,8 @@ class FieldSpec:
     grade: tuple[float, ...] = NO_GRADE
     """What the prim's grade does to linear RGB in the primaries of `color_space`: exposure, white
     balance, gain, saturation and matrix are all linear, so they are one 3x3, row-major."""
+    packed: PackedSpec | None = None
+    """The same splats in a third of the room, where the prim holds them so: for a GPU."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -77,12 +77,12 @@ class Look:
     ) -> None:
         self._device = device
         self._scratch = scratch
-        self._layout = scene.draw_list(settings.splat_budget)
+        self.layout = scene.draw_list(settings.splat_budget)
         self._screen = screen
-        self._settings = settings
+        self.settings = settings
         self._blend_space = blend_space
-        if self._layout.slots > np.iinfo(np.int32).max:
-            found = f"{self._layout.slots} splats in one view"
+        if self.layout.slots > np.iinfo(np.int32).max:
+            found = f"{self.layout.slots} splats in one view"
             raise UsageError("scene", found, "less than 2**31")
 
     def take(
@@ -93,7 +93,7 @@ class Look:
         clock: Clock,
     ) -> Visible:
         """Project, colour and sort all splats of the view."""
-        layout, get, slots = self._layout, self._scratch.get, self._layout.slots
+        layout, get, slots = self.layout, self._scratch.get, self.layout.slots
         out = (
             get("records", (slots, project.RECORD), np.float32),
             get("keys", (slots,), np.float32),
@@ -110,7 +110,7 @@ class Look:
             self._project(group, out, part)
         clock.lap("project")
         for group, part in pairs:
-            self._radiance(group, sources, part, records, project.RED, self._settings.sh_degree)
+            self._radiance(group, sources, part, records, project.RED, self.settings.sh_degree)
         clock.lap("radiance")
         peaks = get("peaks", (slots if wanted.peaks else 0, peak.PEAK), np.float32)
         if wanted.peaks:
@@ -150,16 +150,33 @@ class Look:
 
     # --- one group -------------------------------------------------------------------------
 
-    def _matrices(self, group: Group) -> F64:
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """Data window [pixel]: x0, y0, x1, y1, end exclusive."""
+        return self._screen.window
+
+    def degree(self, group: Group) -> int:
+        """Of the harmonics that are evaluated."""
+        return min(self.settings.sh_degree, group.cloud.sh_degree)
+
+    def conversion(self, group: Group) -> tuple[F32, bool]:
+        """From the field's space to the one in which splats are blended: 13 numbers, and whether
+        they change anything."""
+        spec = group.field.spec
+        numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
+        return numbers, not is_identity(numbers)
+
+    def matrices(self, group: Group) -> F64:
         """Local to camera, shape (m, 3, 4)."""
         return np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
 
-    def _record(self, group: Group) -> npt.NDArray[Any]:
-        spec, mode = group.field.spec, self._settings.rasterize_mode
-        shape = self._settings.display_mode
+    def record(self, group: Group) -> npt.NDArray[Any]:
+        """The view as `project` reads it: one CAMERA record."""
+        spec, mode = group.field.spec, self.settings.rasterize_mode
+        shape = self.settings.display_mode
         return self._screen.record(
             tangential=spec.projection_mode == "tangential",
-            by_distance=self._settings.sorting == "cameraDistance",
+            by_distance=self.settings.sorting == "cameraDistance",
             antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased"
             and shape not in ("points", "ellipses"),  # which would vanish in the distance
             margin=DOT_REACH if shape == "points" else 0,
@@ -169,7 +186,7 @@ class Look:
         cloud, keep = group.cloud, self._device.keep
         shapes, crops = volumes(group.field.crops, group.transforms)
         self._device.run(
-            project.project, self._record(group), self._matrices(group), shapes, crops,
+            project.project, self.record(group), self.matrices(group), shapes, crops,
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
             keep(cloud.opacities), group.block, group.slot, out, found,
         )  # fmt: skip
@@ -177,33 +194,33 @@ class Look:
     def _radiance(
         self, group: Group, sources: I32, found: I32, paints: F32, column: int, degree: int
     ) -> None:
-        spec, keep = group.field.spec, self._device.keep
-        numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
+        keep = self._device.keep
+        numbers, converts = self.conversion(group)
         self._device.run(
-            radiance.radiance, self._sights(group), keep(group.cloud.positions),
+            radiance.radiance, self.sights(group), keep(group.cloud.positions),
             keep(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
-            not is_identity(numbers), group.block, group.slot, sources, found, paints, column,
+            converts, group.block, group.slot, sources, found, paints, column,
         )  # fmt: skip
 
     def _peaks(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
         cloud, keep = group.cloud, self._device.keep
-        matrices = self._matrices(group)
+        matrices = self.matrices(group)
         self._device.run(
-            peak.peaks, self._record(group), matrices, _inverses(matrices),
+            peak.peaks, self.record(group), matrices, _inverses(matrices),
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
             group.slot, records, sources, found, out,
         )  # fmt: skip
 
     def _features(self, group: Group, records: F32, sources: I32, found: I32, out: F32) -> None:
         cloud, keep = group.cloud, self._device.keep
-        matrices = self._matrices(group)
+        matrices = self.matrices(group)
         self._device.run(
             feature.features, matrices, _inverses(matrices), self._screen.orthographic,
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
             group.slot, sources, found, records, out,
         )  # fmt: skip
 
-    def _sights(self, group: Group) -> F64:
+    def sights(self, group: Group) -> F64:
         """Affine maps from a splat's position to its direction of sight in the field's own space.
 
         A = Q P with Q orthogonal, reflections included: directions go back by Qᵀ, so Qᵀ A = P
@@ -230,8 +247,8 @@ class Look:
     def _sort(self, found: I32, keys: F32) -> I32:
         """Slots of the visible splats, nearest first."""
         run, get, threads = self._device.run, self._scratch.get, self._device.threads
-        visible = get("visible", (self._layout.slots,), np.int32)
-        starts = self._device.keep(self._layout.block_starts)
+        visible = get("visible", (self.layout.slots,), np.int32)
+        starts = self._device.keep(self.layout.block_starts)
         total = run(sort.visible_slots, found, starts, found.shape[0], visible)
         work = (
             get("sort keys", (2, total), np.uint32),
@@ -255,7 +272,7 @@ class Look:
         count = order.shape[0] if wanted else 0
         out: npt.NDArray[Any] = self._scratch.get(name, (count,), numbers.dtype)
         if count > 0:
-            first_slots = self._device.keep(self._layout.first_slots)
+            first_slots = self._device.keep(self.layout.first_slots)
             self._device.run(feature.labels, order, first_slots, self._device.keep(numbers), out)
         return out
 

@@ -15,6 +15,7 @@ from usdsplat.schema.field import (  # noqa: E402
     author,
     error_bounds,
     fetch,
+    fetch_packed,
     form_of,
     is_packed,
     is_splat_field,
@@ -29,6 +30,7 @@ from usdsplat.schema.hints import (  # noqa: E402
     rasterize_mode,
     sorting_mode,
 )
+from usdsplat.schema.packing import harmonics_width  # noqa: E402
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
 from usdsplat.schema.validation import Finding, broken_rules, validate  # noqa: E402
 from usdsplat.schema.vt import empty  # noqa: E402
@@ -46,8 +48,10 @@ __all__ = [
     "empty",
     "error_bounds",
     "fetch",
+    "fetch_packed",
     "form_of",
     "grade",
+    "harmonics_width",
     "is_grade_varying",
     "is_known_color_space",
     "is_packed",

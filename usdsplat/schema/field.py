@@ -109,6 +109,18 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
         raise StageError(str(prim.GetPath()), found, "those of the schema") from error
 
 
+def fetch_packed(prim: Usd.Prim, time: float | None) -> packing.PackedArrays | None:
+    """Read a packed prim without decoding it; None where it is interpolated between samples.
+
+    Args:
+        prim: A prim for which `is_packed` is true, and that `fetch` can read.
+        time: As `fetch` takes it.
+    """
+    code = attributes.time_code(prim, time)
+    positions, _ = attributes.centres(prim, tokens.POSITIONS, code, time)
+    return packed.fetch_arrays(prim, code, len(positions))
+
+
 def is_splat_field(prim: Usd.Prim) -> bool:
     """Whether `fetch` reads this prim: stock (derived or by fallback too), its draft, or packed."""
     if not prim:

@@ -74,9 +74,7 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
     Raises:
         StageError: If the layout is not one we know, or an array is missing or too short.
     """
-    token = prim.GetAttribute(tokens.PACKING).Get()
-    if token != packing.TOKEN:
-        raise _unfit(prim, tokens.PACKING, repr(token), repr(packing.TOKEN))
+    _check_layout(prim)
     positions, velocities = attributes.centres(prim, tokens.POSITIONS, code, time)
     n = len(positions)
     ids = attributes.ids(prim, code, n)
@@ -90,6 +88,30 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
     if not around.fraction or _shape(prim, around.lower) != _shape(prim, around.upper):
         return cloud
     return _mix(cloud, decoded(around.upper), around.fraction)
+
+
+def fetch_arrays(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> packing.PackedArrays | None:
+    """Read a packed prim as it is packed; None between two samples, where nothing is.
+
+    Args:
+        prim: Of the packed type.
+        code: As `attributes.time_code` gives it.
+        n: Splats.
+
+    Raises:
+        StageError: If the layout is not one we know, or an array is missing or too short.
+    """
+    _check_layout(prim)
+    around = attributes.bracket(prim.GetAttribute(tokens.PACKED), code)
+    if around.fraction and _shape(prim, around.lower) == _shape(prim, around.upper):
+        return None
+    return _arrays(prim, around.lower, n)
+
+
+def _check_layout(prim: Usd.Prim) -> None:
+    token = prim.GetAttribute(tokens.PACKING).Get()
+    if token != packing.TOKEN:
+        raise _unfit(prim, tokens.PACKING, repr(token), repr(packing.TOKEN))
 
 
 def _arrays(prim: Usd.Prim, sample: Usd.TimeCode, n: int) -> packing.PackedArrays:

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from typing import cast
 
+import numpy as np
 from pxr import Usd
 
 from usdsplat import schema
-from usdsplat.delegate.specs import FieldSpec, ProjectionMode, RasterizeMode, SortingMode
+from usdsplat.delegate.specs import (
+    FieldSpec,
+    PackedSpec,
+    ProjectionMode,
+    RasterizeMode,
+    SortingMode,
+)
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 
@@ -32,4 +39,19 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
         projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
         sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
         grade=grade_matrix(schema.grade(prim, time), space),
+        packed=_packed(prim, time),
+    )
+
+
+def _packed(prim: Usd.Prim, time: float | None) -> PackedSpec | None:
+    """The splats as the prim packs them, if it does and they are not between two samples."""
+    arrays = schema.fetch_packed(prim, time) if schema.is_packed(prim) else None
+    if arrays is None:
+        return None
+    width = schema.harmonics_width(arrays.degree)
+    return PackedSpec(
+        words=arrays.core,
+        harmonics=arrays.harmonics.reshape(-1, 4 * max(1, width)),
+        color_range=arrays.color_range.ravel(),
+        steps=arrays.harmonics_range / np.float32(127),
     )

@@ -1,0 +1,51 @@
+"""Pictures of nothing but colour on a GPU: drawn whole, and the same as the CPU's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.delegate import plain_pictures
+from tests.delegate.everything import drawn
+from tests.devices import device_of
+from usdsplat.kernels.device import CpuDevice, Device
+
+SIZE, SPLATS = (150, 110), 400
+
+
+@pytest.fixture(scope="module")
+def cuda() -> Device:
+    """A GPU."""
+    return device_of("cuda")
+
+
+@pytest.mark.parametrize("name", plain_pictures.PLAIN)
+def test_colour_alone_is_drawn_whole(
+    cuda: Device, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Oracle: the CPU, to 1e-3 but where rounding decides."""
+    made = plain_pictures.count_plain(monkeypatch)
+    plain_pictures.check_plain(cuda, CpuDevice(), name, SIZE, SPLATS, 1e-3)
+    assert made
+
+
+@pytest.mark.parametrize("name", plain_pictures.OTHERWISE)
+def test_what_is_not_plain_goes_the_other_way(
+    cuda: Device, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Oracle: the CPU, to 1e-3 but where rounding decides."""
+    made = plain_pictures.count_plain(monkeypatch)
+    plain_pictures.check_plain(cuda, CpuDevice(), name, SIZE, SPLATS, 1e-3)
+    assert not made
+
+
+def test_packed_fields_are_drawn_as_they_are(cuda: Device) -> None:
+    """Oracle: what they unpack to."""
+    plain_pictures.check_packed(cuda, SIZE, SPLATS)
+
+
+def test_two_pictures_on_one_gpu_are_the_same(cuda: Device) -> None:
+    """Oracle: the same device, bit for bit."""
+    case = plain_pictures.bare("splats alone")
+    first, second = (drawn(cuda, case, size=SIZE, splats=SPLATS) for _ in range(2))
+    np.testing.assert_array_equal(first["color"], second["color"])

@@ -1,0 +1,33 @@
+"""Pictures of nothing but colour, through the delegate, by the simulator."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.delegate import plain_pictures
+from tests.kernels.cuda.simulated.passes import PythonDevice
+from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.frame import picture
+
+SIZE, SPLATS = (20, 18), 7
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Launches of a size that a simulator can take."""
+    for name, value in (("WAVES", 2), ("THREADS", 32), ("LEAST", 64)):
+        monkeypatch.setattr(picture, name, value)
+
+
+@pytest.mark.parametrize("name", ["tangential", "budget", "samples"])
+def test_colour_alone_is_drawn_whole(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Oracle: the CPU's loops, in Python here as the kernels are."""
+    made = plain_pictures.count_plain(monkeypatch)
+    device = PythonDevice(threads=1)
+    plain_pictures.check_plain(CudaDevice(), device, name, SIZE, SPLATS, 1e-4)
+    assert made
+
+
+def test_packed_fields_are_drawn_as_they_are() -> None:
+    """Oracle: what they unpack to."""
+    plain_pictures.check_packed(CudaDevice(), SIZE, SPLATS)
