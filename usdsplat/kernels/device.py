@@ -71,6 +71,13 @@ class Device(Protocol):
     def keep(self, array: npt.NDArray[Any]) -> Any:
         """`array` where kernels reach it fastest, for as long as it lives. It must never change."""
 
+    def move(self, array: npt.NDArray[Any]) -> Any:
+        """A buffer where kernels reach it fastest, with what `array` holds; the host must not use
+        `array` any more, which may be the buffer itself."""
+
+    def publish(self, array: Any) -> npt.NDArray[Any]:
+        """`fetch`, after which to `keep` what it gives costs nothing; neither may change."""
+
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
         """A buffer of the host with undefined contents."""
 
@@ -83,7 +90,7 @@ class Device(Protocol):
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with arrays of the host or the device's own, and return what it returns.
 
-        An array of the host that is not read-only holds what the kernel wrote when `run` is back.
+        An array of the host holds what the kernel wrote when `run` is back.
         """
 
     def close(self) -> None:
@@ -131,6 +138,12 @@ class CpuDevice:
     def fetch(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """`array` itself."""
         return array
+
+    publish = fetch
+
+    def move(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """`array` itself, contiguous and aligned."""
+        return np.require(array, requirements=["C", "A"])
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with this device's threads and return what it returns."""

@@ -86,7 +86,7 @@ class Contacts:
         if not len(bodies) or not len(state):
             return ContactCounts()
         blocks = -(-len(state) // BLOCK)
-        near = self._device.empty((blocks, len(bodies)), np.int32)
+        near = self._device.resident((blocks, len(bodies)), np.int32)
         table, fields = bodies.table, (bodies.fields.headers, bodies.fields.voxels, float(dt))
         struck = np.zeros(len(state), np.uint8)
         arrays = (

@@ -29,6 +29,8 @@ WAVE = 1 << 26
 SAMPLE = 1 << 16
 """Radii of which the median is taken."""
 
+NOBODY = np.zeros(0, np.int32)
+
 Flags = npt.NDArray[np.bool_]
 
 
@@ -139,7 +141,8 @@ class Neighbors:
             return True
         blocks = math.ceil(len(positions) / grid.BLOCK)
         far = self.device.empty(blocks, np.float64)
-        self.device.run(lists.drift, positions, built, far)
+        place, before = self.device.move(positions), self.device.keep(built)
+        self.device.run(lists.drift, place, before, far)
         gone = float(far.max(initial=0.0))
         if not math.isfinite(gone):
             return True
@@ -147,7 +150,7 @@ class Neighbors:
         skin = self.parameters.skin
         late = self.device.empty(blocks, np.bool_)
         ratio = math.exp(skin / 2)
-        self.device.run(lists.stale, positions, now, built, then, skin, ratio, gone, late)
+        self.device.run(lists.stale, place, now, before, then, skin, ratio, gone, late)
         return bool(late.any())
 
     def _build(self, positions: F32, support: F32, builds: int) -> Graph:
@@ -163,30 +166,34 @@ class Neighbors:
         return graph
 
     def _refresh(self, old: Graph, positions: F32, support: F32) -> Graph:
-        _, sorted_positions, sorted_support = self._in_slots(positions, support, old.order)
+        apart = self._apart(positions, support)
+        _, place, radius = self._in_slots(apart, support, self.device.keep(old.order))
         self._graph = Graph(
             order=old.order,
             rank=old.rank,
             rows=old.rows,
             neighbors=old.neighbors,
-            positions=sorted_positions,
-            support=sorted_support,
+            positions=self.device.publish(place),
+            support=self.device.publish(radius),
             dropped=old.dropped,
             build=old.build,
         )
         self._latest = positions.copy(), support.copy()
         return self._graph
 
-    def _in_slots(self, positions: F32, support: F32, order: I32) -> tuple[I32, F32, F32]:
-        """Slot of each row, then positions and radii of each slot."""
-        n, empty = len(order), self.device.empty
+    def _in_slots(self, positions: Any, support: F32, order: Any) -> tuple[Any, Any, Any]:
+        """Slot of each row, then positions and radii of each slot, the device's own.
+
+        positions: Coincident ones a little apart; order: row of each slot.
+        """
+        n, resident = order.shape[0], self.device.resident
         rank, place, radius = (
-            empty(n, np.int32),
-            empty((n, 3), np.float32),
-            empty(n, np.float32),
+            resident(n, np.int32),
+            resident((n, 3), np.float32),
+            resident(n, np.float32),
         )
-        apart, clamped = self._apart(positions, support), self.clamped(support)
-        self.device.run(grid.to_slots, order, apart, clamped, rank, place, radius)
+        clamped = self.clamped(support)
+        self.device.run(grid.to_slots, order, positions, clamped, rank, place, radius)
         return rank, place, radius
 
     def _apart(self, positions: F32, support: F32) -> F32:
@@ -200,38 +207,41 @@ class Neighbors:
 
     def _lists(self, positions: F32, support: F32, build: int) -> tuple[Graph, Flags]:
         """A graph, and which slots are not alone at their place."""
-        n = len(positions)
+        n, device = len(positions), self.device
         widest, edge = self._reach(support)
-        cells = into_cells(self.device, self._apart(positions, support), edge)
-        rank, place, radius = self._in_slots(positions, support, cells.order)
-        reach = radius * np.float32(1 + self.parameters.skin)
+        apart = device.move(self._apart(positions, support))
+        cells = into_cells(device, apart, edge)
+        order = device.publish(cells.order)
+        slots = self._in_slots(apart, support, device.keep(order))
+        rank, place, radius = (device.publish(each) for each in slots)
+        reach = device.move(radius * np.float32(1 + self.parameters.skin))
         k_max = self.parameters.k_max
         twins = np.empty(n, np.bool_)
         rows = np.zeros(n + 1, np.int64)
         wave = max(1, WAVE // (k_max * grid.BLOCK))
         blocks = math.ceil(n / grid.BLOCK)
-        found = self.device.empty(min(wave, blocks) * grid.BLOCK * k_max, np.int32)
-        pieces, dropped = [np.zeros(0, np.int32)], 0
+        found = device.resident(min(wave, blocks) * grid.BLOCK * k_max, np.int32)
+        pieces, dropped = [], 0
         for first in range(0, blocks, wave):
             count = min(wave, blocks - first)
             begin, end = first * grid.BLOCK, min(n, (first + count) * grid.BLOCK)
             cut = np.empty(count, np.int64)
-            self.device.run(
-                lists.search, place, reach, np.float32(widest if self.symmetric else 0),
+            device.run(
+                lists.search, slots[1], reach, np.float32(widest if self.symmetric else 0),
                 cells.start, cells.inverse, cells.bits, k_max, begin, found, rows[1:], cut, twins,
             )  # fmt: skip
-            piece = self.device.empty(int(rows[begin + 1 : end + 1].sum()), np.int32)
+            piece = device.resident(int(rows[begin + 1 : end + 1].sum()), np.int32)
             local = np.zeros(end - begin + 1, np.int64)
             np.cumsum(rows[begin + 1 : end + 1], out=local[1:])
-            self.device.run(lists.pack, found, k_max, count, local, piece)
-            pieces.append(piece)
+            device.run(lists.pack, found, k_max, count, local, piece)
+            pieces.append(device.publish(piece))
             dropped += int(cut.sum())
         np.cumsum(rows, out=rows)
         graph = Graph(
-            order=cells.order,
+            order=order,
             rank=rank,
             rows=rows,
-            neighbors=pieces[1] if len(pieces) == 2 else np.concatenate(pieces),
+            neighbors=pieces[0] if len(pieces) == 1 else np.concatenate([NOBODY, *pieces]),
             positions=place,
             support=radius,
             dropped=dropped,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -99,22 +100,23 @@ class Reaction:
             count: Steps of `d_tau`.
             feed_offset: Added to the feed rate, which is then kept from 0 to 0.1, shape (n,).
         """
-        rd, graph = self.parameters, self.graph
+        rd, graph, device = self.parameters, self.graph, self._device
         feed, kill = rates(rd)
         f = np.float32
         parts = self.subdivisions
         area = self.scale**2
-        now = uv[graph.order].reshape(-1)
-        then = np.empty_like(now)
-        feeds, kills = self._feeds(feed, feed_offset), np.array([kill], np.float32)
+        now = device.move(uv[graph.order].reshape(-1))
+        then = device.resident(2 * len(uv), np.float32)
+        feeds = device.move(self._feeds(feed, feed_offset))
+        kills = device.move(np.array([kill], np.float32))
         for _ in range((rd.substeps if count is None else count) * parts):
-            self._device.run(
+            device.run(
                 kernels.gray_scott, *self.weights, now, feeds, kills,
                 f(rd.diffusion_u * area), f(rd.diffusion_v * area), f(rd.d_tau / parts), then,
             )  # fmt: skip
             now, then = then, now
         after = np.empty((len(uv), 2), np.float32)
-        after[graph.order] = now.reshape(-1, 2)
+        after[graph.order] = device.fetch(now).reshape(-1, 2)
         return after
 
     def _feeds(self, feed: float, offset: F32 | None) -> F32:
@@ -125,22 +127,24 @@ class Reaction:
 
     def _weigh(self) -> None:
         """Weights of all neighbours, their largest sum, and the mean spacing."""
-        graph, rd = self.graph, self.parameters
-        row = graph.rows
-        nbr = graph.neighbors
-        w = np.empty(len(nbr), np.float32)
-        sums = np.empty((len(graph.order), 2), np.float32)
-        self._device.run(
-            weights.laplacian, graph.positions, row, nbr, graph.support, self._directions(),
-            1.0 - rd.anisotropy, self._dimension, w, sums,
+        graph, rd, device = self.graph, self.parameters, self._device
+        row, nbr = device.keep(graph.rows), device.keep(graph.neighbors)
+        w = device.resident(len(graph.neighbors), np.float32)
+        weighed = device.resident((len(graph.order), 2), np.float32)
+        device.run(
+            weights.laplacian, device.keep(graph.positions), row, nbr, device.keep(graph.support),
+            self._directions(), 1.0 - rd.anisotropy, self._dimension, w, weighed,
         )  # fmt: skip
+        sums = device.fetch(weighed)
         self.spacing = _spacing(graph.support, sums[:, 1], self._dimension)
         if rd.conservative:
-            row, nbr, w = self._conserved(row, nbr, w)
+            both = self._conserved(graph.rows, graph.neighbors, device.fetch(w))
+            row, nbr, w = device.keep(both[0]), device.keep(both[1]), device.move(both[2])
             sums = np.empty((len(graph.order), 1), np.float32)
-            self._device.run(weights.row_sums, row, w, sums[:, 0])
-        self.weights = row, nbr, w
-        """Of the Laplacian, [1/unit^2]: rows, neighbours and weights, in the graph's slots."""
+            device.run(weights.row_sums, row, w, sums[:, 0])
+        self.weights: tuple[Any, Any, Any] = row, nbr, w
+        """Of the Laplacian, [1/unit^2]: rows, neighbours and weights, in the graph's slots; the
+        device's own."""
         self.largest_sum = float(sums[:, 0].max(initial=0))
         """S of the point that diffuses fastest [1/unit^2]: what bounds a step."""
 

@@ -2,7 +2,7 @@
 
 `launches.txt` has a line for each kernel and each set of types: arrays as kind, size and axes
 ("f4:2"), other arguments as their type, tuples in brackets. As a plug-in of pytest this writes it,
-from all that the tests launch on the CPU:
+from all that the tests launch on the CPU, and holds kernels to what they are said to write:
 
     pytest -p tests.kernels.cuda.launches tests/kernels tests/sim
 """
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
 
 TABLE = Path(__file__).parent / "launches.txt"
@@ -72,7 +73,15 @@ def pytest_configure(config: Any) -> None:
 
     def recorded(self: CpuDevice, kernel: Callable[..., Any], *args: Any) -> Any:
         _SEEN.add(" ".join([name_of(kernel), *map(described, args)]))
-        return run(self, kernel, *args)
+        before = {
+            k: each.copy()
+            for k, each in enumerate(args)
+            if isinstance(each, np.ndarray) and k not in written(kernel)
+        }
+        result = run(self, kernel, *args)
+        for k, each in before.items():
+            assert each.tobytes() == args[k].tobytes(), f"{name_of(kernel)} wrote argument {k}"
+        return result
 
     CpuDevice.run = recorded  # type: ignore[method-assign]
 

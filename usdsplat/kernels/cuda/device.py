@@ -1,7 +1,7 @@
 """One NVIDIA GPU: what it keeps, and how kernels get there.
 
-Arrays of the host are copied in for a launch and, unless they are read-only, back after it. What
-stays on the GPU between launches was asked for: `keep` and `resident`.
+Arrays of the host are copied in for a launch and, where the kernel may have written them, back
+after it. What stays on the GPU between launches was asked for: `keep`, `move`, `resident`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 from numba import cuda
 
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
+from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
 
 HOST = "usdsplat.kernels"
@@ -125,13 +126,22 @@ class CudaDevice:
 
     def keep(self, array: npt.NDArray[Any]) -> Any:
         """`array` on the GPU, copied there once, for as long as it lives. It must never change."""
-        key = id(array)
-        found = self._kept.get(key)
+        found = self._kept.get(id(array))
         if found is None or found[0]() is not array:
-            kept = self._kept
-            gone = weakref.ref(array, lambda _: kept.pop(key, None))
-            found = kept[key] = gone, self._in(np.require(array, requirements=["C", "A"]))
+            return self._remember(array, self.move(array))
         return found[1]
+
+    def move(self, array: npt.NDArray[Any]) -> Any:
+        """A buffer of the GPU that holds what `array` does, of which the host takes its leave."""
+        return self._in(np.require(array, requirements=["C", "A"]))
+
+    def publish(self, array: Any) -> npt.NDArray[Any]:
+        """`fetch`, after which to `keep` what it gives costs nothing; neither may change."""
+        if isinstance(array, np.ndarray):
+            return array
+        out = self.fetch(array)
+        self._remember(out, array)
+        return out
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
         """A buffer of the host with undefined contents."""
@@ -165,11 +175,11 @@ class CudaDevice:
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with arrays of the host or the GPU and return what it returns."""
-        form = form_of(kernel)
+        form, changed = form_of(kernel), written(kernel)
         moves = _Moves(self._in if form else self.fetch, _is_host if form else _is_resident)
-        moved = tuple(moves.arrive(each) for each in args)
+        moved = tuple(moves.arrive(each, k in changed) for k, each in enumerate(args))
         result = form(self, *moved) if form else self._cpu.run(kernel, *moved)
-        for original, copy in moves.made:
+        for original, copy in moves.changed():
             if form:
                 self._out(copy, original)
             else:
@@ -194,6 +204,12 @@ class CudaDevice:
         self._primitives = None
 
     # --- private ---------------------------------------------------------------------------
+
+    def _remember(self, array: npt.NDArray[Any], copy: Any) -> Any:
+        """Let `keep` find the copy of an array for as long as that lives."""
+        kept, key = self._kept, id(array)
+        kept[key] = weakref.ref(array, lambda _: kept.pop(key, None)), copy
+        return copy
 
     def _in(self, array: npt.NDArray[Any]) -> Any:
         return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
@@ -220,16 +236,23 @@ class _Moves:
 
     def __init__(self, move: Callable[[Any], Any], is_elsewhere: Callable[[Any], bool]) -> None:
         self._move, self._is_elsewhere = move, is_elsewhere
-        self.made: list[tuple[Any, Any]] = []
+        self.made: dict[int, tuple[Any, Any]] = {}
+        """Identity of each that went -> it and its copy."""
+        self._changed: set[int] = set()
 
-    def arrive(self, value: Any) -> Any:
-        """`value`, or tuples of values, with arrays on this side."""
+    def arrive(self, value: Any, is_changed: bool) -> Any:
+        """`value`, or tuples of values, with arrays on this side; where it may be changed, they
+        are to come back."""
         if isinstance(value, tuple):
-            return tuple(self.arrive(each) for each in value)
+            return tuple(self.arrive(each, is_changed) for each in value)
         if not self._is_elsewhere(value):
             return value
-        for original, copy in self.made:
-            if original is value:
-                return copy
-        self.made.append((value, self._move(value)))
-        return self.made[-1][1]
+        if is_changed:
+            self._changed.add(id(value))
+        if id(value) not in self.made:
+            self.made[id(value)] = value, self._move(value)
+        return self.made[id(value)][1]
+
+    def changed(self) -> list[tuple[Any, Any]]:
+        """Those that may have been changed, with their copies."""
+        return [self.made[each] for each in self.made if each in self._changed]

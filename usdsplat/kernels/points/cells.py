@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64, I32
+from usdsplat.core.cloud import F64
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import grid
 
@@ -19,41 +20,45 @@ MOST_BITS, LEAST_BITS = 24, 2
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Cells:
-    """n points in cells."""
+    """n points in cells; the arrays are the device's own."""
 
     inverse: float
     """1 / edge of a cell [1/unit]."""
     bits: tuple[int, int, int]
     """Of the table along x, y, z."""
-    start: I32
-    """First slot of each cell and, last, n, shape (2^bits + 1,)."""
-    order: I32
-    """Row of each slot, shape (n,)."""
+    start: Any
+    """First slot of each cell and, last, n, int32 (2^bits + 1,)."""
+    order: Any
+    """Row of each slot, int32 (n,)."""
 
 
-def into_cells(device: Device, positions: F32, edge: float) -> Cells:
+def into_cells(device: Device, positions: Any, edge: float) -> Cells:
     """Sort points by cell; equal cells keep the order of rows.
 
     Args:
         device: Where to.
-        positions: [unit], shape (n, 3).
+        positions: [unit], float32 (n, 3), of the host or the device's own.
         edge: Of a cell [unit], > 0.
     """
-    n = len(positions)
+    n = positions.shape[0]
     inverse = 1.0 / edge
-    bits = _table_bits(extent(device, positions) * inverse, n)
+    place = device.move(positions) if isinstance(positions, np.ndarray) else positions
+    bits = _table_bits(extent(device, place) * inverse, n)
     total = sum(bits)
-    entry, moved, rows, order = (device.empty(n, np.int32) for _ in range(4))
-    start = device.empty((1 << total) + 1, np.int32)
-    device.run(grid.keys, positions, inverse, bits, entry)
-    histogram = device.empty((max(1, math.ceil(n / CHUNK)), 1 << grid.TOP_BITS), np.int64)
+    entry, moved, rows, order = (device.resident(n, np.int32) for _ in range(4))
+    start = device.resident((1 << total) + 1, np.int32)
+    device.run(grid.keys, place, inverse, bits, entry)
+    histogram = device.resident((max(1, math.ceil(n / CHUNK)), 1 << grid.TOP_BITS), np.int64)
     device.run(grid.sort_cells, entry, total, histogram, moved, rows, start, order)
     return Cells(inverse=inverse, bits=bits, start=start, order=order)
 
 
-def extent(device: Device, positions: F32) -> F64:
-    """Size of the box about the finite points [unit], shape (3,); zeros where there are none."""
-    blocks = math.ceil(len(positions) / grid.BLOCK)
+def extent(device: Device, positions: Any) -> F64:
+    """Size of the box about the finite points [unit], shape (3,); zeros where there are none.
+
+    positions: float32 (n, 3), of the host or the device's own.
+    """
+    blocks = math.ceil(positions.shape[0] / grid.BLOCK)
     lower, upper = device.empty((blocks, 3), np.float64), device.empty((blocks, 3), np.float64)
     device.run(grid.bounds, positions, lower, upper)
     size: F64 = upper.max(axis=0, initial=-np.inf) - lower.min(axis=0, initial=np.inf)

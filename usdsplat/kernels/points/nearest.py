@@ -37,7 +37,8 @@ def nearest(device: Device, points: F32, queries: F32, k: int) -> tuple[I32, F32
         device.run(kernels.plant, tree, index, levels, boxes)
     m = len(queries)
     indices, distances = device.empty(m * k, np.int32), device.empty(m * k, np.float32)
-    edge = float(extent(device, queries).max()) / max(1.0, math.sqrt(m)) or 1.0
-    order = into_cells(device, queries, edge).order
-    device.run(kernels.nearest, tree, index, levels, boxes, queries, order, k, indices, distances)
+    asked = device.move(queries)
+    edge = float(extent(device, asked).max()) / max(1.0, math.sqrt(m)) or 1.0
+    order = into_cells(device, asked, edge).order
+    device.run(kernels.nearest, tree, index, levels, boxes, asked, order, k, indices, distances)
     return indices.reshape(m, k), np.sqrt(distances, out=distances).reshape(m, k)

@@ -101,6 +101,7 @@ class GatedDevice:
         self.name, self.threads, self.remark = device.name, device.threads, device.remark
         self.upload, self.keep, self.fetch = device.upload, device.keep, device.fetch
         self.empty, self.resident, self.close = device.empty, device.resident, device.close
+        self.move, self.publish = device.move, device.publish
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """As the device's own, when the gate is open."""
