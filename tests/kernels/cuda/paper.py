@@ -60,7 +60,7 @@ def device() -> Any:
     class Paper(CudaDevice):
         def __init__(self) -> None:
             self.stream = 0
-            self._kept = {}
+            self._kept, self._lent = {}, {}
 
         primitives = _Nothing()
 

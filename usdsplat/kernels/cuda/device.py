@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import threading
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -117,7 +118,7 @@ class CudaDevice:
         """In whose order everything happens."""
         self._primitives: Any = None
         self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
-        self._lent: dict[str, Any] = {}
+        self._lent: dict[tuple[int, str], Any] = {}
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
@@ -152,11 +153,13 @@ class CudaDevice:
         return cuda.device_array(shape, dtype, stream=self.stream)
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
-        """A buffer of the GPU for the time of one form: kept for the next, and grown."""
-        found = self._lent.get(name)
+        """A buffer of the GPU for the time of one form, with undefined contents: kept for the next
+        that the same thread of the host runs, and grown. The stream orders who uses it."""
+        key = threading.get_ident(), name
+        found = self._lent.get(key)
         if found is None or found.size < size or found.dtype != np.dtype(dtype):
-            self._lent.pop(name, None)
-            found = self._lent[name] = self.resident(max(size, 1), dtype)
+            self._lent.pop(key, None)
+            found = self._lent[key] = self.resident(max(size, 1), dtype)
         return found
 
     def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:

@@ -40,38 +40,42 @@ from usdsplat.kernels.sim.solids import BOX, MESH, ROUND, box_distance, field_so
 RESOLVERS = 64
 """Threads of a block that resolves."""
 _TURN, _PLACE, _SIZE, _CLEARANCE, _BLEND, _KIND, _SHORT = 0, 9, 12, 16, 17, 18, 19
-"""Columns of what the first launch reads of each solid, float32."""
+"""Columns of what the first launch reads of each solid, float32, flat."""
 
 
 @cuda.jit
-def _shorten(bodies, short):
-    """Of each solid, what finds contacts; the turn is into its own frame."""
+def _shorten(bodies, short, total):
+    """Of each solid, what finds contacts; the turn is into its own frame. total: becomes 0."""
     j = cuda.blockIdx.x
+    at = j * _SHORT
+    if j == 0 and cuda.threadIdx.x == 0:
+        total[0] = 0
     if cuda.threadIdx.x == 0:
         for row in range(3):
             for column in range(3):
-                short[j, _TURN + 3 * row + column] = bodies[j, TURN + 3 * column + row]
-            short[j, _PLACE + row] = bodies[j, PLACE + row]
+                short[at + _TURN + 3 * row + column] = bodies[j, TURN + 3 * column + row]
+            short[at + _PLACE + row] = bodies[j, PLACE + row]
         for k in range(4):
-            short[j, _SIZE + k] = bodies[j, SIZE + k]
-        short[j, _CLEARANCE], short[j, _BLEND] = bodies[j, CLEARANCE], bodies[j, BLEND]
-        short[j, _KIND] = bodies[j, KIND]
+            short[at + _SIZE + k] = bodies[j, SIZE + k]
+        short[at + _CLEARANCE], short[at + _BLEND] = bodies[j, CLEARANCE], bodies[j, BLEND]
+        short[at + _KIND] = bodies[j, KIND]
 
 
 @cuda.jit(device=True)
 def _gap_to(bodies, short, j, fields, voxels, px, py, pz):
     """Distance of a point from solid j, float32."""
-    kind = short[j, _KIND]
+    at = j * _SHORT
+    kind = short[at + _KIND]
     if kind == MESH:
         u, v, w = into(bodies, j, TURN, PLACE, np.float64(px), np.float64(py), np.float64(pz))
         return np.float32(field_solid(u, v, w, fields, int(bodies[j, FIELD]), voxels)[0])
-    px, py, pz = px - short[j, _PLACE], py - short[j, _PLACE + 1], pz - short[j, _PLACE + 2]
-    x = short[j, _TURN] * px + short[j, _TURN + 1] * py + short[j, _TURN + 2] * pz
-    y = short[j, _TURN + 3] * px + short[j, _TURN + 4] * py + short[j, _TURN + 5] * pz
-    z = short[j, _TURN + 6] * px + short[j, _TURN + 7] * py + short[j, _TURN + 8] * pz
-    a, b, c = short[j, _SIZE], short[j, _SIZE + 1], short[j, _SIZE + 2]
+    px, py, pz = px - short[at + _PLACE], py - short[at + _PLACE + 1], pz - short[at + _PLACE + 2]
+    x = short[at + _TURN] * px + short[at + _TURN + 1] * py + short[at + _TURN + 2] * pz
+    y = short[at + _TURN + 3] * px + short[at + _TURN + 4] * py + short[at + _TURN + 5] * pz
+    z = short[at + _TURN + 6] * px + short[at + _TURN + 7] * py + short[at + _TURN + 8] * pz
+    a, b, c = short[at + _SIZE], short[at + _SIZE + 1], short[at + _SIZE + 2]
     if kind == ROUND:
-        return round_distance(x, y, z, a, b, c, short[j, _SIZE + 3])
+        return round_distance(x, y, z, a, b, c, short[at + _SIZE + 3])
     if kind == BOX:
         return box_distance(x, y, z, a, b, c)
     return z
@@ -116,7 +120,7 @@ def _find(
         if wanted:
             near[block, count + at] = j
             for axis in range(3):
-                slack = max(slack, abs(short[j, _PLACE + axis]))
+                slack = max(slack, abs(short[j * _SHORT + _PLACE + axis]))
         count += these
     slack = MARGIN * (far + largest(slack, shared))  # and all see what is near
     if me == 0:
@@ -133,8 +137,8 @@ def _find(
             for s in range(count):
                 j = near[block, s]
                 other = _gap_to(bodies, short, j, fields, voxels, x, y, z)
-                other -= short[j, _CLEARANCE] * sigma
-                gap = other if s == 0 else join(gap, other, short[j, _BLEND])[1]
+                other -= short[j * _SHORT + _CLEARANCE] * sigma
+                gap = other if s == 0 else join(gap, other, short[j * _SHORT + _BLEND])[1]
             touches = gap < slack
         at, these = place_of(touches, places)
         if me == 0 and these > 0:
@@ -176,10 +180,11 @@ def contact(
     blocks, k = counts.shape[0], bodies.shape[0]
     if not blocks or not k:
         return
-    short = device.resident((k, _SHORT), np.float32)
-    found, listed = device.resident(blocks, np.int32), device.resident(blocks * BLOCK, np.int32)
-    total = device.zeros(1, np.int32)
-    _shorten[k, WARPS, device.stream](bodies, short)
+    short = device.borrow("contact: solids", k * _SHORT, np.float32)
+    found = device.borrow("contact: found", blocks, np.int32)
+    listed = device.borrow("contact: listed", positions.shape[0], np.int32)
+    total = device.borrow("contact: total", 1, np.int32)
+    _shorten[k, WARPS, device.stream](bodies, short, total)
     _find[blocks, THREADS, device.stream](
         bodies, short, fields, voxels, blend, clearance, flags, scales, positions, near, found,
         counts, listed, total,

@@ -140,7 +140,7 @@ def search(
     if end > begin:
         _search[-(-(end - begin) // THREADS), THREADS, device.stream](
             positions, reach, widest, start, inverse, bits, k_max, begin, end, found,
-            device.resident(0, np.int32), counts, dropped, twins,
+            device.borrow("search: nothing", 1, np.int32), counts, dropped, twins,
         )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def sweep(
     blocks, n = counts.shape[0], positions.shape[0]
     if not blocks:
         return
-    found = device.resident(blocks, np.int32)
+    found = device.borrow("sweep: found", blocks, np.int32)
     _cull[blocks, THREADS, device.stream](
         bodies, clearance, started, scales, positions, near, found, counts
     )

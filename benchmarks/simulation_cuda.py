@@ -1,0 +1,329 @@
+"""What the simulation costs on a GPU, beside the bytes that it must move and beside the CPU.
+
+    python -m benchmarks.simulation_cuda [steps | frames] [SPLATS]
+
+`steps`: a step of the reaction on the graph of a waved sheet, the affector step of 16 capsules, and
+others, with a million splats. Milliseconds of the GPU are between events of its own stream around
+each launch, of arrays that are there, queued while it is busy with something else, so that no
+launch is waited for: medians of 40, with the quartiles. The floor is the bytes that must be read
+and written at 4 TB/s. The CPU's are of the same kernels on the same arrays.
+
+`frames`: 100 frames of a pattern, growth and affectors on both devices, and how far apart their
+states are; twice on the GPU, whose bits must be the same.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.simulation import DT, SUPPORT, capsules, sheet, state_of
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.sim import lists, settle
+from usdsplat.kernels.sim import reaction as reactions
+from usdsplat.sim.bodies import pack_bodies
+from usdsplat.sim.contact import COUNTS, contact
+from usdsplat.sim.fields import Fields
+from usdsplat.sim.neighbors import Graph, Neighbors
+from usdsplat.sim.parameters import NeighborsParameters, Parameters, RdParameters
+from usdsplat.sim.reaction import Reaction
+from usdsplat.sim.solver import Solver
+from usdsplat.sim.specs import Affector, Moment, SkinBinding
+from usdsplat.sim.uses import uses_over
+
+REPEATS = 40
+BANDWIDTH = 4e12
+"""Of an H200's memory [B/s], nearly."""
+FRAMES = 100
+FIELD = 20_000
+"""Splats of `frames`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Part:
+    """A launch that is measured, with arrays of the device."""
+
+    name: str
+    run: Callable[[], Any]
+    bytes: float
+    """That it must read and write."""
+    prepare: Callable[[], Any] = lambda: None
+    """What is done before each launch, and not timed."""
+
+
+# --- 1. steps ---------------------------------------------------------------------------
+
+
+def reaction_part(device: Device, graph: Graph) -> Part:
+    """A step of Gray and Scott's."""
+    knobs = RdParameters(enabled=True)
+    reaction = Reaction(device, graph, knobs)
+    n, k = len(graph.order), len(graph.neighbors)
+    now = device.move(np.random.default_rng(2).random(2 * n, dtype=np.float32))
+    then = device.resident(2 * n, np.float32)
+    rates = [device.move(np.array([each], np.float32)) for each in (knobs.feed, knobs.kill)]
+    area = np.float32(reaction.scale**2)
+    numbers = np.float32(knobs.diffusion_u) * area, np.float32(knobs.diffusion_v) * area
+
+    def run() -> None:
+        device.run(
+            reactions.gray_scott, *reaction.weights, now, *rates, *numbers, np.float32(1), then
+        )
+
+    return Part(name=f"Gray-Scott step, k {k / n:.1f}", run=run, bytes=8.0 * k + 24 * n)
+
+
+def contact_part(device: Device, points: F32, name: str, solids: list[Affector]) -> Part:
+    """The affector step, from where splats are when it is done for the first time."""
+    n = len(points)
+    bodies = pack_bodies(Fields(device), solids, solids, DT)
+    everyone = np.arange(len(bodies), dtype=np.int32)
+    meshes = (bodies.fields.headers, bodies.fields.voxels)
+    blocks = -(-n // 1024)
+    scales = np.tile(np.array([0.5, 0.45, 0.05], np.float32), (n, 1))
+    table, everyone, *meshes, started, flags, scales, positions, velocities, since, struck = (
+        device.move(each)
+        for each in (
+            bodies.table, everyone, *meshes, points.copy(), np.ones(n, np.uint32), scales,
+            points.copy(), np.zeros((n, 3), np.float32), np.full(n, np.inf, np.float32),
+            np.zeros(n, np.uint8),
+        )
+    )  # fmt: skip
+    inside = device.move(points.copy())
+
+    def prepare() -> None:
+        if isinstance(positions, np.ndarray):
+            positions[:] = inside
+        else:
+            positions.copy_to_device(inside, stream=device.stream)  # type: ignore[attr-defined]
+
+    near = device.resident((blocks, len(bodies)), np.int32)
+    counts = device.resident((blocks, COUNTS), np.int64)
+
+    def run() -> None:
+        device.run(
+            contact, table, everyone, *meshes, DT, bodies.blend, bodies.clearance,
+            1e-7 * bodies.size, started, flags, scales, positions, velocities, since, struck, near,
+            counts,
+        )  # fmt: skip
+
+    return Part(name=name, run=run, bytes=28.0 * n, prepare=prepare)
+
+
+def other_parts(device: Device, points: F32) -> list[Part]:
+    """Settling, and whether lists must be built again."""
+    n = len(points)
+    state = state_of(points, 0)
+    here = device.move(points.copy())
+    speeds, positions, velocities = (device.move(points * np.float32(s)) for s in (0, 1, 0))
+    flags, weight = device.move(state.flags), device.move(state.weight)
+    since = device.move(np.full(n, np.inf, np.float32))
+    numbers = (np.float32(each) for each in (4.0, 0.2, np.inf, DT))
+    fixed = tuple(numbers)
+    far = device.resident(-(-n // 1024), np.float64)
+    return [
+        Part(
+            name="settle",
+            run=lambda: device.run(
+                settle.settle, *fixed, here, here, speeds, flags, weight, positions, velocities,
+                since,
+            ),
+            bytes=n * (12.0 * 2 + 12 * 2 * 3 + 4 * 2 + 8),
+        ),
+        Part(
+            name="drift", run=lambda: device.run(lists.drift, here, positions, far), bytes=24.0 * n
+        ),
+    ]  # fmt: skip
+
+
+def parts(device: Device, points: F32) -> list[Part]:
+    """All that `steps` measures."""
+    support = np.full(len(points), SUPPORT, np.float32)
+    graph = Neighbors(device, NeighborsParameters()).update(points, support)
+    side, middle = float(np.sqrt(len(points))), points.mean(axis=0)
+    large = 0.03 * side
+    return [
+        reaction_part(device, graph),
+        contact_part(
+            device, points, "contact, 16 large capsules that overlap",
+            capsules(16, large, large, middle, 0.1 * side),
+        ),
+        contact_part(
+            device, points, "contact, 16 small capsules", capsules(16, 3, 3, middle, 0.4 * side)
+        ),
+        *other_parts(device, points),
+    ]  # fmt: skip
+
+
+def events(device: Any, part: Part) -> list[float]:
+    """Time of each of many launches on the GPU [ms]."""
+    from numba import cuda
+
+    @cuda.jit
+    def busy(out: Any) -> None:
+        for _ in range(20):
+            cuda.nanosleep(np.uint32(1_000_000))
+        out[0] = 1
+
+    for _ in range(3):
+        part.prepare()
+        part.run()
+    marks = [(cuda.event(), cuda.event()) for _ in range(REPEATS)]
+    busy[1, 1, device.stream](device.resident(1, np.int32))
+    for begin, end in marks:
+        part.prepare()
+        begin.record(device.stream)
+        part.run()
+        end.record(device.stream)
+    device.stream.synchronize()
+    return [begin.elapsed_time(end) for begin, end in marks]
+
+
+def clock(part: Part) -> list[float]:
+    """Time of each of some launches on the CPU [ms]."""
+    out = []
+    for _ in range(8):
+        part.prepare()
+        begin = time.perf_counter()
+        part.run()
+        out.append(1e3 * (time.perf_counter() - begin))
+    return out[1:]
+
+
+def steps(console: Console, count: int) -> None:
+    """Print the table of steps."""
+    points = sheet(count)
+    fast, slow = open_device(), open_device("cpu")
+    table = Table("step", "floor [ms]", "GPU [ms]", "of the floor", "CPU [ms]", "times faster")
+    if fast.name == "cpu":
+        console.print("no GPU here: the CPU's alone")
+    builds = [(device.name, built(device, points)) for device in dict.fromkeys((fast, slow))]
+    for ours, theirs in zip(parts(fast, points), parts(slow, points), strict=True):
+        cpu = float(np.median(clock(theirs)))
+        floor = 1e3 * ours.bytes / BANDWIDTH
+        if fast.name == "cpu":
+            table.add_row(ours.name, f"{floor:.3f}", "", "", f"{cpu:.2f}", "")
+            continue
+        low, middle, high = np.percentile(events(fast, ours), (25, 50, 75))
+        table.add_row(
+            ours.name, f"{floor:.3f}", f"{middle:.3f} ({low:.3f} to {high:.3f})",
+            f"{middle / floor:.1f}", f"{cpu:.2f} on {slow.threads}", f"{cpu / middle:.0f}",
+        )  # fmt: skip
+    console.print(table)
+    for name, seconds in builds:
+        console.print(f"lists of neighbours built and fetched, {name}: {1e3 * seconds:.0f} ms")
+
+
+def built(device: Device, points: F32) -> float:
+    """Seconds that building lists takes, from arrays of the host to arrays of the host."""
+    support = np.full(len(points), SUPPORT, np.float32)
+    out = []
+    for _ in range(4):
+        begin = time.perf_counter()
+        Neighbors(device, NeighborsParameters()).update(points, support)
+        out.append(time.perf_counter() - begin)
+    return float(np.median(out[1:]))
+
+
+# --- 2. frames --------------------------------------------------------------------------
+
+
+class Field:
+    """Splats of a sheet that a pattern grows out of, while capsules go through them."""
+
+    selection: F32 | None = None
+    binding: SkinBinding | None = None
+    codes_per_second = 24.0
+    path = "/Field"
+
+    def __init__(self, points: F32) -> None:
+        self._points = points
+        turns = np.tile(np.array([1, 0, 0, 0], np.float32), (len(points), 1))
+        self.rest: SplatCloud = replace(state_of(points, 0).cloud(), rotations=turns)
+        plain = Parameters()
+        self._parameters = replace(
+            plain,
+            rd=replace(plain.rd, enabled=True, domain="self", substeps=8),
+            growth=replace(plain.growth, rate=0.5),
+        )
+
+    def at(self, time: float) -> Moment:
+        """Capsules that go along x."""
+        side = float(np.sqrt(len(self._points)))
+        middle = self._points.mean(axis=0) + np.float32([0.2 * time - 10, 0, 0])
+        solids = capsules(16, 0.04 * side, 0.04 * side, middle, 0.3 * side)
+        return Moment(
+            time=time, parameters=self._parameters, to_world=np.eye(4), affectors=tuple(solids)
+        )
+
+
+def simulated(name: str, count: int, path: str) -> None:
+    """Simulate on one device, and write the state with the seconds of a frame."""
+    device, field = open_device(name), Field(sheet(count))
+    uses = uses_over(field, [float(t) for t in range(FRAMES + 1)])
+    solver = Solver(field, uses, device=device, start=0.0)
+    laps = []
+    for _ in range(FRAMES):
+        begin = time.perf_counter()
+        solver.advance()
+        laps.append(time.perf_counter() - begin)
+    arrays = dict(solver.state.per_splat())
+    np.savez(path, **{key.replace(":", "-"): a for key, a in arrays.items()}, laps=np.array(laps))
+
+
+def frames(console: Console, count: int) -> None:
+    """Print how far apart the states are."""
+    with tempfile.TemporaryDirectory() as folder:
+        names = ["cpu"] if open_device().name == "cpu" else ["cpu", "cuda", "cuda"]
+        files = [str(Path(folder) / f"{k}.npz") for k in range(len(names))]
+        runs = [
+            subprocess.Popen([sys.executable, "-m", __spec__.name, "one", str(count), name, file])
+            for name, file in zip(names, files, strict=True)
+        ]
+        for run in runs:
+            assert run.wait() == 0
+        states: list[dict[str, Any]] = [dict(np.load(file)) for file in files]
+    laps = [f"{1e3 * np.median(state.pop('laps')):.1f}" for state in states]
+    console.print(f"ms of a frame, {count} splats: " + ", ".join(
+        f"{name} {lap}" for name, lap in zip(names, laps, strict=True)
+    ))  # fmt: skip
+    table = Table("state", "largest", "largest difference", "bits as the CPU's", "bits twice")
+    for key, wanted in states[0].items():
+        found = states[-1].get(key, wanted)
+        again = states[min(1, len(states) - 1)].get(key, wanted)
+        finite = np.where(np.isfinite(wanted), wanted, 0).astype(np.float64)
+        apart = np.abs(np.where(np.isfinite(found), found, 0) - finite)
+        table.add_row(
+            key, f"{np.abs(finite).max():.3g}", f"{apart.max():.3g}",
+            "yes" if found.tobytes() == wanted.tobytes() else "no",
+            "yes" if found.tobytes() == again.tobytes() else "NO",
+        )  # fmt: skip
+    console.print(table)
+
+
+def main() -> None:
+    """Print the tables that were asked for."""
+    console = Console(width=140)
+    what = sys.argv[1] if len(sys.argv) > 1 else "steps"
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    if what == "one":
+        simulated(sys.argv[3], count, sys.argv[4])
+    elif what == "frames":
+        frames(console, count or FIELD)
+    else:
+        steps(console, count or 1_000_000)
+
+
+if __name__ == "__main__":
+    main()
