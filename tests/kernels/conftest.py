@@ -6,7 +6,7 @@ import pytest
 
 from tests.delegate import rendering, surface_scenes
 from tests.devices import NAMES, device_of
-from usdsplat.kernels.device import Device
+from usdsplat.kernels.device import Device, open_device
 
 
 @pytest.fixture(params=NAMES)
@@ -20,3 +20,15 @@ def scenes_on_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """What helpers draw is drawn on `device`."""
     for module in (rendering, surface_scenes):
         monkeypatch.setattr(module, "open_device", lambda **_: device)
+
+
+@pytest.fixture
+def on_device(
+    device: Device, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """What the module calls `open_device()` is `device`."""
+
+    def opened(*, threads: int | None = None) -> Device:
+        return device if threads is None else open_device(device.name, threads=threads)
+
+    monkeypatch.setattr(request.module, "open_device", opened)

@@ -200,7 +200,7 @@ def test_steps_of_flight_converge_to_what_assembling_places() -> None:
 def test_threads_do_not_matter() -> None:
     """Oracle: one thread, bit by bit."""
     digests = set()
-    for device in (CpuDevice(threads=1), DEVICE):
+    for device in (CpuDevice(threads=1), CpuDevice()):
         for mode in ("dissolve", "assemble"):
             state = at_rest(5000)
             parameters = DissolveParameters(mode=mode, speed=1.0)

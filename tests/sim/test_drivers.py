@@ -141,7 +141,7 @@ def test_drivers_do_not_accumulate_and_threads_do_not_matter() -> None:
     for output in ("scale", "color"):
         frames = [
             driven(state, device=device, output=output, amount=0.5, source="speed")[1]
-            for device in (DEVICE, DEVICE, CpuDevice(threads=1))
+            for device in (CpuDevice(), CpuDevice(), CpuDevice(threads=1))
         ]
         for name in ("scales", "sh"):
             first, *others = (getattr(frame, name) for frame in frames)

@@ -159,7 +159,7 @@ def test_threads_do_not_matter() -> None:
     points = np.random.default_rng(5).uniform(-3, 3, (5000, 3))
     particles = ParticlesParameters(gravity=(0, -1, 0), turbulence=1.0, turbulence_scale=0.3)
     digests = set()
-    for device in (CpuDevice(threads=1), DEVICE):
+    for device in (CpuDevice(threads=1), CpuDevice()):
         state = state_of(points)
         for step in range(5):
             fly(device, state, particles, to_world=ONE, now=step / 24, dt=1 / 24, seed=1)

@@ -161,7 +161,7 @@ def test_spots_are_stretched_along_a_direction(device) -> None:
 def test_threads_do_not_matter(few) -> None:
     """Oracle: one thread, bit for bit."""
     found = []
-    for device in (CpuDevice(threads=1), open_device()):
+    for device in (CpuDevice(threads=1), CpuDevice()):
         reaction = Reaction(device, few, RdParameters(conservative=True, anisotropy=0.5))
         found.append(reaction.step(seeded(device, few.positions[few.rank], reaction), 50))
     assert found[0].tobytes() == found[1].tobytes()

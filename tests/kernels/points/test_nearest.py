@@ -8,6 +8,8 @@ import pytest
 from usdsplat.kernels.device import open_device
 from usdsplat.kernels.points.nearest import nearest
 
+pytestmark = pytest.mark.usefixtures("on_device")
+
 
 def brute_force(points, queries, k):
     """Indices and distances from all pairs, in float32; equal ones by index."""

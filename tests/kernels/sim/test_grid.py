@@ -9,6 +9,8 @@ from usdsplat.kernels.device import open_device
 from usdsplat.kernels.sim import grid
 from usdsplat.kernels.sim.grid import FAR
 
+pytestmark = pytest.mark.usefixtures("on_device")
+
 BITS = (4, 3, 5)
 
 

@@ -8,6 +8,8 @@ import pytest
 from usdsplat.kernels.device import CpuDevice, open_device
 from usdsplat.kernels.sim.reaction import gray_scott, seed
 
+pytestmark = pytest.mark.usefixtures("on_device")
+
 F = np.float32
 FEED, KILL, DU, DV = 0.037, 0.06, 0.16, 0.08
 SIDE = 96
@@ -90,7 +92,7 @@ def test_threads_do_not_matter() -> None:
     feed, kill = np.full(SIDE * SIDE, FEED, F), np.array([KILL], F)
     one, all_of_them = (
         run(device, lattice(), start(), 50, feed, kill)
-        for device in (CpuDevice(threads=1), open_device())
+        for device in (CpuDevice(threads=1), CpuDevice())
     )
     assert one.tobytes() == all_of_them.tobytes()
 

@@ -12,6 +12,8 @@ from usdsplat.core import covariance
 from usdsplat.kernels.device import open_device
 from usdsplat.kernels.thinning import pairs
 
+pytestmark = pytest.mark.usefixtures("on_device")
+
 BY_COLOR, BY_OPACITY = 0.7, 1.3
 
 

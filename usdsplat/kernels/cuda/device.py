@@ -231,7 +231,7 @@ def _is_host(value: Any) -> bool:
 
 
 def _is_resident(value: Any) -> bool:
-    return cuda.is_cuda_array(value) and not isinstance(value, np.ndarray)
+    return hasattr(value, "copy_to_host")
 
 
 class _Moves:
