@@ -42,9 +42,9 @@ def project_rows(
     volumes, crops = np.empty(0, crop.CROP), np.empty((1, 0, 3, 4))
     device.run(
         project.project, camera(**changes), matrix[None, :3].copy(), volumes, crops,
-        device.upload(positions),
+        np.empty(0, np.int32), device.upload(positions),
         device.upload(np.float32(rotations)), device.upload(np.float32(scales)),
-        device.upload(opacities), block, 0, out, found,
+        device.upload(opacities), np.empty(0, np.uint8), block, 0, out, found,
     )  # fmt: skip
     rows = np.concatenate([np.arange(found[b]) + b * block for b in range(blocks)])
     return tuple(array[rows] for array in out)

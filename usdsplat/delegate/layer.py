@@ -106,10 +106,16 @@ class Layer:
         self._walks = by_ray or seen.keeps.size > 0 or behind.holdout[0].size > 0
         """Whether contributions must be taken one by one."""
         self._grid = bins.grid_of(x0, y0, x1, y1)
-        self._starts, self._lists, pairs = device.run(
-            bins.tile_lists, seen.records, self._grid, bins.tiles_in(self._grid),
-            4 * device.threads, scratch.get,
-        )  # fmt: skip
+        key = seen.stamp, window
+        noted = scratch.noted("tile lists")
+        if noted is None or noted[0] != key:
+            made = device.run(
+                bins.tile_lists, seen.records, self._grid, bins.tiles_in(self._grid),
+                4 * device.threads, scratch.get,
+            )  # fmt: skip
+            noted = key, made
+            scratch.note("tile lists", noted)
+        self._starts, self._lists, pairs = noted[1]
         if pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{pairs} pairs of splat and tile", "less than 2**31")
         self._stats.pairs += pairs

@@ -18,6 +18,8 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.draw_list import DrawList, Group
+from usdsplat.delegate.layout import LEAST, MAKING
+from usdsplat.delegate.layout import PER_SPLAT as PER_SPLAT_LAID
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.screen import Screen
@@ -121,6 +123,7 @@ def estimate(
     wanted, meshes = set(aovs), bool(scene.drawn_meshes())
     layout = scene.draw_list(settings.splat_budget)
     seen, pairs = _seen(layout, screen)
+    laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
     mode = settings.display_mode
     per_splat = _per_splat(wanted, mode, peaks=peaks, labels=bool(view.matte))
@@ -130,7 +133,8 @@ def estimate(
     writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
     return Estimate(
         held=_held(scene),
-        splats=pictures * (PER_SLOT * layout.slots + seen * per_splat + _of_meshes(scene)),
+        splats=pictures * (PER_SLOT * layout.slots + seen * per_splat + _of_meshes(scene))
+        + (PER_SPLAT_LAID + MAKING) * sum(n for n in laid.values() if n >= LEAST),
         band=int(pictures * (pixels * per_pixel + 4 * share * pairs)) + pixels * kept + writing,
         rows=end - begin,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from usdsplat.core.cloud import F32, F64
 from usdsplat.core.extent import extent
 from usdsplat.delegate.cropping import inside
 from usdsplat.delegate.draw_list import DrawList, draw_list
+from usdsplat.delegate.layout import Laying
 from usdsplat.delegate.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 from usdsplat.delegate.thinning import Part, Thinning
 
@@ -19,6 +20,9 @@ SUBJECT = 0.004
 
 FEW = 100_000
 """Splats that are looked at, about, to find the subject."""
+
+SHAPES = ("positions", "rotations", "scales", "opacities")
+"""Arrays of a cloud that projection reads."""
 
 Box = tuple[F64, F64]
 Drawn = tuple[str, "Field", InstanceSpec]
@@ -42,12 +46,33 @@ class Field:
     """Bounds of the centres without strays; computed when first asked for."""
     thinning: Thinning | None = None
     """What a budget leaves of it; made when first asked for."""
+    laying: Laying = field(default_factory=Laying)
+    """How its splats lie in memory."""
+    shapes: object = field(default_factory=object)
+    """Another one whenever its splats are elsewhere or of another form or opacity."""
+    radiance: object = field(default_factory=object)
+    """Another one whenever their harmonics are others."""
 
     def thinned(self, count: int) -> Part:
         """Return its `count` most conspicuous splats."""
         if self.thinning is None:
             self.thinning = Thinning(self.spec.cloud)
         return self.thinning.part(count)
+
+    def replace(self, spec: FieldSpec) -> None:
+        """Take other splats; arrays with the same numbers as before stay the same objects, and all
+        that was made of them stays with them."""
+        before, now = self.spec.cloud, spec.cloud
+        equal = {
+            name: _equal(getattr(before, name), getattr(now, name)) for name in (*SHAPES, "sh")
+        }
+        kept = {name: getattr(before, name) for name, same in equal.items() if same}
+        self.spec, self.thinning = replace(spec, cloud=replace(now, **kept)), None
+        if not equal["sh"]:
+            self.radiance = object()
+        if not all(equal[name] for name in SHAPES):
+            self.local, self.subject, self.shapes = None, None, object()
+            self.laying.forget()
 
     @property
     def is_drawn(self) -> bool:
@@ -71,6 +96,14 @@ class Mesh:
     def is_drawn(self) -> bool:
         """Whether there is anything of it to see."""
         return self.visible and bool(self.instances) and len(self.spec.triangles) > 0
+
+
+def _equal(a: F32, b: F32) -> bool:
+    """Whether two arrays hold the same numbers; those of an animation differ at first sight."""
+    few = slice(None, None, max(1, len(a) // 64))
+    return a is b or (
+        a.shape == b.shape and np.array_equal(a[few], b[few]) and np.array_equal(a, b)
+    )
 
 
 def matrix(numbers: tuple[float, ...]) -> F64:
@@ -158,11 +191,10 @@ class RenderScene:
     def set_field(self, path: str, spec: FieldSpec) -> None:
         """Add the field at `path`, or replace its splats."""
         self._forget_order()
-        field = self._fields.get(path)
-        if field is None:
-            self._fields[path] = Field(spec)
+        if path in self._fields:
+            self._fields[path].replace(spec)
         else:
-            field.spec, field.local, field.subject, field.thinning = spec, None, None, None
+            self._fields[path] = Field(spec)
 
     def set_mesh(self, path: str, spec: MeshSpec) -> None:
         """Add the mesh at `path`, or replace its triangles."""

@@ -22,6 +22,7 @@ class Scratch:
         self._empty = empty
         self._buffers: dict[str, Any] = {}
         self._made: dict[str, Any] = {}
+        self._notes: dict[str, Any] = {}
 
     def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         """The buffer `name` as an array of this shape; what it holds is undefined."""
@@ -31,6 +32,7 @@ class Scratch:
         buffer = self._buffers.get(name)
         if buffer is None or buffer.size < size or buffer.dtype != np.dtype(dtype):
             self._buffers.pop(name, None)
+            self._notes.pop(name, None)
             buffer = self._buffers[name] = self._empty(size, dtype)
         return buffer[:size].reshape(shape)
 
@@ -39,3 +41,11 @@ class Scratch:
         if name not in self._made:
             self._made[name] = make()
         return self._made[name]
+
+    def note(self, name: str, what: Any) -> None:
+        """Remember what buffer `name` holds, until it is another one; None for nothing known."""
+        self._notes[name] = what
+
+    def noted(self, name: str) -> Any:
+        """What was noted last of a buffer; None where nothing is known."""
+        return self._notes.get(name)

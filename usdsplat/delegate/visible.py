@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.scratch import Scratch
 from usdsplat.delegate.screen import Screen
 from usdsplat.images.color import conversion, is_identity
-from usdsplat.kernels import feature, peak, project, radiance, sort
+from usdsplat.kernels import blocks, feature, peak, project, radiance, sort
 from usdsplat.kernels.device import Device
 
 DOT_REACH = 4
@@ -52,6 +52,8 @@ class Visible:
     """Whether rays are."""
     near: float
     """Planar depth [scene unit] before which nothing is seen."""
+    stamp: object
+    """Another one whenever any footprint or the order is another: what tiles they touch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +63,22 @@ class Wanted:
     peaks: bool = False
     features: bool = False
     labels: bool = False
+
+
+HOLDING = ("records", "keys", "sources", "found", "sort slots")
+"""Buffers in which a look is held until the next one."""
+
+
+@dataclass(slots=True, eq=False)
+class _Held:
+    """What was looked at last, by the first slot of each group."""
+
+    shapes: dict[int, Any] = field(default_factory=dict)
+    """All that its footprints depend on; None where that is not said."""
+    radiance: dict[int, Any] = field(default_factory=dict)
+    """All that its colours depend on besides."""
+    order: Any = None
+    stamp: object = None
 
 
 class Look:
@@ -81,6 +99,8 @@ class Look:
         self._screen = screen
         self.settings = settings
         self._blend_space = blend_space
+        self._degree = settings.sh_degree
+        self._is_ordered = False
         if self.layout.slots > np.iinfo(np.int32).max:
             found = f"{self.layout.slots} splats in one view"
             raise UsageError("scene", found, "less than 2**31")
@@ -92,25 +112,32 @@ class Look:
         stats: FrameStats,
         clock: Clock,
     ) -> Visible:
-        """Project, colour and sort all splats of the view."""
+        """Project, colour and sort all splats of the view, where the last look does not hold."""
         layout, get, slots = self.layout, self._scratch.get, self.layout.slots
         out = (
             get("records", (slots, project.RECORD), np.float32),
             get("keys", (slots,), np.float32),
             get("sources", (slots,), np.int32),
         )
-        records, _, sources = out
+        records, keys, sources = out
         found = get("found", layout.block_starts.shape, np.int32)
         pairs, end = [], 0
+        held, now = self._held(), _Held()
         for group in layout.groups:
             pairs.append((group, found[end : end + group.all_blocks]))
+            now.shapes[group.slot] = self._shape(group, end)
             end += group.all_blocks
         stats.splats, stats.total = layout.splats, layout.total
         for group, part in pairs:
-            self._project(group, out, part)
+            shape = now.shapes[group.slot]
+            if shape is None or held.shapes.get(group.slot) != shape:
+                self._project(group, out, part)
+                held.radiance.pop(group.slot, None)
         clock.lap("project")
         for group, part in pairs:
-            self._radiance(group, sources, part, records, project.RED, self.settings.sh_degree)
+            now.radiance[group.slot] = colors = self._colors(group)
+            if held.radiance.get(group.slot) != colors:
+                self._radiance(group, sources, part, records, project.RED, self._degree)
         clock.lap("radiance")
         peaks = get("peaks", (slots if wanted.peaks else 0, peak.PEAK), np.float32)
         if wanted.peaks:
@@ -125,12 +152,24 @@ class Look:
             clock.lap("features")
         for group in layout.groups:
             self._name_rows(group, sources)
-        order = self._sort(found, out[1])
+        if held.stamp and None not in now.shapes.values() and now.shapes == held.shapes:
+            now.order, now.stamp = held.order, held.stamp
+        else:
+            now.order, now.stamp = self._sort(found, keys, sources), object()
+        order = now.order
+        ordered = get("ordered", (order.shape[0], project.RECORD), np.float32)
+        if now.stamp is not held.stamp or now.radiance != held.radiance or not self._is_ordered:
+            ordered = self._gather("ordered", order, records)
         gathered = (
-            self._gather("ordered", order, records),
+            ordered,
             self._gather("ordered peaks", order, peaks),
             self._gather("ordered features", order, features),
         )
+        for name in HOLDING:
+            self._scratch.note(name, now)
+        # other modes draw into the records in their order
+        is_plain = self.settings.display_mode == "splats"
+        self._scratch.note("ordered", now if is_plain else None)
         clock.lap("sort")
         stats.visible = order.shape[0]
         holds = [is_matte(path, matte) for path in layout.prims]
@@ -146,7 +185,28 @@ class Look:
             labels=self._label("labels", order, layout.labels[:, 0].copy(), wanted.labels),
             is_parallel=self._screen.orthographic,
             near=self._screen.clipping_range[0],
+            stamp=now.stamp if is_plain else object(),
         )
+
+    # --- what holds ------------------------------------------------------------------------
+
+    def _held(self) -> _Held:
+        """What the last look left in the buffers. It holds no longer: they are written."""
+        notes = [self._scratch.noted(name) for name in HOLDING]
+        self._is_ordered = notes[0] is not None and self._scratch.noted("ordered") is notes[0]
+        for name in (*HOLDING, "ordered"):
+            self._scratch.note(name, None)
+        holds = notes[0] is not None and all(each is notes[0] for each in notes)
+        return notes[0] if holds else _Held()
+
+    def _shape(self, group: Group, first: int) -> Any:
+        """All that the footprints of a group depend on, `first` its first block; None where a
+        budget leaves a part of it, whose rows are renamed."""
+        if group.rows is not None:
+            return None
+        arrays = self.matrices(group), self.record(group), group.transforms
+        field = group.field
+        return first, field.shapes, field.crops, *(array.tobytes() for array in arrays)
 
     # --- one group -------------------------------------------------------------------------
 
@@ -183,13 +243,23 @@ class Look:
         )
 
     def _project(self, group: Group, out: Any, found: I32) -> None:
-        cloud, keep = group.cloud, self._device.keep
+        keep, run = self._device.keep, self._device.run
+        laid = group.field.laying.of(self._device, group.cloud)
+        record, matrices = self.record(group), self.matrices(group)
         shapes, crops = volumes(group.field.crops, group.transforms)
-        self._device.run(
-            project.project, self.record(group), self.matrices(group), shapes, crops,
-            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
-            keep(cloud.opacities), group.block, group.slot, out, found,
+        closed = self._scratch.get("closed", (len(matrices) * len(laid.boxes),), np.uint8)
+        if len(laid.boxes):
+            run(blocks.cull, record, matrices, keep(laid.boxes), closed)
+        run(
+            project.project, record, matrices, shapes, crops, keep(laid.rows),
+            keep(laid.positions), keep(laid.rotations), keep(laid.scales), keep(laid.opacities),
+            closed, group.block, group.slot, out, found,
         )  # fmt: skip
+
+    def _colors(self, group: Group) -> Any:
+        """All that the colours of a group depend on besides its footprints."""
+        numbers, _ = self.conversion(group)
+        return group.field.radiance, self.sights(group).tobytes(), self._degree, numbers.tobytes()
 
     def _radiance(
         self, group: Group, sources: I32, found: I32, paints: F32, column: int, degree: int
@@ -244,7 +314,7 @@ class Look:
 
     # --- all groups ------------------------------------------------------------------------
 
-    def _sort(self, found: I32, keys: F32) -> I32:
+    def _sort(self, found: I32, keys: F32, sources: I32) -> I32:
         """Slots of the visible splats, nearest first."""
         run, get, threads = self._device.run, self._scratch.get, self._device.threads
         visible = get("visible", (self.layout.slots,), np.int32)
@@ -257,6 +327,10 @@ class Look:
         histogram = get("histogram", (4 * threads, sort.DIGITS), np.int64)
         half = run(sort.depth_order, visible, total, keys, 4 * threads, work, histogram)
         order: I32 = work[1][half]
+        if any(group.field.laying.is_made for group in self.layout.groups):
+            first_slots = self._device.keep(self.layout.first_slots)
+            ties = get("ties", (total,), np.int64)
+            run(sort.settle, work[0][half], order, total, sources, first_slots, ties)
         return order
 
     def _gather(self, name: str, order: I32, rows: F32) -> F32:

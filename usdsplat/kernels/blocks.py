@@ -106,3 +106,17 @@ def boxes(positions, scales, opacities, out):
                 largest = max(scales[i, 0], max(scales[i, 1], scales[i, 2]))
                 reach = max(reach, largest * count)
         out[block, 6], out[block, 7] = reach, most
+
+
+@parallel
+def cull(camera, matrices, boxes, closed):
+    """Find the blocks that a view cannot see.
+
+    Args:
+        camera, matrices: As `project.project` takes them, m instances.
+        boxes: What `boxes` made.
+        closed: Receives 1 for each block of each instance that is not seen, (m * blocks,) u8.
+    """
+    for item in prange(matrices.shape[0] * boxes.shape[0]):
+        m = matrices[item // boxes.shape[0]]
+        closed[item] = is_outside(camera[0], m, boxes[item % boxes.shape[0]])

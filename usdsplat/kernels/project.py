@@ -176,8 +176,8 @@ def squared_distance(m, position):
 
 @parallel
 def project(
-    camera, matrices, volumes, crops, positions, rotations, scales, opacities, block, base, out,
-    found,
+    camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
+    base, out, found,
 ):  # fmt: skip
     """Project all instances of one field.
 
@@ -186,7 +186,10 @@ def project(
         matrices: Local to camera, float64, shape (m, 3, 4), one per instance.
         volumes: CROP records by which splats are kept or left out, shape (k,).
         crops: From the field's space to each volume's, shape (m, k, 3, 4) f64.
-        positions, rotations, scales, opacities: A SplatCloud's arrays, n rows.
+        rows: Of each splat in its field, shape (n,) i32; of no size where that is its place.
+        positions, rotations, scales, opacities: As a SplatCloud has them, n rows.
+        closed: 1 for a block that is left out as a whole, shape (m * blocks,) u8; of no size where
+            none is.
         block: Slots per block, min(n, BLOCK).
         base: First slot of this field; block b of instance i owns `block` slots from
             base + (i * blocks + b) * block.
@@ -204,7 +207,10 @@ def project(
         slot = base + item * block
         first = (item % blocks) * block
         count = 0
-        for i in range(first, min(first + block, n)):
+        end = min(first + block, n)
+        if closed.shape[0] > 0 and closed[item]:
+            end = first
+        for i in range(first, end):
             if volumes.shape[0] > 0 and not is_left(volumes, crops[item // blocks], positions[i]):
                 continue
             at = slot + count
@@ -215,6 +221,6 @@ def project(
                     keys[at] = squared_distance(m, positions[i])
                 else:
                     keys[at] = records[at, DEPTH]
-                sources[at] = i
+                sources[at] = rows[i] if rows.shape[0] > 0 else i
                 count += 1
         found[item] = count

@@ -119,3 +119,31 @@ def gather(order, records, out):
             slot = order[k]
             for c in range(records.shape[1]):
                 out[k, c] = records[slot, c]
+
+
+@serial
+def settle(bits, slots, count, sources, first_slots, work):
+    """Put splats of equal keys in the order of their appearances and, there, of their rows.
+
+    Where all splats are in memory in the order of rows the sort has done so, being stable.
+
+    Args:
+        bits, slots: What `depth_order` made, shape (>= count,); slots are changed in place.
+        sources: Each slot's row in its field.
+        first_slots: First slot of each appearance, ascending, i64.
+        work: Scratch, shape (>= count,) i64.
+    """
+    first = 0
+    for k in range(1, count + 1):
+        if k < count and bits[k] == bits[first]:
+            continue
+        if k - first > 1:
+            for i in range(first, k):
+                drawn = np.searchsorted(first_slots, slots[i], side="right")
+                work[i] = np.int64(drawn) << 32 | np.int64(sources[slots[i]])
+            order = np.argsort(work[first:k], kind="mergesort")
+            for i in range(k - first):
+                work[first + i] = slots[first + order[i]]
+            for i in range(first, k):
+                slots[i] = work[i]
+        first = k

@@ -37,8 +37,8 @@ ALL_LANES = 0xFFFFFFFF
 
 @cuda.jit
 def _project(
-    camera, matrices, volumes, crops, positions, rotations, scales, opacities, block, base, out,
-    found,
+    camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
+    base, out, found,
 ):  # fmt: skip
     records, keys, sources = out
     seen_of = cuda.shared.array(WARPS, np.int32)
@@ -52,6 +52,8 @@ def _project(
     m = matrices[item // blocks]
     first = (item % blocks) * block
     end = min(first + block, n)
+    if closed.shape[0] > 0 and closed[item]:
+        end = first
     slot = base + item * block
     count = 0
     for begin in range(first, end, THREADS):
@@ -79,7 +81,7 @@ def _project(
                 keys[at] = squared_distance(m, positions[i])
             else:
                 keys[at] = record[DEPTH]
-            sources[at] = i
+            sources[at] = rows[i] if rows.shape[0] > 0 else i
         cuda.syncthreads()
     if thread == 0:
         found[item] = count

@@ -61,3 +61,8 @@ def depth_order(
         _keyed[BLOCKS, THREADS, device.stream](visible, raw, bits[0], slots[0])
         device.primitives.sort_pairs(bits[0], slots[0], bits[1], slots[1], count)
     return 1
+
+
+@form
+def settle(device: CudaDevice, *args: Any) -> None:
+    """Nothing: splats of equal keys stay in the order of memory."""

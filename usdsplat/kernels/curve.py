@@ -1,0 +1,59 @@
+"""The order in which blocks of neighbours are neighbours: codes of splats along the Z-order curve.
+
+A stable sort by `sort.depth_order` makes an order of them, because a code is the bits of a float
+that is not negative. Source: Morton 1966.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from .jit import parallel, scalar
+from .project import BLOCK
+
+CELLS = 1 << 10
+"""Along each axis."""
+
+
+# --- 1. mathematics: one axis of one splat ----------------------------------------------
+
+
+@scalar
+def spread(cell):
+    """The bits of a number below CELLS with two gaps behind each, u32."""
+    x = np.uint32(cell)
+    x = np.uint32((x | (x << np.uint32(16))) & np.uint32(0x030000FF))
+    x = np.uint32((x | (x << np.uint32(8))) & np.uint32(0x0300F00F))
+    x = np.uint32((x | (x << np.uint32(4))) & np.uint32(0x030C30C3))
+    return np.uint32((x | (x << np.uint32(2))) & np.uint32(0x09249249))
+
+
+@scalar
+def cell_of(x, low, scale):
+    """The cell of a coordinate; what lies outside of the box, or nowhere, is in one at its edge."""
+    cell = (np.float64(x) - low) * scale
+    most = np.float64(CELLS - 1)
+    return np.int32(min(cell, most)) if cell > 0.0 else np.int32(0)
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def codes(positions, low, scale, out):
+    """Number the cells of splats.
+
+    Args:
+        positions: Shape (n, 3).
+        low: Lowest corner of the box that the cells fill, shape (3,) f64.
+        scale: Cells a scene unit along each axis, shape (3,) f64.
+        out: Receives codes, shape (n,) u32, below 2**30.
+    """
+    n = positions.shape[0]
+    for block in prange((n + BLOCK - 1) // BLOCK):
+        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
+            x = spread(cell_of(positions[i, 0], low[0], scale[0]))
+            y = spread(cell_of(positions[i, 1], low[1], scale[1]))
+            z = spread(cell_of(positions[i, 2], low[2], scale[2]))
+            out[i] = np.uint32(x | (y << np.uint32(1)) | (z << np.uint32(2)))
