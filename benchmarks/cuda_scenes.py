@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from benchmarks.scenes import DATA, garden
 from usdsplat import formats
-from usdsplat.core import morton
 from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.core.edit import take
-from usdsplat.kernels import blocks
+from usdsplat.delegate import layout
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame.picture import FrameGroup, FrameView
 from usdsplat.kernels.device import CpuDevice
-from usdsplat.kernels.project import BLOCK, CAMERA, LOW_PASS
+from usdsplat.kernels.project import CAMERA, LOW_PASS
 from usdsplat.schema import packing
 
 NEAR = 0.01
@@ -86,27 +84,24 @@ def captured(name: str) -> Scene:
 
 def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool) -> FrameGroup:
     """A cloud on the GPU, as floats or packed, in the order in which an engine lays it out."""
-    cloud = take(cloud, morton.order(cloud.positions))
-    unit = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
+    turns = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
+    cloud = replace(cloud, rotations=turns.astype(np.float32))
+    small = len(cloud) < layout.LEAST
+    laid = layout.as_it_is(cloud) if small else layout.laid_out(CpuDevice(), cloud)
+    held: tuple[Any, ...]
     if packed:
         arrays = packing.pack(cloud)
-        width = packing.harmonics_width(arrays.degree)
+        width = max(1, packing.harmonics_width(arrays.degree))
+        words = arrays.core if small else arrays.core[laid.rows]
         steps = (arrays.harmonics_range / np.float32(127)).astype(np.float32)
-        held: tuple[Any, ...] = (
-            cloud.positions, arrays.core, arrays.harmonics.reshape(-1, 4 * width)
-            if width else np.empty((0, 4), np.int32),
-            arrays.color_range.ravel(), steps,
-        )  # fmt: skip
+        harmonics = arrays.harmonics.reshape(-1, 4 * width)
+        held = laid.positions, words, harmonics, arrays.color_range.ravel(), steps
     else:
-        held = (
-            cloud.positions, unit.astype(np.float32), cloud.scales, cloud.opacities, cloud.sh,
-        )  # fmt: skip
-    bounds = np.empty((-(-len(cloud) // BLOCK), blocks.BOX), np.float32)
-    CpuDevice().run(blocks.boxes, cloud.positions, cloud.scales, cloud.opacities, bounds)
+        held = laid.positions, laid.rotations, laid.scales, laid.opacities, cloud.sh
     return FrameGroup(
-        splats=tuple(device.keep(array) for array in held),
+        splats=tuple(device.keep(array) for array in (*held, laid.rows)),
         is_packed=packed,
-        boxes=device.keep(bounds),
+        boxes=device.keep(laid.boxes),
         instances=1,
         degree=cloud.sh_degree,
     )

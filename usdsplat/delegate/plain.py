@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.cloud import I32
 from usdsplat.delegate.draw_list import DrawList, Group
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.matte import is_matte
 from usdsplat.delegate.visible import Look
-from usdsplat.kernels import blocks
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.device import Device
-from usdsplat.kernels.project import BLOCK
 
 MOST_PIXELS = 1 << 26
 """[pixel] of the largest picture that is drawn whole; beyond it goes band after band."""
@@ -59,7 +57,7 @@ class PlainPicture:
 
         assert isinstance(device, CudaDevice)
         self._device, self._picture = device, FramePicture(device)
-        self._boxes: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._words = _Words()
 
     def draw(self, look: Look, stats: FrameStats) -> PlainSplats:
         """Draw all splats of a look; the pixels stay until the next one."""
@@ -85,28 +83,36 @@ class PlainPicture:
         from usdsplat.kernels.cuda.frame.picture import FrameGroup
 
         keep, cloud = self._device.keep, group.cloud
+        laid = group.field.laying.of(self._device, cloud)
         packed = group.field.spec.packed if group.rows is None else None
-        rest: tuple[Any, ...]
+        arrays: tuple[Any, ...]
         if packed is None:
-            rest = cloud.rotations, cloud.scales, cloud.opacities, cloud.sh
+            arrays = laid.positions, laid.rotations, laid.scales, laid.opacities, cloud.sh
         else:
-            rest = packed.words, packed.harmonics, packed.color_range, packed.steps
+            words = self._words.of(packed.words, laid.rows)
+            arrays = laid.positions, words, packed.harmonics, packed.color_range, packed.steps
         return FrameGroup(
-            splats=tuple(keep(array) for array in (cloud.positions, *rest)),
+            splats=tuple(keep(array) for array in (*arrays, laid.rows)),
             is_packed=packed is not None,
-            boxes=keep(self._boxes_of(cloud)),
+            boxes=keep(laid.boxes),
             instances=len(group.transforms),
             degree=degree,
         )
 
-    def _boxes_of(self, cloud: SplatCloud) -> Any:
-        """Bounds of the blocks of a cloud, worked out once."""
-        key, boxes = id(cloud.positions), self._boxes
-        found = boxes.get(key)
-        if found is None or found[0]() is not cloud.positions:
-            bounds = np.empty((-(-len(cloud) // BLOCK), blocks.BOX), np.float32)
-            arrays = cloud.positions, cloud.scales, cloud.opacities
-            self._device.run(blocks.boxes, *(self._device.keep(each) for each in arrays), bounds)
-            gone = weakref.ref(cloud.positions, lambda _: boxes.pop(key, None))
-            found = boxes[key] = gone, bounds
+
+class _Words:
+    """Packed splats in the order of memory, taken once."""
+
+    def __init__(self) -> None:
+        self._taken: dict[int, tuple[weakref.ref[Any], Any]] = {}
+
+    def of(self, words: I32, rows: I32) -> I32:
+        """Rows of `words`, all of them as they are where there are no `rows`."""
+        if not len(rows):
+            return words
+        key, taken = id(rows), self._taken
+        found = taken.get(key)
+        if found is None or found[0]() is not rows:
+            gone = weakref.ref(rows, lambda _: taken.pop(key, None))
+            found = taken[key] = gone, words[rows]
         return found[1]

@@ -18,6 +18,7 @@ from usdsplat.kernels.project import BLOCK, CAMERA, LOW_PASS
 from usdsplat.schema import packing
 
 SIZE = (40, 24)
+NO_ROWS = np.empty(0, np.int32)
 FOCAL = 30.0
 
 
@@ -37,7 +38,7 @@ def cloud_of(n: int, degree: int = 0, *, seed: int = 0, spread: float = 1.0) -> 
 
 def group_of(device: CudaDevice, cloud: SplatCloud, **changes: Any) -> FrameGroup:
     """A cloud as floats, all of its blocks looked at."""
-    arrays = cloud.positions, cloud.rotations, cloud.scales, cloud.opacities, cloud.sh
+    arrays = cloud.positions, cloud.rotations, cloud.scales, cloud.opacities, cloud.sh, NO_ROWS
     group = FrameGroup(
         splats=tuple(device.keep(array) for array in arrays),
         is_packed=False,
@@ -107,7 +108,7 @@ def check_packed(device: CudaDevice, n: int, degree: int) -> None:
     width = max(1, packing.harmonics_width(degree))
     words = arrays.harmonics.reshape(-1, 4 * width)
     steps = (arrays.harmonics_range / np.float32(127)).astype(np.float32)
-    held = (cloud.positions, arrays.core, words, arrays.color_range.ravel(), steps)
+    held = (cloud.positions, arrays.core, words, arrays.color_range.ravel(), steps, NO_ROWS)
     packed = group_of(
         device, cloud, splats=tuple(device.keep(each) for each in held), is_packed=True
     )
@@ -161,3 +162,16 @@ def check_room_grows(device: CudaDevice, n: int) -> None:
     assert not device.fetch(drawn.draw([group], view_of(away[None]))).any()
     np.testing.assert_array_equal(device.fetch(drawn.draw([group], view_of())), first)
     np.testing.assert_array_equal(device.fetch(drawn.draw([group], view_of())), first)
+
+
+def check_ties_are_settled(device: CudaDevice, n: int) -> None:
+    """Splats of few depths, in memory in another order than in their field."""
+    cloud = cloud_of(n, 1, seed=8)
+    cloud.positions[:, 2] = np.round(cloud.positions[:, 2])
+    rows = np.random.default_rng(9).permutation(n).astype(np.int32)
+    laid = [getattr(cloud, name)[rows] for name in ("positions", "rotations", "scales")]
+    arrays = (*laid, cloud.opacities[rows], cloud.sh, rows)
+    moved = group_of(device, cloud, splats=tuple(device.keep(each) for each in arrays))
+    found = device.fetch(FramePicture(device).draw([moved], view_of()))
+    plain = device.fetch(FramePicture(device).draw([group_of(device, cloud)], view_of()))
+    np.testing.assert_array_equal(found, plain)

@@ -46,3 +46,8 @@ def test_room_grows_and_launches_are_recorded_again(device) -> None:
 def test_boxes_leave_nothing_out(device) -> None:
     """Oracle: the picture of all splats, bit for bit."""
     frames.check_boxes_leave_nothing_out(device, 50_000)
+
+
+def test_ties_of_depth_are_settled_by_rows(device) -> None:
+    """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
+    frames.check_ties_are_settled(device, 900)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.ties import TIES, limit
 from usdsplat.kernels.sort import ordered_bits
 
 
@@ -63,6 +64,36 @@ def depth_order(
     return 1
 
 
+@cuda.jit
+def _settle(bits, slots, count, sources, first_slots, out):
+    k = cuda.grid(1)
+    while k < count:
+        key, to = bits[k], k
+        if (k > 0 and bits[k - 1] == key) or (k + 1 < count and bits[k + 1] == key):
+            first, end = limit(bits, count, key, False), limit(bits, count, key, True)
+            if end - first <= TIES:
+                to = first
+                own = limit(first_slots, first_slots.shape[0], slots[k], True)
+                for j in range(first, end):
+                    other = limit(first_slots, first_slots.shape[0], slots[j], True)
+                    if other < own or (other == own and sources[slots[j]] < sources[slots[k]]):
+                        to += 1
+        out[to] = slots[k]
+        k += cuda.gridsize(1)
+
+
+@cuda.jit
+def _settled(out, count, slots):
+    k = cuda.grid(1)
+    while k < count:
+        slots[k] = out[k]
+        k += cuda.gridsize(1)
+
+
 @form
-def settle(device: CudaDevice, *args: Any) -> None:
-    """Nothing: splats of equal keys stay in the order of memory."""
+def settle(
+    device: CudaDevice, bits: Any, slots: Any, count: int, sources: Any, first_slots: Any, work: Any
+) -> None:
+    """`kernels.sort.settle`, each splat against all others of its key; more than TIES stay."""
+    _settle[BLOCKS, THREADS, device.stream](bits, slots, count, sources, first_slots, work)
+    _settled[BLOCKS, THREADS, device.stream](work, count, slots)

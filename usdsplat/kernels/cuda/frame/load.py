@@ -31,8 +31,16 @@ def direction(sight, position):
 
 
 @cuda.jit(device=True, inline="always")
+def row_of(splats, i):
+    """Where splat i of memory is in its field; `splats` ends with all of these, or with none where
+    memory has the field's order."""
+    return splats[5][i] if splats[5].shape[0] > 0 else i
+
+
+@cuda.jit(device=True, inline="always")
 def load_floats(splats, i, rotation, scales):
-    """Of (positions, rotations, scales, opacities, sh), the arrays of a SplatCloud."""
+    """Of (positions, rotations, scales, opacities, sh, rows), arrays as a SplatCloud has them; sh
+    in the order of the field, the others in that of memory."""
     for c in range(4):
         rotation[c] = splats[1][i, c]
     for c in range(3):
@@ -47,13 +55,13 @@ def shade_floats(splats, i, sight, degree, color):
     if degree > 0:
         x, y, z = direction(sight, splats[0][i])
     for c in range(3):
-        color[c] = harmonics(splats[4][i], c, degree, x, y, z)
+        color[c] = harmonics(splats[4][row_of(splats, i)], c, degree, x, y, z)
 
 
 @cuda.jit(device=True, inline="always")
 def load_packed(splats, i, rotation, scales):
     """Of (positions, words (n, 4) i32, harmonics (n, 4 w) i32, color range (6,) f32, steps of the
-    harmonics (degree,) f32)."""
+    harmonics (degree,) f32, rows); harmonics in the order of the field."""
     return unpack_shape(splats[1][i], rotation, scales)
 
 
@@ -67,7 +75,7 @@ def shade_packed(splats, i, sight, degree, color):
     x, y, z = float32(0), float32(0), float32(0)
     if degree > 0:
         x, y, z = direction(sight, splats[0][i])
-        words = splats[2][i]
+        words = splats[2][row_of(splats, i)]
         for band in range(1, degree + 1):
             for k in range(band * band, (band + 1) * (band + 1)):
                 for c in range(3):

@@ -44,7 +44,7 @@ class FrameGroup:
     """Instances of one field, next to each other in the drawing order."""
 
     splats: tuple[Any, ...]
-    """Arrays of the device as `load` names them, the positions first."""
+    """Arrays of the device as `load` names them: the positions first, the rows last."""
     is_packed: bool
     boxes: Any
     """Of the field's blocks, shape (blocks, 8) f32; no rows where all are looked at."""
@@ -56,6 +56,11 @@ class FrameGroup:
     def count(self) -> int:
         """Splats of an instance."""
         return int(self.splats[0].shape[0])
+
+    @property
+    def is_laid_out(self) -> bool:
+        """Whether memory has another order than the field."""
+        return bool(self.splats[-1].shape[0] > 0)
 
     @property
     def blocks(self) -> int:
@@ -173,10 +178,11 @@ class FramePicture:
         """Make room for so many records, and some more."""
         self._forget()
         self._room = _size(visible + visible // 8)
-        for name in ("records", "keys", "rows", "counts", "numbers"):
+        for name in ("records", "keys", "rows", "counts", "numbers", "names"):
             self._buffers.pop(name, None)
         self._get("records", (self._room * RECORD,), np.float32)
         self._get("keys", (self._room,), np.float32)
+        self._get("names", (self._room,), np.int64)
         for name in ("rows", "counts", "numbers"):
             self._get(name, (self._room,), np.int32)
         numbers = np.arange(self._room, dtype=np.int32)
@@ -223,7 +229,7 @@ class FramePicture:
             _PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
                 cameras, matrices, sights, conversions, number, instance, first, group.parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
-                self._room, b["records"], b["keys"], b["rows"],
+                self._room, b["records"], b["keys"], b["rows"], b["names"],
             )  # fmt: skip
         tiles.count[WAVES, THREADS, stream](b["totals"], grid, b["records"], b["counts"])
         b["totals"].copy_to_host(self._totals, stream)
@@ -246,6 +252,7 @@ class FramePicture:
         tile_type = np.uint16 if self._tile_count < 1 << 16 else np.uint32
         shapes = {
             "sorted keys": (self._room, np.float32), "order": (self._room, np.int32),
+            "settled": (self._room, np.int32),
             "ordered counts": (m + 1, np.int32), "places": (m + 1, np.int32),
             "tiles": (p, tile_type), "sorted tiles": (p, tile_type),
             "pairs": (p, np.int32), "sorted pairs": (p, np.int32),
@@ -263,13 +270,19 @@ class FramePicture:
         keys, pair_tiles = b["keys"][:m], b["tiles"][:p]
         tiles.pad[WAVES, THREADS, stream](totals, 0, keys, np.float32(np.inf))
         primitives.sort_pairs(b["keys"], b["numbers"], b["sorted keys"], b["order"], m)
+        order = b["order"]
+        if any(group.is_laid_out for group in self._groups):
+            order = b["settled"]
+            tiles.settle_ties[_blocks(m), THREADS, stream](
+                totals, b["sorted keys"], b["order"], b["names"], order
+            )
         tiles.in_order[_blocks(m + 1), THREADS, stream](
-            totals, b["order"], b["counts"], b["ordered counts"][: m + 1]
+            totals, order, b["counts"], b["ordered counts"][: m + 1]
         )
         primitives.running_sum(b["ordered counts"], b["places"], m + 1)
         nothing = self._tile_count
         lists = (
-            totals, grid, b["records"], b["order"], b["places"], self._columns, nothing,
+            totals, grid, b["records"], order, b["places"], self._columns, nothing,
             pair_tiles, b["pairs"], b["crowded"],
         )  # fmt: skip
         tiles.fill[_blocks(m), THREADS, stream](*lists)

@@ -11,10 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import cuda, float32, int32, uint64
+from numba import cuda, float32, int32, int64, uint64
 
 from usdsplat.kernels.blocks import is_outside
 from usdsplat.kernels.color import convert
+from usdsplat.kernels.cuda.frame.load import row_of
 from usdsplat.kernels.cuda.vectors import store4
 from usdsplat.kernels.cuda.warp import below, votes
 from usdsplat.kernels.project import (
@@ -104,14 +105,14 @@ def make_place(load: Any, shade: Any) -> Any:
     `shade` gives the colour of splat i in a unit direction. Arguments besides those of the other
     kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
     f32, the last number 1 where a colour is converted; `starts`, the first record of each part;
-    how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,) f32 and
-    `rows` (room,) i32, which are written.
+    how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,) f32,
+    `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are written.
     """
 
     @cuda.jit
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
-        marks, found, starts, room, records, keys, rows,
+        marks, found, starts, room, records, keys, rows, names,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
         count, start = found[first + item], starts[first + item]
@@ -155,6 +156,7 @@ def make_place(load: Any, shade: Any) -> Any:
                 record[HALF_HEIGHT],
             )  # fmt: skip
             store4(records, to + F8, r, g, b, record[DEPTH])
+            names[at] = int64(owner) << int64(32) | int64(row_of(splats, i))
             keys[at] = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
 
     return place

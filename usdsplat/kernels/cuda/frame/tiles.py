@@ -11,6 +11,7 @@ import numpy as np
 from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
+from usdsplat.kernels.cuda.ties import TIES, limit
 from usdsplat.kernels.cuda.vectors import load4
 from usdsplat.kernels.cuda.warp import LANES, running, votes, without_lowest
 from usdsplat.kernels.project import (
@@ -113,6 +114,27 @@ def count(totals, grid, records, counts):
         total += cuda.shfl_xor_sync(FULL, total, shift)
     if lane == 0 and total > 0:
         cuda.atomic.add(totals, 1, total)
+
+
+@cuda.jit
+def settle_ties(totals, keys, order, names, out):
+    """Put splats of equal keys in the order of their names: that of memory means nothing.
+
+    keys, order: As sorted. More than TIES of one key stay as they are.
+    """
+    k = cuda.grid(1)
+    n = totals[0]
+    if k >= n:
+        return
+    key, to = keys[k], k
+    if (k > 0 and keys[k - 1] == key) or (k + 1 < n and keys[k + 1] == key):
+        first, end = limit(keys, n, key, False), limit(keys, n, key, True)
+        if end - first <= TIES:
+            to = first
+            for j in range(first, end):
+                if names[order[j]] < names[order[k]]:
+                    to += 1
+    out[to] = order[k]
 
 
 @cuda.jit
@@ -283,14 +305,7 @@ def bound(totals, pair_tiles, starts):
     """starts[tile] = the first pair of a tile, (tiles + 1,) i32: a thread looks for one."""
     tile = cuda.grid(1)
     if tile < starts.shape[0]:
-        low, high = int32(0), totals[1]
-        while low < high:
-            middle = (low + high) >> 1
-            if pair_tiles[middle] < tile:
-                low = middle + 1
-            else:
-                high = middle
-        starts[tile] = low
+        starts[tile] = limit(pair_tiles, totals[1], tile, False)
 
 
 @cuda.jit
