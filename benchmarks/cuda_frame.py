@@ -63,9 +63,15 @@ def ours(device: CudaDevice, group: FrameGroup, view: FrameView) -> tuple[Any, d
     image = device.fetch(picture.draw([group], view))
     numbers = {
         "ms": ms, "low": low, "high": high, "host_ms": host, "visible": picture.visible,
-        "pairs": picture.pairs, "bytes": picture.bytes,
+        "pairs": picture.pairs, "bytes": memory(device, group, picture),
     }  # fmt: skip
     return image, numbers
+
+
+def memory(device: CudaDevice, group: FrameGroup, picture: FramePicture) -> int:
+    """Bytes of the GPU that a frame takes: splats, buffers, the image and what sorting takes."""
+    splats = sum(int(array.nbytes) for array in (*group.splats, group.boxes))
+    return splats + picture.bytes + int(device.primitives.bytes)
 
 
 class Peer:
