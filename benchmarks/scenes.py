@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,15 @@ def view_of(view: F64, k: F64, size: tuple[int, int]) -> View:
         clipping_range=(0.01, 1e10),
     )
     return View(camera=camera, framing=Framing(resolution=size, conform="adjustPixelAspectRatio"))
+
+
+def afresh(view: View, number: int) -> View:
+    """The same view but for a hair, another one for each number: nothing that the last picture
+    left is of use."""
+    near, far = view.camera.clipping_range
+    return replace(
+        view, camera=replace(view.camera, clipping_range=(near * (1 + 1e-6 * number), far))
+    )
 
 
 def capture(name: str) -> tuple[RenderScene, F64, F64]:

@@ -1,0 +1,91 @@
+"""What a picture costs over the splats that are stored and over those that are seen.
+
+    python -m benchmarks.scaling --cpu [--quick] [--json FILE]
+    python -m benchmarks.scaling --gpu [--quick] [--json FILE]
+
+The garden is tiled from 0.1 million splats to 20 (with a GPU 50) and drawn at 1920x1080, each
+picture from a hair aside, so that nothing is left of the last one: from its camera, where the part
+that is seen grows more and more slowly, and through a lens four times as long, which sees about as
+much whatever there is.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from rich.table import Table
+
+from benchmarks.frame import draw
+from benchmarks.report import Report, spread
+from benchmarks.scenes import afresh, garden, scene_of, view_of
+from usdsplat.delegate.renderer import FrameStats, Renderer
+from usdsplat.kernels.device import Device, open_device
+
+SIZE = (1920, 1080)
+GRIDS = (1, 3, 5, 7, 9, 13)
+LARGER = (17, 21)
+"""For a GPU."""
+LENSES = {"garden": 1.0, "garden, long lens": 4.0}
+REPEATS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """Some pictures of one scene through one lens."""
+
+    scene: str
+    stats: FrameStats
+    """Of the last."""
+    wall_ms: list[float]
+    cpu_ms: list[float]
+
+
+def costs(device: Device, grids: tuple[int, ...], repeats: int) -> Iterator[Cost]:
+    """Draw every scene through every lens."""
+    renderer = Renderer(device)
+    for grid in grids:
+        cloud, view_matrix, k = garden(grid)
+        scene = scene_of(cloud)
+        for name, factor in LENSES.items():
+            lens = k.copy()
+            lens[0, 0], lens[1, 1] = k[0, 0] * factor, k[1, 1] * factor
+            view = view_of(view_matrix, lens, SIZE)
+            wall, cpu = [], []
+            for number in range(repeats + 2):  # it is laid out by the second
+                before = time.perf_counter(), time.process_time()
+                stats = draw(renderer, scene, afresh(view, number))[1]
+                wall.append(1e3 * (time.perf_counter() - before[0]))
+                cpu.append(1e3 * (time.process_time() - before[1]))
+            yield Cost(scene=name, stats=stats, wall_ms=wall[2:], cpu_ms=cpu[2:])
+
+
+def main(arguments: list[str]) -> None:
+    """Print everything."""
+    with Report("scaling", arguments) as report:
+        if ("--cpu" in report.arguments) == ("--gpu" in report.arguments):
+            sys.exit(__doc__)
+        device = open_device("cuda" if "--gpu" in report.arguments else "cpu")
+        grids = GRIDS + (LARGER if device.name == "cuda" else ())
+        table = Table(title=f"{device.name}: a picture at {SIZE[0]}×{SIZE[1]}")
+        for name in ("scene", "stored", "seen", "ms", "CPU ms", "project", "sort", "bins", "blend"):
+            table.add_column(name, justify="right")
+        quick = "--quick" in report.arguments
+        for cost in costs(device, grids[:3] if quick else grids, 3 if quick else REPEATS):
+            stats, wall, cpu = cost.stats, spread(cost.wall_ms), spread(cost.cpu_ms)
+            stages = [stats.cpu_ms.get(each, 0.0) for each in ("project", "sort", "bins", "blend")]
+            table.add_row(
+                cost.scene, f"{stats.splats:,}", f"{stats.visible:,}", f"{wall['ms']:.1f}",
+                f"{cpu['ms']:.1f}", *(f"{each:.1f}" for each in stages),
+            )  # fmt: skip
+            report.add(
+                device=device.name, scene=cost.scene, splats=stats.splats, visible=stats.visible,
+                size=f"{SIZE[0]}x{SIZE[1]}", cpu_ms=cpu["ms"], **wall,
+            )  # fmt: skip
+        report.show(table)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
