@@ -11,6 +11,7 @@ test data lack, and `noise`, which needs none.
 from __future__ import annotations
 
 import argparse
+import itertools
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +23,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.scenes import DATA, capture, garden, scaled, scene_of, view_of
+from benchmarks.scenes import DATA, afresh, capture, garden, scaled, scene_of, view_of
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
@@ -39,6 +40,8 @@ REPEATS = 3
 PLAIN = RenderSettings(sorting="zDepth", color_mode="scene")
 ERRORS = (0.0, 0.001, 0.01)
 LAYOUT = ImageLayout(resolution=SIZE)
+NUMBERS = itertools.count()
+"""Of pictures: nothing that one leaves is of use to the next."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,8 +131,8 @@ def draw(
     settings: RenderSettings,
     aovs: tuple[str, ...],
 ) -> None:
-    """A picture that is thrown away."""
-    for _ in renderer.render(scene, view, settings, aovs):
+    """A picture that is thrown away, each from a hair aside."""
+    for _ in renderer.render(scene, afresh(view, next(NUMBERS)), settings, aovs):
         pass
 
 
@@ -183,7 +186,7 @@ def show_passes(device: str, scenes: Sequence[str]) -> None:
 def write_flat(renderer: Renderer, scene: RenderScene, view: View, path: Path) -> None:
     """Draw a picture into an EXR."""
     with open_writer(path, LAYOUT) as writer:
-        for band in renderer.render(scene, view, PLAIN, ("color",)):
+        for band in renderer.render(scene, afresh(view, next(NUMBERS)), PLAIN, ("color",)):
             writer.write_band(band.y0, band.arrays)
 
 
@@ -192,7 +195,7 @@ def write_deep(
 ) -> None:
     """Draw a deep picture into an EXR."""
     with DeepWriter(path, LAYOUT, merged=settings.deep_error > 0) as writer:
-        for y0, _, samples in renderer.render_deep(scene, view, settings):
+        for y0, _, samples in renderer.render_deep(scene, afresh(view, next(NUMBERS)), settings):
             band = DeepBand(
                 counts=samples.counts,
                 depth=samples.depth,
@@ -204,7 +207,10 @@ def write_deep(
 
 def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: RenderSettings) -> int:
     """Draw a deep picture and nothing else; returns its samples."""
-    return sum(len(samples.depth) for _, _, samples in renderer.render_deep(scene, view, settings))
+    return sum(
+        len(samples.depth)
+        for _, _, samples in renderer.render_deep(scene, afresh(view, next(NUMBERS)), settings)
+    )
 
 
 def show_deep(device: str, scenes: Sequence[str]) -> None:
