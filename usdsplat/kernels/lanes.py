@@ -234,6 +234,22 @@ def store_mixed(typing: Any, array: Any, at: Any, a: Any, b: Any, c: Any, d: Any
 
 
 @intrinsic
+def fetch(typing: Any, array: Any, at: Any) -> Any:
+    """Ask for the memory of number `at` of an array, counted through all of it: it will be read
+    soon."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        first = builder.gep(_first(context, builder, sig.args[0], args[0]), [args[1]])
+        builder.call(function, [builder.bitcast(first, byte), number(0), number(3), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.uintp), emit
+
+
+@intrinsic
 def spread(typing: Any, number: Any) -> Any:
     """16 times the same float32."""
     return lanes(types.float32), lambda context, builder, sig, args: _spread(builder, args[0])
@@ -350,6 +366,9 @@ if config.DISABLE_JIT:
 
     def store_mixed(array: Any, at: Any, a: Any, b: Any, c: Any, d: Any) -> None:
         array[int(at) : int(at) + 4 * WIDTH] = np.stack([a, b, c, d], axis=1).ravel()
+
+    def fetch(array: Any, at: Any) -> None:
+        pass
 
     def spread(number: Any) -> Any:
         return np.full(WIDTH, number, np.float32)

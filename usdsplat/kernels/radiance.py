@@ -17,6 +17,13 @@ from numba import prange
 
 from .color import convert
 from .jit import parallel, scalar
+from .lanes import fetch
+
+AHEAD = 12
+"""Splats between asking for harmonics and reading them: rows are anywhere where a field is laid
+out along a curve, and the CPU does not guess which comes next."""
+LINE = 16
+"""Floats that memory gives at once."""
 
 C0 = np.float32(0.28209479177387814)
 C1 = np.float32(0.4886025119029199)
@@ -106,13 +113,21 @@ def radiance(
         sources: Each slot's row in the field.
         paints, column: Where the colour goes: three columns of each used slot, f32.
     """
-    n = positions.shape[0]
+    n, width = positions.shape[0], 3 * (degree + 1) * (degree + 1)
+    stride = np.uint64(3 * sh.shape[1])
     blocks = (n + block - 1) // block
     for item in prange(sights.shape[0] * blocks):
         m = sights[item // blocks]
         slot = base + item * block
         x, y, z = np.float32(0), np.float32(0), np.float32(0)
-        for at in range(slot, slot + found[item]):
+        end = slot + found[item]
+        for at in range(slot, end):
+            if at + AHEAD < end:
+                later = np.uint64(sources[at + AHEAD])
+                for c in range(0, width, LINE):
+                    fetch(sh, later * stride + np.uint64(c))
+                if degree > 0:
+                    fetch(positions, later * np.uint64(3))
             i = sources[at]
             if degree > 0:
                 px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
