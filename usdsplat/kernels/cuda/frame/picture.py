@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import cuda
 
+from usdsplat.core.errors import UsageError
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame import blend, load, project, tiles
+from usdsplat.kernels.cuda.frame import blend, load, order, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
 from usdsplat.kernels.project import BLOCK, RECORD
 
@@ -26,6 +27,8 @@ LEAST = 1 << 12
 """The smallest such size."""
 KEPT = 8
 """Recorded second halves that are kept."""
+MOST_PAIRS = (1 << 31) - (1 << 28)
+"""Of a picture: places are 31 bits, and sizes of sorts are rounded up."""
 ROOM = 1 << 18
 """Records that there is room for at first."""
 
@@ -56,11 +59,6 @@ class FrameGroup:
     def count(self) -> int:
         """Splats of an instance."""
         return int(self.splats[0].shape[0])
-
-    @property
-    def is_laid_out(self) -> bool:
-        """Whether memory has another order than the field."""
-        return bool(self.splats[-1].shape[0] > 0)
 
     @property
     def blocks(self) -> int:
@@ -107,6 +105,8 @@ class FramePicture:
         self._staged: tuple[tuple[Any, Any], ...] = ()
         self._room = 0
         self._totals = cuda.pinned_array(3, np.int32)
+        self._counted = cuda.event()
+        self._guess: tuple[int, int] | None = None
         self.visible, self.pairs = 0, 0
         """Of the last picture."""
         self.waited = 0.0
@@ -114,6 +114,9 @@ class FramePicture:
 
     def draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
         """Draw; the image stays on the device until the next picture.
+
+        The second half is launched before its two numbers are known, for as many as there were in
+        the last picture; it is done again where that was too few.
 
         Returns:
             Premultiplied colour and coverage, shape (height, width, 4) f32.
@@ -123,14 +126,26 @@ class FramePicture:
             host[...] = array
         while True:
             self._begin()
+            self._counted.record(self._stream)
+            guess = self._guess
+            if guess is not None:
+                self._finish(*guess)
             asked = time.perf_counter()
-            self._stream.synchronize()
+            self._counted.synchronize()
             self.waited += time.perf_counter() - asked
             self.visible, self.pairs = int(self._totals[0]), int(self._totals[1])
             if self.visible <= self._room:
                 break
             self._grow(self.visible)
-        self._finish()
+        if not 0 <= self.pairs <= MOST_PAIRS:
+            found = f"{self.pairs % (1 << 32)} pairs of splat and tile"
+            raise UsageError("picture", found, f"at most {MOST_PAIRS}")
+        size = min(_size(self.visible), self._room), _size(self.pairs)
+        if guess is None or size[0] > guess[0] or size[1] > guess[1]:
+            self._finish(*size)
+        elif 2 * size[0] > guess[0] and 2 * size[1] > guess[1]:
+            size = guess  # launches that are recorded, and not much too large
+        self._guess = size
         return self._buffers["image"]
 
     @property
@@ -171,6 +186,7 @@ class FramePicture:
             self._get(name, (self._parts + 1,), np.int32)
         self._buffers["found"].copy_to_device(np.zeros(self._parts + 1, np.int32), self._stream)
         self._get("totals", (3,), np.int32)
+        self._get("span", (2,), np.float32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
 
@@ -190,7 +206,7 @@ class FramePicture:
 
     def _forget(self) -> None:
         """Recorded launches know addresses: they go where a buffer moves."""
-        self._first = None
+        self._first = self._guess = None
         self._second.clear()
 
     # --- a picture -------------------------------------------------------------------------
@@ -207,7 +223,7 @@ class FramePicture:
         for host, there in self._staged:
             there.copy_to_device(host, stream)
         cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
-        tiles.clear[1, 1, stream](b["totals"])
+        order.begin[1, 1, stream](b["totals"], b["span"])
         first = instance = block = 0
         spans = []
         for number, group in enumerate(self._groups):
@@ -224,19 +240,19 @@ class FramePicture:
             )  # fmt: skip
             first, instance, block = first + parts, instance + group.instances, block + blocks
         self._device.primitives.running_sum(b["found"], b["sums"], self._parts + 1)
-        tiles.settle[1, 1, stream](b["totals"], b["sums"], self._parts)
+        order.settle[1, 1, stream](b["totals"], b["sums"], self._parts)
         for number, group, instance, first in spans:
             _PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
                 cameras, matrices, sights, conversions, number, instance, first, group.parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"], b["names"],
+                b["span"],
             )  # fmt: skip
         tiles.count[WAVES, THREADS, stream](b["totals"], grid, b["records"], b["counts"])
         b["totals"].copy_to_host(self._totals, stream)
 
-    def _finish(self) -> None:
-        """All after them."""
-        m, p = min(_size(self.visible), self._room), _size(self.pairs)
+    def _finish(self, m: int, p: int) -> None:
+        """All after them, with room for m splats and p pairs."""
         size = m, p
         if size in self._second:
             self._second[size]()
@@ -251,8 +267,8 @@ class FramePicture:
         """Buffers of the second half; all that was recorded goes where one moves."""
         tile_type = np.uint16 if self._tile_count < 1 << 16 else np.uint32
         shapes = {
-            "sorted keys": (self._room, np.float32), "order": (self._room, np.int32),
-            "settled": (self._room, np.int32),
+            "narrow": (m, np.uint32), "sorted narrow": (m, np.uint32),
+            "order": (m, np.int32), "settled": (m, np.int32),
             "ordered counts": (m + 1, np.int32), "places": (m + 1, np.int32),
             "tiles": (p, tile_type), "sorted tiles": (p, tile_type),
             "pairs": (p, np.int32), "sorted pairs": (p, np.int32),
@@ -267,27 +283,26 @@ class FramePicture:
     def _lists_and_image(self, m: int, p: int, variant: tuple[int, bool]) -> None:
         b, stream, primitives = self._buffers, self._stream, self._device.primitives
         grid, totals = self._staged[4][1], b["totals"]
-        keys, pair_tiles = b["keys"][:m], b["tiles"][:p]
-        tiles.pad[WAVES, THREADS, stream](totals, 0, keys, np.float32(np.inf))
-        primitives.sort_pairs(b["keys"], b["numbers"], b["sorted keys"], b["order"], m)
-        order = b["order"]
-        if any(group.is_laid_out for group in self._groups):
-            order = b["settled"]
-            tiles.settle_ties[_blocks(m), THREADS, stream](
-                totals, b["sorted keys"], b["order"], b["names"], order
-            )
-        tiles.in_order[_blocks(m + 1), THREADS, stream](
-            totals, order, b["counts"], b["ordered counts"][: m + 1]
+        pair_tiles, pair_splats = b["tiles"][:p], b["pairs"][:p]
+        order.narrow[_blocks(m), THREADS, stream](
+            totals, b["keys"].view(np.uint32)[:m], b["span"].view(np.uint32), b["narrow"][:m]
         )
+        primitives.sort_pairs(
+            b["narrow"], b["numbers"], b["sorted narrow"], b["order"], m, end_bit=order.BITS
+        )
+        order.settle_ties[_blocks(m + 1), THREADS, stream](
+            totals, b["sorted narrow"][:m], b["order"], b["keys"], b["names"], b["counts"],
+            b["settled"], b["ordered counts"][: m + 1],
+        )  # fmt: skip
         primitives.running_sum(b["ordered counts"], b["places"], m + 1)
         nothing = self._tile_count
         lists = (
-            totals, grid, b["records"], order, b["places"], self._columns, nothing,
-            pair_tiles, b["pairs"], b["crowded"],
+            totals, grid, b["records"], b["settled"], b["places"][: m + 1], self._columns, nothing,
+            pair_tiles, pair_splats, b["crowded"],
         )  # fmt: skip
         tiles.fill[_blocks(m), THREADS, stream](*lists)
-        tiles.fill_many[WAVES, tiles.CROWD, stream](*lists)
-        tiles.pad[WAVES, THREADS, stream](totals, 1, pair_tiles, pair_tiles.dtype.type(nothing))
+        tiles.fill_many[WAVES, THREADS, stream](*lists)
+        tiles.pad[WAVES, THREADS, stream](totals, pair_tiles, pair_tiles.dtype.type(nothing))
         primitives.sort_pairs(
             b["tiles"], b["pairs"], b["sorted tiles"], b["sorted pairs"], p,
             end_bit=nothing.bit_length(),

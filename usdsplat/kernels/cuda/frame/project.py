@@ -8,6 +8,7 @@ nothing but bits passes between them: records take the room of what is seen, not
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from usdsplat.kernels.blocks import is_outside
 from usdsplat.kernels.color import convert
 from usdsplat.kernels.cuda.frame.load import row_of
 from usdsplat.kernels.cuda.vectors import store4
-from usdsplat.kernels.cuda.warp import below, votes
+from usdsplat.kernels.cuda.warp import FULL, below, votes
 from usdsplat.kernels.project import (
     BLOCK,
     DEPTH,
@@ -106,13 +107,14 @@ def make_place(load: Any, shade: Any) -> Any:
     kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
     f32, the last number 1 where a colour is converted; `starts`, the first record of each part;
     how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,) f32,
-    `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are written.
+    `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are written;
+    `span` (2,) f32, which is widened to hold all keys.
     """
 
     @cuda.jit
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
-        marks, found, starts, room, records, keys, rows, names,
+        marks, found, starts, room, records, keys, rows, names, span,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
         count, start = found[first + item], starts[first + item]
@@ -130,10 +132,15 @@ def make_place(load: Any, shade: Any) -> Any:
         cam, m, sight, numbers = (
             cameras[group], matrices[owner], sights[owner], conversions[group],
         )  # fmt: skip
+        near_far = cuda.shared.array(2, float32)
+        if t == 0:
+            near_far[0], near_far[1] = float32(np.inf), float32(-np.inf)
+        cuda.syncthreads()
         record = cuda.local.array(RECORD, float32)
         q, s = cuda.local.array(4, float32), cuda.local.array(3, float32)
         color = cuda.local.array(3, float32)
         by_distance = cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC
+        near, far = float32(np.inf), float32(-np.inf)
         at = start + t
         if t < count and at < room:
             i = rows[at]
@@ -144,7 +151,8 @@ def make_place(load: Any, shade: Any) -> Any:
                     record[c] = float32(0)
                 record[U] = record[V] = FAR_AWAY
                 record[A] = record[C] = float32(-1)
-                record[LOG_OPACITY], record[DEPTH] = LOG_CUTOFF, cam.far
+                record[LOG_OPACITY] = LOG_CUTOFF
+                record[DEPTH] = float32(math.sqrt(squared_distance(m, splats[0][i])))
             shade(splats, i, sight, degree, color)
             r, g, b = color[0], color[1], color[2]
             if numbers[13] > float32(0):
@@ -157,6 +165,17 @@ def make_place(load: Any, shade: Any) -> Any:
             )  # fmt: skip
             store4(records, to + F8, r, g, b, record[DEPTH])
             names[at] = int64(owner) << int64(32) | int64(row_of(splats, i))
-            keys[at] = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
+            key = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
+            keys[at] = near = far = key
+        for shift in (16, 8, 4, 2, 1):
+            near = min(near, cuda.shfl_xor_sync(FULL, near, shift))
+            far = max(far, cuda.shfl_xor_sync(FULL, far, shift))
+        if lane == 0:
+            cuda.atomic.min(near_far, 0, near)
+            cuda.atomic.max(near_far, 1, far)
+        cuda.syncthreads()
+        if t == 0 and near_far[0] <= near_far[1]:
+            cuda.atomic.min(span, 0, near_far[0])
+            cuda.atomic.max(span, 1, near_far[1])
 
     return place

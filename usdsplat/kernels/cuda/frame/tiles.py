@@ -1,8 +1,8 @@
 """Lists of the tiles: pairs of tile and splat, in order of depth, then sorted by tile.
 
 A splat that crosses few rows of tiles is one thread's; of the others a warp takes four at a time, a
-row a lane. The few that touch very many tiles would keep a warp while all others rest: `fill` names
-them, and `fill_many` gives each the threads of a whole CUDA block.
+row a lane. Those that touch many tiles would keep a team while all others rest: `fill` names
+them, and `fill_many` gives each a warp of its own.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
-from usdsplat.kernels.cuda.ties import TIES, limit
+from usdsplat.kernels.cuda.ties import limit
 from usdsplat.kernels.cuda.vectors import load4
-from usdsplat.kernels.cuda.warp import LANES, running, votes, without_lowest
+from usdsplat.kernels.cuda.warp import FULL, LANES, running, votes, without_lowest
 from usdsplat.kernels.project import (
     HALF_HEIGHT,
     HALF_WIDTH,
@@ -26,17 +26,13 @@ from usdsplat.kernels.project import (
     V,
 )
 
-FULL = np.uint32(0xFFFFFFFF)
 F4 = np.uint64(4)
 FEW = 2
 """Rows of tiles that one thread takes."""
 TEAM = 8
 """Lanes that share a splat of more rows."""
-MANY = 128
-"""Tiles above which a splat is left to a block."""
-CROWD = 128
-"""Threads of such a block, and rows of tiles that they take at a time."""
-WARPS = CROWD // LANES
+MANY = 32
+"""Tiles above which a splat is left to a whole warp."""
 
 
 @cuda.jit(device=True, inline="always")
@@ -116,38 +112,6 @@ def count(totals, grid, records, counts):
         cuda.atomic.add(totals, 1, total)
 
 
-@cuda.jit
-def settle_ties(totals, keys, order, names, out):
-    """Put splats of equal keys in the order of their names: that of memory means nothing.
-
-    keys, order: As sorted. More than TIES of one key stay as they are.
-    """
-    k = cuda.grid(1)
-    n = totals[0]
-    if k >= n:
-        return
-    key, to = keys[k], k
-    if (k > 0 and keys[k - 1] == key) or (k + 1 < n and keys[k + 1] == key):
-        first, end = limit(keys, n, key, False), limit(keys, n, key, True)
-        if end - first <= TIES:
-            to = first
-            for j in range(first, end):
-                if names[order[j]] < names[order[k]]:
-                    to += 1
-    out[to] = order[k]
-
-
-@cuda.jit
-def in_order(totals, order, counts, out):
-    """out[k] = counts[order[k]] for the splats that there are, 0 for what fills up the sort; and
-    begin to count those of many tiles."""
-    k = cuda.grid(1)
-    if k == 0:
-        totals[2] = 0
-    if k < out.shape[0]:
-        out[k] = counts[order[k]] if k < totals[0] else int32(0)
-
-
 @cuda.jit(device=True, inline="always")
 def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
     """Make pairs that are missing ones of tile `nothing`."""
@@ -160,20 +124,21 @@ def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
 def fill(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write all pairs in order of depth, but for splats of more than MANY.
+    """Write all pairs in order of depth, but for those of splats of more than MANY.
 
     Args:
         order: Row of each rank in `records`, (m,) i32.
         places: First pair of each rank, (m + 1,) i32, as `count` made them. A pair that is missing,
             because two kernels rounded an edge otherwise, is one of tile `nothing`; one too many is
-            left out.
+            left out, and so is what there is no room for.
         tiles: Of a row of the grid.
         pair_tiles, pair_splats: Receive each pair's tile and row in `records`.
         crowded: Receives the ranks of those, as many as `totals[2]` says, (m,) i32. In no order:
             where their pairs go is settled.
     """
     g = grid[0]
-    n = totals[0]
+    n = min(totals[0], places.shape[0] - 1)
+    room = int32(pair_tiles.shape[0])
     lane, member = cuda.threadIdx.x % LANES, cuda.threadIdx.x % TEAM
     k = cuda.grid(1)
     if k - lane >= n:
@@ -181,7 +146,7 @@ def fill(
     shape = cuda.local.array(8, float32)
     rows, first, row, at, stop = int32(0), int32(0), int32(0), int32(0), int32(0)
     if k < n:
-        row, at, stop = order[k], places[k], places[k + 1]
+        row, at, stop = order[k], places[k], min(places[k + 1], room)
         footprint(records, row, shape)
         first, end = tile_rows(shape, g)
         rows = int32(end - first)
@@ -245,58 +210,44 @@ def fill(
 def fill_many(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write the pairs of the splats that `fill` has left; a row of tiles a warp, side by side."""
+    """Write the pairs of splats that `fill` has left, a warp each: a row of tiles side by side."""
     g = grid[0]
-    t = cuda.threadIdx.x
-    lane, warp = t % LANES, t // LANES
-    begins = cuda.shared.array(CROWD, int32)
-    widths = cuda.shared.array(CROWD, int32)
-    corners = cuda.shared.array(CROWD, int32)
-    sums = cuda.shared.array(WARPS, int32)
+    lane = cuda.threadIdx.x % LANES
+    room = int32(pair_tiles.shape[0])
     shape = cuda.local.array(8, float32)
-    item = cuda.blockIdx.x
+    item = cuda.grid(1) // LANES
     while item < totals[2]:
         k = crowded[item]
-        row, at, stop = order[k], places[k], places[k + 1]
+        row, at, stop = order[k], places[k], min(places[k + 1], room)
         footprint(records, row, shape)
         y, end = tile_rows(shape, g)
         while y < end:
             a, b = int32(0), int32(0)
-            if y + t < end:
-                a, b = tile_columns(shape, y + t, g)
-            width = int32(max(b - a, 0))
+            if y + lane < end:
+                a, b = tile_columns(shape, y + lane, g)
+            width, up_to = int32(max(b - a, 0)), int32(0)
             up_to = running(width, lane)
-            if lane == LANES - 1:
-                sums[warp] = up_to
-            cuda.syncthreads()
-            before, total = int32(0), int32(0)
-            for w in range(WARPS):
-                if w < warp:
-                    before += sums[w]
-                total += sums[w]
-            begins[t] = at + before + up_to - width
-            widths[t], corners[t] = width, int32((y + t) * tiles + a)
-            cuda.syncthreads()
-            for r in range(warp, min(CROWD, end - y), WARPS):
+            corner, begin = int32((y + lane) * tiles + a), int32(at + up_to - width)
+            for r in range(min(LANES, end - y)):
+                wide = cuda.shfl_sync(FULL, width, r)
+                tile, to = cuda.shfl_sync(FULL, corner, r), cuda.shfl_sync(FULL, begin, r)
                 x = int32(lane)
-                while x < widths[r] and begins[r] + x < stop:
-                    pair_tiles[begins[r] + x] = corners[r] + x
-                    pair_splats[begins[r] + x] = row
+                while x < wide and to + x < stop:
+                    pair_tiles[to + x], pair_splats[to + x] = tile + x, row
                     x += LANES
-            at += total
-            y += CROWD
-            cuda.syncthreads()
-        if t == 0:
+            at += cuda.shfl_sync(FULL, up_to, LANES - 1)
+            y += LANES
+        if lane == 0:
             pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats)
-        item += cuda.gridDim.x
+        item += cuda.gridsize(1) // LANES
 
 
 @cuda.jit
-def pad(totals, which, keys, value):
-    """Fill up keys beyond those that there are."""
-    k = totals[which] + cuda.grid(1)
-    while k < keys.shape[0]:
-        keys[k] = value
+def pad(totals, pair_tiles, nothing):
+    """Fill up pairs beyond those that there are."""
+    k = totals[1] + cuda.grid(1)
+    while k < pair_tiles.shape[0]:
+        pair_tiles[k] = nothing
         k += cuda.gridsize(1)
 
 
@@ -305,16 +256,5 @@ def bound(totals, pair_tiles, starts):
     """starts[tile] = the first pair of a tile, (tiles + 1,) i32: a thread looks for one."""
     tile = cuda.grid(1)
     if tile < starts.shape[0]:
-        starts[tile] = limit(pair_tiles, totals[1], tile, False)
-
-
-@cuda.jit
-def clear(totals):
-    """Begin to count pairs."""
-    totals[1] = 0
-
-
-@cuda.jit
-def settle(totals, sums, blocks):
-    """The number of splats that are seen: the sum of all blocks."""
-    totals[0] = sums[blocks]
+        n = min(totals[1], pair_tiles.shape[0])
+        starts[tile] = limit(pair_tiles, n, tile, False)

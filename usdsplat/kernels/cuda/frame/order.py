@@ -1,0 +1,79 @@
+"""The order of depth: keys of 24 bits are sorted, and what they leave undecided is settled.
+
+CUB sorts eight bits at a time, so three bytes of a key cost three quarters of four. The keys of a
+view lie close together: counted from the least, and cut to as many bits as the largest asks for,
+they differ but for splats of almost one depth. Those are put in order by their whole keys, and of
+one key by their rows: the order of memory means nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import cuda, float32, int32
+
+from usdsplat.kernels.cuda.ties import TIES, limit
+from usdsplat.kernels.sort import ordered_bits
+
+BITS = 24
+LAST = np.uint32((1 << BITS) - 1)
+
+
+@cuda.jit
+def begin(totals, span):
+    """Begin a frame: nothing was counted, and no key was seen."""
+    totals[1] = 0
+    span[0], span[1] = float32(np.inf), float32(-np.inf)
+
+
+@cuda.jit
+def settle(totals, sums, parts):
+    """The number of splats that are seen: the sum of all parts."""
+    totals[0] = sums[parts]
+
+
+@cuda.jit
+def narrow(totals, bits, span, keys):
+    """Cut the keys of the splats that there are to BITS, and fill up the others with the last.
+
+    bits: Of float32 keys, (m,) u32; span: of the least and the largest, (2,) u32; keys: (m,) u32.
+    """
+    k = cuda.grid(1)
+    if k < keys.shape[0]:
+        low = ordered_bits(span[0])
+        width = np.uint32(ordered_bits(span[1]) - low)
+        surplus = int32(32 - BITS) - int32(cuda.clz(width))
+        cut = np.uint32(max(surplus, int32(0)))
+        own = np.uint32(ordered_bits(bits[k]) - low) >> cut
+        keys[k] = own if k < totals[0] else LAST
+
+
+@cuda.jit
+def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_counts):
+    """Put splats of equal narrow keys in order, and their counts of tiles with them.
+
+    Args:
+        narrowed, order: As sorted, (m,). More than TIES of one narrow key stay as they are.
+        keys, names, counts: Of each record: its key f32, who it is i64, and its tiles i32.
+        out: Receives the rows of the records in order, (m,) i32.
+        ordered_counts: Receives their tiles, and 0 for what fills up the sort, (m + 1,) i32.
+    """
+    k = cuda.grid(1)
+    m = narrowed.shape[0]
+    n = min(totals[0], m)
+    if k == 0:
+        totals[2] = 0  # splats of many tiles are counted from here on
+    if n <= k <= m:
+        ordered_counts[k] = 0
+    if k >= n:
+        return
+    key, to, row = narrowed[k], k, order[k]
+    if (k > 0 and narrowed[k - 1] == key) or (k + 1 < n and narrowed[k + 1] == key):
+        first, end = limit(narrowed, n, key, False), limit(narrowed, n, key, True)
+        if end - first <= TIES:
+            to = first
+            for j in range(first, end):
+                other = order[j]
+                is_before = keys[other] < keys[row]
+                if is_before or (keys[other] == keys[row] and names[other] < names[row]):
+                    to += 1
+    out[to], ordered_counts[to] = row, counts[row]
