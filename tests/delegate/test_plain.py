@@ -8,6 +8,7 @@ import pytest
 from tests.delegate import plain_pictures
 from tests.delegate.everything import drawn
 from tests.devices import device_of
+from usdsplat.delegate.plain import _Words
 from usdsplat.kernels.device import CpuDevice, Device
 
 SIZE, SPLATS = (150, 110), 400
@@ -49,3 +50,14 @@ def test_two_pictures_on_one_gpu_are_the_same(cuda: Device) -> None:
     case = plain_pictures.bare("splats alone")
     first, second = (drawn(cuda, case, size=SIZE, splats=SPLATS) for _ in range(2))
     np.testing.assert_array_equal(first["color"], second["color"])
+
+
+def test_words_are_taken_anew_when_they_are_others() -> None:
+    """Colours change in the words while the layout stays. Oracle: NumPy's own indexing."""
+    taken, rows = _Words(), np.array([2, 0, 1], np.int32)
+    words = np.arange(12, dtype=np.int32).reshape(3, 4)
+    np.testing.assert_array_equal(taken.of(words, rows), words[rows])
+    assert taken.of(words, rows) is taken.of(words, rows)
+    recoloured = words + np.int32(100)
+    np.testing.assert_array_equal(taken.of(recoloured, rows), recoloured[rows])
+    assert taken.of(recoloured, np.empty(0, np.int32)) is recoloured

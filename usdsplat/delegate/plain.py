@@ -101,10 +101,11 @@ class PlainPicture:
 
 
 class _Words:
-    """Packed splats in the order of memory, taken once."""
+    """Packed splats in the order of memory, taken once for each layout."""
 
     def __init__(self) -> None:
-        self._taken: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._taken: dict[int, tuple[weakref.ref[Any], I32, I32]] = {}
+        """Identity of rows -> they, the words that were taken, and what that gave."""
 
     def of(self, words: I32, rows: I32) -> I32:
         """Rows of `words`, all of them as they are where there are no `rows`."""
@@ -112,7 +113,8 @@ class _Words:
             return words
         key, taken = id(rows), self._taken
         found = taken.get(key)
-        if found is None or found[0]() is not rows:
+        # colours are in the words too: they may be others while no splat moves
+        if found is None or found[0]() is not rows or found[1] is not words:
             gone = weakref.ref(rows, lambda _: taken.pop(key, None))
-            found = taken[key] = gone, words[rows]
-        return found[1]
+            found = taken[key] = gone, words, words[rows]
+        return found[2]
