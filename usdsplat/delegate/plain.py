@@ -59,8 +59,9 @@ class PlainPicture:
         self._device, self._picture = device, FramePicture(device)
         self._words = _Words()
 
-    def draw(self, look: Look, stats: FrameStats) -> PlainSplats:
-        """Draw all splats of a look; the pixels stay until the next one."""
+    def draw(self, look: Look, stats: FrameStats) -> PlainSplats | None:
+        """Draw all splats of a look; the pixels stay until the next one. None where they touch too
+        many tiles for one picture: a band of it has fewer."""
         from usdsplat.kernels.cuda.frame.picture import FrameView
 
         layout, window = look.layout, look.window
@@ -74,6 +75,8 @@ class PlainPicture:
         )
         groups = [self._group(group, look.degree(group)) for group in layout.groups]
         image = self._picture.draw(groups, view)
+        if image is None:
+            return None
         stats.splats, stats.total = layout.splats, layout.total
         stats.visible = self._picture.visible
         stats.pairs += self._picture.pairs

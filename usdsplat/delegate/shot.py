@@ -80,7 +80,8 @@ class Shot:
             drawn = self.scratch.made("plain", lambda: PlainPicture(self.device))
             plain = drawn.draw(look, self.stats)
             self.clock.lap("frame")
-            return Prepared(screen, plain, None)
+            if plain is not None:
+                return Prepared(screen, plain, None)
         seen = look.take(wanted, view.matte, self.stats, self.clock)
         if mode != "splats":
             scale = view.framing.pixel_scale

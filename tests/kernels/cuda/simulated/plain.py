@@ -7,7 +7,7 @@ import pytest
 from tests.delegate import plain_pictures
 from tests.kernels.cuda.simulated.passes import PythonDevice
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame import picture
+from usdsplat.kernels.cuda.frame import picture, tiles
 
 SIZE, SPLATS = (20, 18), 7
 
@@ -26,6 +26,16 @@ def test_colour_alone_is_drawn_whole(monkeypatch: pytest.MonkeyPatch, name: str)
     device = PythonDevice(threads=1)
     plain_pictures.check_plain(CudaDevice(), device, name, SIZE, SPLATS, 1e-4)
     assert made
+
+
+def test_what_touches_too_many_tiles_goes_band_by_band(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the CPU's loops, in Python here; no picture is drawn whole."""
+    monkeypatch.setattr(tiles, "MOST_PAIRS", 5)
+    finished = []
+    monkeypatch.setattr(picture.FramePicture, "_finish", finished.append)
+    device = PythonDevice(threads=1)
+    plain_pictures.check_plain(CudaDevice(), device, "splats alone", SIZE, SPLATS, 1e-4)
+    assert not finished
 
 
 def test_packed_fields_are_drawn_as_they_are() -> None:

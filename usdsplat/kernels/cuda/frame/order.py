@@ -21,7 +21,7 @@ LAST = np.uint32((1 << BITS) - 1)
 @cuda.jit
 def begin(totals, span):
     """Begin a frame: nothing was counted, and no key was seen."""
-    totals[1] = 0
+    totals[1] = totals[3] = 0
     span[0], span[1] = float32(np.inf), float32(-np.inf)
 
 

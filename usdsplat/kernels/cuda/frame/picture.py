@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import cuda
 
-from usdsplat.core.errors import UsageError
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import blend, load, order, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
@@ -27,8 +26,6 @@ LEAST = 1 << 12
 """The smallest such size."""
 KEPT = 8
 """Recorded second halves that are kept."""
-MOST_PAIRS = (1 << 31) - (1 << 28)
-"""Of a picture: places are 31 bits, and sizes of sorts are rounded up."""
 ROOM = 1 << 18
 """Records that there is room for at first."""
 
@@ -104,7 +101,7 @@ class FramePicture:
         self._second: dict[tuple[int, int], Callable[[], None]] = {}
         self._staged: tuple[tuple[Any, Any], ...] = ()
         self._room = 0
-        self._totals = cuda.pinned_array(3, np.int32)
+        self._totals = cuda.pinned_array(4, np.int32)
         self._counted = cuda.event()
         self._guess: tuple[int, int] | None = None
         self.visible, self.pairs = 0, 0
@@ -119,7 +116,8 @@ class FramePicture:
         the last picture; it is done again where that was too few.
 
         Returns:
-            Premultiplied colour and coverage, shape (height, width, 4) f32.
+            Premultiplied colour and coverage, shape (height, width, 4) f32; None where there are
+            more than MOST_PAIRS pairs of splat and tile.
         """
         self._adopt(tuple(groups), view)
         for array, (host, _) in zip(view.arrays, self._staged, strict=True):
@@ -137,9 +135,9 @@ class FramePicture:
             if self.visible <= self._room:
                 break
             self._grow(self.visible)
-        if not 0 <= self.pairs <= MOST_PAIRS:
-            found = f"{self.pairs % (1 << 32)} pairs of splat and tile"
-            raise UsageError("picture", found, f"at most {MOST_PAIRS}")
+        if self._totals[3]:
+            self._guess = None
+            return None
         size = min(_size(self.visible), self._room), _size(self.pairs)
         if guess is None or size[0] > guess[0] or size[1] > guess[1]:
             self._finish(*size)
@@ -185,7 +183,7 @@ class FramePicture:
         for name in ("found", "sums"):
             self._get(name, (self._parts + 1,), np.int32)
         self._buffers["found"].copy_to_device(np.zeros(self._parts + 1, np.int32), self._stream)
-        self._get("totals", (3,), np.int32)
+        self._get("totals", (4,), np.int32)
         self._get("span", (2,), np.float32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))

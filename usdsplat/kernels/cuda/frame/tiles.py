@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda, float32, int32, uint64
 
-from usdsplat.kernels.bins import tile_columns, tile_rows
+from usdsplat.kernels.bins import MOST_PAIRS, tile_columns, tile_rows
 from usdsplat.kernels.cuda.ties import limit
 from usdsplat.kernels.cuda.vectors import load4
 from usdsplat.kernels.cuda.warp import FULL, LANES, running, votes, without_lowest
@@ -61,7 +61,8 @@ def footprint(records, row, shape):
 
 @cuda.jit
 def count(totals, grid, records, counts):
-    """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them.
+    """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them; in
+    `totals[3]` 1 where those are more than MOST_PAIRS, which is all that `totals` can hold.
 
     records (room * RECORD,) f32; counts (room,) i32.
     """
@@ -109,7 +110,9 @@ def count(totals, grid, records, counts):
     for shift in (16, 8, 4, 2, 1):
         total += cuda.shfl_xor_sync(FULL, total, shift)
     if lane == 0 and total > 0:
-        cuda.atomic.add(totals, 1, total)
+        before = cuda.atomic.add(totals, 1, total)
+        if before > int32(MOST_PAIRS) - total:
+            totals[3] = 1
 
 
 @cuda.jit(device=True, inline="always")
