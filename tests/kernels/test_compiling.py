@@ -8,7 +8,7 @@ import time
 import numba
 import pytest
 
-from usdsplat.kernels.compiling import compile_time, on_compile
+from usdsplat.kernels.compiling import compile_time, compiled, on_compile
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
@@ -68,3 +68,18 @@ def test_time_is_counted_while_compiling_only():
         assert 0 < taken < time.perf_counter() - start
         halved(2.0)
         assert compiled() == taken
+
+
+def test_what_is_said_to_be_compiled_is_heard_of_too():
+    """Oracle: the name that is told, and the wall time around a context that lasts."""
+    heard = []
+    start = time.perf_counter()
+    with on_compile(heard.append), compile_time() as taken:
+        assert taken() == 0
+        with compiled("sorting"):
+            assert heard == ["sorting"]
+            time.sleep(0.01)
+        assert 0.01 <= taken() < time.perf_counter() - start
+    with compiled("nobody listens"):
+        pass
+    assert heard == ["sorting"]

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from usdsplat.kernels import sim, thinning
+from usdsplat.kernels.compiling import compile_time, on_compile
 from usdsplat.kernels.cuda.device import form_of
 
 from . import paper
@@ -63,6 +65,22 @@ def test_the_cpu_runs_only_what_it_is_said_to() -> None:
     """Oracle: the list, with a reason for each: no kernel falls back unseen."""
     assert {n for n, _ in launches() if form_of(kernel_of(n)) is None} <= set(ON_THE_CPU)
     assert [n for n in ON_THE_CPU if form_of(kernel_of(n)) is not None] == []
+
+
+def test_compiling_for_a_gpu_is_heard_of() -> None:
+    """Oracle: the kernel's own name; numba-cuda warns of nothing that users cannot change."""
+    if _obstacle():
+        pytest.skip(_obstacle())
+    from numba.cuda.core import config
+
+    from usdsplat.kernels.cuda.device import _clear
+
+    heard: list[str] = []
+    with paper.compiling(), on_compile(heard.append), compile_time() as taken:
+        _clear[1, 1](np.zeros(3, np.int16))
+    assert "_clear" in heard
+    assert taken() > 0
+    assert config.CUDA_LOW_OCCUPANCY_WARNINGS == 0
 
 
 @pytest.mark.parametrize(

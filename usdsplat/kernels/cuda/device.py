@@ -21,9 +21,12 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 
 from numba import cuda
 
+from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
 from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
+
+connect()  # once for each process, as a module is imported
 
 HOST = "usdsplat.kernels"
 HERE = "usdsplat.kernels.cuda"

@@ -11,6 +11,8 @@ import cuda.compute as compute
 import numpy as np
 from numba import cuda
 
+from usdsplat.kernels.compiling import compiled
+
 
 class _Ordered:
     """A stream as `cuda.compute` knows one."""
@@ -54,13 +56,14 @@ class Primitives:
         """
         name = ("sort", keys.dtype, values.dtype)
         if name not in self._built:
-            self._built[name] = compute.make_radix_sort(
-                d_in_keys=keys,
-                d_out_keys=sorted_keys,
-                d_in_values=values,
-                d_out_values=sorted_values,
-                order=compute.SortOrder.ASCENDING,
-            )
+            with compiled("sort_pairs"):
+                self._built[name] = compute.make_radix_sort(
+                    d_in_keys=keys,
+                    d_out_keys=sorted_keys,
+                    d_in_values=values,
+                    d_out_values=sorted_values,
+                    order=compute.SortOrder.ASCENDING,
+                )
         bits = {"begin_bit": begin_bit, "end_bit": end_bit or 8 * keys.dtype.itemsize}
         self._call(
             self._built[name],
@@ -76,9 +79,10 @@ class Primitives:
         """out[k] = values[0] + ... + values[k - 1], for k < count; whole numbers."""
         name = ("sum", values.dtype, out.dtype)
         if name not in self._built:
-            self._built[name] = compute.make_exclusive_scan(
-                d_in=values, d_out=out, op=compute.OpKind.PLUS, init_value=self._start(out)
-            )
+            with compiled("running_sum"):
+                self._built[name] = compute.make_exclusive_scan(
+                    d_in=values, d_out=out, op=compute.OpKind.PLUS, init_value=self._start(out)
+                )
         self._call(
             self._built[name],
             d_in=values,
