@@ -14,6 +14,9 @@ CLOSE = 1e-3
 FEW = 0.004
 """Part of the pixels where rounding may decide: whether a splat counts at its edge, or which of two
 is nearer."""
+COUNTS_APART = (0.05, 0.05, 0.5)
+"""By which what is seen, pairs and rows may differ: a GPU counts the rows of a tile that are alive
+when a batch of splats begins, the CPU when each splat does."""
 IDS = ("primId", "instanceId", "elementId")
 
 
@@ -43,7 +46,8 @@ def test_a_gpu_draws_what_the_cpu_draws(cuda: Device, name: str) -> None:
     case = CASES[name]
     ours = drawn(cuda, case, size=SIZE, splats=SPLATS)
     theirs = drawn(CpuDevice(), case, size=SIZE, splats=SPLATS)
-    np.testing.assert_allclose(ours.pop("stats"), theirs.pop("stats"), rtol=0.25)
+    counted, expected = ours.pop("stats"), theirs.pop("stats")
+    assert (abs(counted - expected) <= COUNTS_APART * expected).all(), (counted, expected)
     wrong = {
         each: float(differs(each, ours[each], theirs[each]).mean())
         for each in theirs
