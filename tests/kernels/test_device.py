@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import threading
+import types
 from pathlib import Path
 
 import numba
@@ -25,6 +27,34 @@ def test_an_unknown_device_is_one_sentence():
         BackendError, match="device: found 'abacus', expected auto or one of: cpu, cuda"
     ):
         open_device("abacus")
+
+
+@pytest.fixture
+def broken_gpu(monkeypatch):
+    """A GPU with all packages whose driver refuses."""
+    from usdsplat.kernels.cuda import support
+
+    class CudaDevice:
+        def __init__(self, *, threads=None):
+            raise OSError("the driver is\ntoo old")
+
+    place = "usdsplat.kernels.cuda.device"
+    module = types.ModuleType(place)
+    module.CudaDevice = CudaDevice
+    monkeypatch.setitem(sys.modules, place, module)
+    monkeypatch.setattr(support, "has_gpu", lambda: True)
+    monkeypatch.setattr(support, "obstacle", lambda: None)
+
+
+def test_a_gpu_that_does_not_start_is_one_sentence(broken_gpu):
+    """Oracle: the wording of errors; who did not ask for it gets the CPU, and the sentence."""
+    why = "OSError: the driver is too old"
+    said = f"device cuda: found a GPU that does not start \\({why}\\), expected"
+    with pytest.raises(BackendError, match=said):
+        open_device("cuda")
+    device = open_device("auto")
+    assert device.name == "cpu"
+    assert re.match(f"{said} one that does; the CPU does the work$", device.remark)
 
 
 @pytest.mark.parametrize("threads", [0, -1, 10_000])

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.np.ufunc import parallel as launcher
 
-from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 
 _WORKQUEUE_LOCK = threading.Lock()
 """Numba's own `workqueue` layer aborts the process when two threads launch at once; TBB and OpenMP,
@@ -180,9 +180,15 @@ def open_device(name: str = "auto", *, threads: int | None = None) -> Device:
         return CpuDevice(threads=threads)
     missing = obstacle()
     if missing is None:
-        from usdsplat.kernels.cuda.device import CudaDevice
+        try:
+            from usdsplat.kernels.cuda.device import CudaDevice
 
-        return CudaDevice(threads=threads)
+            return CudaDevice(threads=threads)
+        except UsdSplatError:
+            raise
+        except Exception as error:  # of a driver too old for a package, or a GPU that is taken
+            found = f"a GPU that does not start ({type(error).__name__}: {error})"
+            missing = " ".join(found.split()), "one that does"
     if name == "cuda":
         raise BackendError("device cuda", *missing)
     remark = f"device cuda: found {missing[0]}, expected {missing[1]}; the CPU does the work"

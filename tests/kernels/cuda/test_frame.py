@@ -51,3 +51,13 @@ def test_boxes_leave_nothing_out(device) -> None:
 def test_ties_of_depth_are_settled_by_rows(device) -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(device, 900)
+
+
+def test_a_closed_device_has_freed_what_it_had() -> None:
+    """Oracle: Numba's own list of what it has yet to free."""
+    from numba import cuda
+
+    device = open_device("cuda")
+    frames.check_floats(device, 2000, 0)
+    device.close()
+    assert len(cuda.current_context().deallocations) == 0

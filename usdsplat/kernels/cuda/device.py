@@ -10,7 +10,8 @@ import importlib
 import importlib.util
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,10 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 
 from numba import cuda
 
+from usdsplat.core.errors import BackendError
 from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
+from usdsplat.kernels.cuda.support import is_simulated
 from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
 
@@ -152,8 +155,13 @@ class CudaDevice:
         return np.empty(shape, dtype)
 
     def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """A buffer of the GPU with undefined contents."""
-        return cuda.device_array(shape, dtype, stream=self.stream)
+        """A buffer of the GPU with undefined contents.
+
+        Raises:
+            BackendError: If it has no room for it.
+        """
+        with _in_room():
+            return cuda.device_array(shape, dtype, stream=self.stream)
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
         """A buffer of the GPU for the time of one form, with undefined contents: kept for the next
@@ -204,10 +212,12 @@ class CudaDevice:
         return self._primitives
 
     def close(self) -> None:
-        """Release what it keeps."""
+        """Release what it keeps, and what was let go of before: Numba frees some time later."""
         self._kept.clear()
         self._lent.clear()
         self._primitives = None
+        if not is_simulated():
+            cuda.current_context().deallocations.clear()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -218,7 +228,8 @@ class CudaDevice:
         return copy
 
     def _in(self, array: npt.NDArray[Any]) -> Any:
-        return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
+        with _in_room():
+            return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
 
     def _out(self, copy: Any, original: npt.NDArray[Any]) -> None:
         if not original.flags.writeable:
@@ -227,6 +238,18 @@ class CudaDevice:
             copy.copy_to_host(original, stream=self.stream)
         else:
             original[...] = self.fetch(copy)
+
+
+@contextmanager
+def _in_room() -> Iterator[None]:
+    """Say in a sentence that the GPU's memory is full."""
+    try:
+        yield
+    except Exception as error:  # the driver's own class is another one where Numba simulates
+        if "OUT_OF_MEMORY" not in str(error):
+            raise
+        expected = "fewer splats, a smaller picture, or --device cpu"
+        raise BackendError("device cuda", "too little memory on the GPU", expected) from error
 
 
 def _is_host(value: Any) -> bool:

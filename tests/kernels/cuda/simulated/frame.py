@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
+from numba import cuda
 
 from tests.kernels.cuda import frames
+from usdsplat.core.errors import BackendError
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import picture
 
@@ -51,3 +56,18 @@ def test_boxes_leave_nothing_out() -> None:
 def test_ties_of_depth_are_settled_by_rows() -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(CudaDevice(), 20)
+
+
+def test_a_full_gpu_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the wording of errors; what else goes wrong stays what it is."""
+    device = CudaDevice()
+
+    def refuses(*_: Any, **__: Any) -> None:
+        raise RuntimeError("[2] Call to cuMemAlloc results in CUDA_ERROR_OUT_OF_MEMORY")
+
+    monkeypatch.setattr(cuda, "device_array", refuses)
+    with pytest.raises(BackendError, match="device cuda: found too little memory on the GPU"):
+        frames.check_floats(device, 30, 1)
+    monkeypatch.setattr(cuda, "device_array", lambda *_, **__: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        device.resident(1, np.float32)

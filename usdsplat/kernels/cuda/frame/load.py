@@ -69,16 +69,21 @@ def load_packed(splats, i, rotation, scales):
 def shade_packed(splats, i, sight, degree, color):
     """Of the same."""
     unpack_colors(splats[1][i], splats[3], color)
+    if degree == 0:  # no more than three numbers, and those in registers
+        least = cuda.local.array((1, 3), np.float32)
+        for c in range(3):
+            least[0, c] = color[c]
+        for c in range(3):
+            color[c] = harmonics(least, c, 0, float32(0), float32(0), float32(0))
+        return
     sh = cuda.local.array((COEFFICIENTS, 3), np.float32)
     for c in range(3):
         sh[0, c] = color[c]
-    x, y, z = float32(0), float32(0), float32(0)
-    if degree > 0:
-        x, y, z = direction(sight, splats[0][i])
-        words = splats[2][row_of(splats, i)]
-        for band in range(1, degree + 1):
-            for k in range(band * band, (band + 1) * (band + 1)):
-                for c in range(3):
-                    sh[k, c] = unpack_harmonic(words, 3 * (k - 1) + c, splats[4], band)
+    x, y, z = direction(sight, splats[0][i])
+    words = splats[2][row_of(splats, i)]
+    for band in range(1, degree + 1):
+        for k in range(band * band, (band + 1) * (band + 1)):
+            for c in range(3):
+                sh[k, c] = unpack_harmonic(words, 3 * (k - 1) + c, splats[4], band)
     for c in range(3):
         color[c] = harmonics(sh, c, degree, x, y, z)

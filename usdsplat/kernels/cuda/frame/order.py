@@ -1,39 +1,33 @@
-"""The order of depth: keys of 24 bits are sorted, and what they leave undecided is settled.
+"""The order of depth: keys are sorted, and what they leave undecided is settled.
 
-CUB sorts eight bits at a time, so three bytes of a key cost three quarters of four. The keys of a
-view lie close together: counted from the least, and cut to as many bits as the largest asks for,
-they differ but for splats of almost one depth. Those are put in order by their whole keys, and of
-one key by their rows: the order of memory means nothing.
+CUB sorts eight bits at a time, so of few splats three bytes of a key cost three quarters of four.
+The keys of a view lie close together: counted from the least, and cut to as many bits as the
+largest asks for, they differ but for splats of almost one depth. Those are put in order by their
+whole keys, and of one key by their rows: the order of memory means nothing. Of many splats more are
+that close, and settling costs more than a pass.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import cuda, float32, int32
+from numba import cuda, int32
 
 from usdsplat.kernels.cuda.ties import TIES, limit
 from usdsplat.kernels.sort import ordered_bits
 
-BITS = 24
-LAST = np.uint32((1 << BITS) - 1)
+LAST = np.uint32(0xFFFFFFFF)
+FEW = 1 << 18
+"""Splats up to which keys are cut."""
+
+
+def bits_of(count: int) -> int:
+    """Bits of the keys by which so many splats are sorted."""
+    return 24 if count <= FEW else 32
 
 
 @cuda.jit
-def begin(totals, span):
-    """Begin a frame: nothing was counted, and no key was seen."""
-    totals[1] = totals[3] = 0
-    span[0], span[1] = float32(np.inf), float32(-np.inf)
-
-
-@cuda.jit
-def settle(totals, sums, parts):
-    """The number of splats that are seen: the sum of all parts."""
-    totals[0] = sums[parts]
-
-
-@cuda.jit
-def narrow(totals, bits, span, keys):
-    """Cut the keys of the splats that there are to BITS, and fill up the others with the last.
+def narrow(totals, bits, span, most, keys):
+    """Cut the keys of the splats that there are to `most` bits, and fill up with the last.
 
     bits: Of float32 keys, (m,) u32; span: of the least and the largest, (2,) u32; keys: (m,) u32.
     """
@@ -41,7 +35,7 @@ def narrow(totals, bits, span, keys):
     if k < keys.shape[0]:
         low = ordered_bits(span[0])
         width = np.uint32(ordered_bits(span[1]) - low)
-        surplus = int32(32 - BITS) - int32(cuda.clz(width))
+        surplus = int32(32) - int32(most) - int32(cuda.clz(width))
         cut = np.uint32(max(surplus, int32(0)))
         own = np.uint32(ordered_bits(bits[k]) - low) >> cut
         keys[k] = own if k < totals[0] else LAST

@@ -26,6 +26,8 @@ LEAST = 1 << 12
 """The smallest such size."""
 KEPT = 8
 """Recorded second halves that are kept."""
+ALIGNED = 256
+"""[byte] What each array of a view begins on."""
 ROOM = 1 << 18
 """Records that there is room for at first."""
 
@@ -94,12 +96,15 @@ class FramePicture:
 
     def __init__(self, device: CudaDevice) -> None:
         self._device, self._stream = device, device.stream
+        self._primitives = device.primitives
+        """Recorded launches use its memory, also when the device has been closed."""
         self._key: tuple[Any, ...] = ()
         self._groups: tuple[FrameGroup, ...] = ()
         self._buffers: dict[str, Any] = {}
         self._first: Callable[[], None] | None = None
         self._second: dict[tuple[int, int], Callable[[], None]] = {}
-        self._staged: tuple[tuple[Any, Any], ...] = ()
+        self._sent: tuple[Any, Any] = (None, None)
+        self._staged: tuple[tuple[Any, ...], ...] = ()
         self._room = 0
         self._totals = cuda.pinned_array(4, np.int32)
         self._counted = cuda.event()
@@ -170,10 +175,7 @@ class FramePicture:
         self._columns, tile_count = int(grid["columns"]), int(grid["columns"] * grid["rows"])
         self._tile_count = tile_count
         self._parts = sum(group.instances * group.parts for group in groups)
-        self._staged = tuple(
-            (cuda.pinned_array(array.shape, array.dtype), self._empty(array.shape, array.dtype))
-            for array in view.arrays
-        )
+        self._stage(view)
         self._get("image", (height, width, 4), np.float32)
         self._get("starts", (tile_count + 1,), np.int32)
         blocks = sum(group.instances * group.blocks for group in groups)
@@ -187,6 +189,20 @@ class FramePicture:
         self._get("span", (2,), np.float32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
+
+    def _stage(self, view: FrameView) -> None:
+        """Make room for what changes from picture to picture: one buffer, sent as one."""
+        sizes = [-(-array.nbytes // ALIGNED) * ALIGNED for array in view.arrays]
+        ends = np.cumsum(sizes)
+        host = cuda.pinned_array(int(ends[-1]), np.uint8)
+        there = self._empty((int(ends[-1]),), np.uint8)
+        staged = []
+        for array, end, size in zip(view.arrays, ends, sizes, strict=True):
+            part = slice(int(end - size), int(end - size) + array.nbytes)
+            staged.append(
+                tuple(each[part].view(array.dtype).reshape(array.shape) for each in (host, there))
+            )
+        self._sent, self._staged = (host, there), tuple(staged)
 
     def _grow(self, visible: int) -> None:
         """Make room for so many records, and some more."""
@@ -218,10 +234,8 @@ class FramePicture:
 
     def _see(self) -> None:
         b, stream = self._buffers, self._stream
-        for host, there in self._staged:
-            there.copy_to_device(host, stream)
+        self._sent[1].copy_to_device(self._sent[0], stream)
         cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
-        order.begin[1, 1, stream](b["totals"], b["span"])
         first = instance = block = 0
         spans = []
         for number, group in enumerate(self._groups):
@@ -234,17 +248,16 @@ class FramePicture:
                 )  # fmt: skip
             _SEE[group.is_packed][parts, project.PART, stream](
                 cameras, matrices, number, instance, first, block, group.parts, group.count,
-                b["closed"], group.splats, b["marks"], b["found"],
+                b["closed"], group.splats, b["marks"], b["found"], b["totals"], b["span"],
             )  # fmt: skip
             first, instance, block = first + parts, instance + group.instances, block + blocks
-        self._device.primitives.running_sum(b["found"], b["sums"], self._parts + 1)
-        order.settle[1, 1, stream](b["totals"], b["sums"], self._parts)
+        self._primitives.running_sum(b["found"], b["sums"], self._parts + 1)
         for number, group, instance, first in spans:
             _PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
                 cameras, matrices, sights, conversions, number, instance, first, group.parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"], b["names"],
-                b["span"],
+                b["span"], b["totals"],
             )  # fmt: skip
         tiles.count[WAVES, THREADS, stream](b["totals"], grid, b["records"], b["counts"])
         b["totals"].copy_to_host(self._totals, stream)
@@ -279,14 +292,19 @@ class FramePicture:
             self._second.clear()
 
     def _lists_and_image(self, m: int, p: int, variant: tuple[int, bool]) -> None:
-        b, stream, primitives = self._buffers, self._stream, self._device.primitives
+        b, stream, primitives = self._buffers, self._stream, self._primitives
         grid, totals = self._staged[4][1], b["totals"]
         pair_tiles, pair_splats = b["tiles"][:p], b["pairs"][:p]
+        bits = order.bits_of(m)
         order.narrow[_blocks(m), THREADS, stream](
-            totals, b["keys"].view(np.uint32)[:m], b["span"].view(np.uint32), b["narrow"][:m]
+            totals,
+            b["keys"].view(np.uint32)[:m],
+            b["span"].view(np.uint32),
+            bits,
+            b["narrow"][:m],
         )
         primitives.sort_pairs(
-            b["narrow"], b["numbers"], b["sorted narrow"], b["order"], m, end_bit=order.BITS
+            b["narrow"], b["numbers"], b["sorted narrow"], b["order"], m, end_bit=bits
         )
         order.settle_ties[_blocks(m + 1), THREADS, stream](
             totals, b["sorted narrow"][:m], b["order"], b["keys"], b["names"], b["counts"],
@@ -300,7 +318,6 @@ class FramePicture:
         )  # fmt: skip
         tiles.fill[_blocks(m), THREADS, stream](*lists)
         tiles.fill_many[WAVES, THREADS, stream](*lists)
-        tiles.pad[WAVES, THREADS, stream](totals, pair_tiles, pair_tiles.dtype.type(nothing))
         primitives.sort_pairs(
             b["tiles"], b["pairs"], b["sorted tiles"], b["sorted pairs"], p,
             end_bit=nothing.bit_length(),
@@ -326,7 +343,7 @@ class FramePicture:
         return self._buffers[name]
 
     def _empty(self, shape: tuple[int, ...], dtype: Any) -> Any:
-        return cuda.device_array(shape, dtype, stream=self._stream)
+        return self._device.resident(shape, dtype)
 
 
 def _size(count: int) -> int:

@@ -66,15 +66,18 @@ def make_see(load: Any) -> Any:
     Its arguments: a CAMERA for each group; the matrices of all instances, (m, 3, 4) f64; the number
     of the group, of its first instance, of its first part and of its first block; how many parts an
     instance has; n; `closed`, as `cull` wrote it; the splats' arrays; `marks` (WORDS a part) u32
-    and `found` (parts,) i32, which are written.
+    and `found` (parts,) i32, which are written; `totals` and `span`, which begin anew.
     """
 
     @cuda.jit
     def see(
         cameras, matrices, group, instance, first, first_block, parts, n, closed, splats, marks,
-        found,
+        found, totals, span,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
+        if first + item + t == 0:  # the others are launched after this
+            totals[1] = totals[3] = 0
+            span[0], span[1] = float32(np.inf), float32(-np.inf)
         part, owner = item % parts, item // parts
         blocks = (parts * PART + BLOCK - 1) // BLOCK
         if closed[first_block + owner * blocks + part * PART // BLOCK]:
@@ -105,19 +108,22 @@ def make_place(load: Any, shade: Any) -> Any:
 
     `shade` gives the colour of splat i in a unit direction. Arguments besides those of the other
     kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
-    f32, the last number 1 where a colour is converted; `starts`, the first record of each part;
-    how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,) f32,
-    `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are written;
-    `span` (2,) f32, which is widened to hold all keys.
+    f32, the last number 1 where a colour is converted; `starts`, the first record of each part,
+    (parts + 1,); how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,)
+    f32, `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are
+    written; `span` (2,) f32, which is widened to hold all keys; `totals`, which receives their
+    number.
     """
 
     @cuda.jit
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
-        marks, found, starts, room, records, keys, rows, names, span,
+        marks, found, starts, room, records, keys, rows, names, span, totals,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
         count, start = found[first + item], starts[first + item]
+        if t == 0 and first + item == starts.shape[0] - 2:
+            totals[0] = start + count  # this is the last part of all
         if count == 0:
             return
         part, owner = item % parts, instance + item // parts

@@ -127,7 +127,7 @@ def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
 def fill(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write all pairs in order of depth, but for those of splats of more than MANY.
+    """Write all pairs in order of depth, but for those of splats of more than MANY; and fill up.
 
     Args:
         order: Row of each rank in `records`, (m,) i32.
@@ -144,6 +144,10 @@ def fill(
     room = int32(pair_tiles.shape[0])
     lane, member = cuda.threadIdx.x % LANES, cuda.threadIdx.x % TEAM
     k = cuda.grid(1)
+    beyond = totals[1] + k
+    while beyond < room:
+        pair_tiles[beyond] = nothing
+        beyond += cuda.gridsize(1)
     if k - lane >= n:
         return
     shape = cuda.local.array(8, float32)
@@ -243,15 +247,6 @@ def fill_many(
         if lane == 0:
             pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats)
         item += cuda.gridsize(1) // LANES
-
-
-@cuda.jit
-def pad(totals, pair_tiles, nothing):
-    """Fill up pairs beyond those that there are."""
-    k = totals[1] + cuda.grid(1)
-    while k < pair_tiles.shape[0]:
-        pair_tiles[k] = nothing
-        k += cuda.gridsize(1)
 
 
 @cuda.jit
