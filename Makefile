@@ -9,7 +9,7 @@ CAPTURE ?=
 OUT ?= demo
 BENCHMARKS := frame passes renderers scaling memory author formats converters decimation \
 	convert_memory deep colour simulation simulated_frame bakes preview_ui
-GPU_BENCHMARKS := cuda_frame simulation_cuda
+GPU_BENCHMARKS := cuda_frame simulation_cuda cuda_scaling
 
 .PHONY: demo test lint bench bench-gpu cover clean
 
@@ -37,7 +37,6 @@ bench: $(READY)
 bench-gpu: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[cuda]'
 	set -e; for name in $(GPU_BENCHMARKS); do $(BIN)/python -m benchmarks.$$name; done
-	$(BIN)/python -m benchmarks.scaling --gpu
 
 clean:
 	rm -rf $(VENV) demo

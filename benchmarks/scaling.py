@@ -1,9 +1,8 @@
 """What a picture costs over the splats that are stored and over those that are seen.
 
-    python -m benchmarks.scaling --cpu [--quick] [--json FILE]
-    python -m benchmarks.scaling --gpu [--quick] [--json FILE]
+    python -m benchmarks.scaling [--quick] [--json FILE]
 
-The garden is tiled from 0.1 million splats to 20 (with a GPU 50) and drawn at 1920x1080, each
+The garden is tiled from 0.1 million splats to 20 and drawn at 1920x1080, each
 picture from a hair aside, so that nothing is left of the last one: from its camera, where the part
 that is seen grows more and more slowly, and through a lens four times as long, which sees about as
 much whatever there is.
@@ -26,8 +25,6 @@ from usdsplat.kernels.device import Device, open_device
 
 SIZE = (1920, 1080)
 GRIDS = (1, 3, 5, 7, 9, 13)
-LARGER = (17, 21)
-"""For a GPU."""
 LENSES = {"garden": 1.0, "garden, long lens": 4.0}
 REPEATS = 5
 
@@ -65,15 +62,12 @@ def costs(device: Device, grids: tuple[int, ...], repeats: int) -> Iterator[Cost
 def main(arguments: list[str]) -> None:
     """Print everything."""
     with Report("scaling", arguments) as report:
-        if ("--cpu" in report.arguments) == ("--gpu" in report.arguments):
-            sys.exit(__doc__)
-        device = open_device("cuda" if "--gpu" in report.arguments else "cpu")
-        grids = GRIDS + (LARGER if device.name == "cuda" else ())
+        device = open_device("cpu")
         table = Table(title=f"{device.name}: a picture at {SIZE[0]}×{SIZE[1]}")
         for name in ("scene", "stored", "seen", "ms", "CPU ms", "project", "sort", "bins", "blend"):
             table.add_column(name, justify="right")
         quick = "--quick" in report.arguments
-        for cost in costs(device, grids[:3] if quick else grids, 3 if quick else REPEATS):
+        for cost in costs(device, GRIDS[:3] if quick else GRIDS, 3 if quick else REPEATS):
             stats, wall, cpu = cost.stats, spread(cost.wall_ms), spread(cost.cpu_ms)
             stages = [stats.cpu_ms.get(each, 0.0) for each in ("project", "sort", "bins", "blend")]
             table.add_row(

@@ -1,6 +1,6 @@
 """What the simulation costs on a GPU, beside the bytes that it must move and beside the CPU.
 
-    python -m benchmarks.simulation_cuda [steps | frames] [SPLATS]
+    python -m benchmarks.simulation_cuda [steps | frames] [SPLATS] [--json FILE]
 
 `steps`: a step of the reaction on the graph of a waved sheet, the affector step of 16 capsules, and
 others, with a million splats. Milliseconds of the GPU are between events of its own stream around
@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.simulation import DT, SUPPORT, capsules, sheet, state_of
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import Device, open_device
@@ -201,13 +201,13 @@ def clock(part: Part) -> list[float]:
     return out[1:]
 
 
-def steps(console: Console, count: int) -> None:
+def steps(report: Report, count: int) -> None:
     """Print the table of steps."""
     points = sheet(count)
     fast, slow = open_device(), open_device("cpu")
     table = Table("step", "floor [ms]", "GPU [ms]", "of the floor", "CPU [ms]", "times faster")
     if fast.name == "cpu":
-        console.print("no GPU here: the CPU's alone")
+        report.say("no GPU here: the CPU's alone")
     builds = [(device.name, built(device, points)) for device in dict.fromkeys((fast, slow))]
     for ours, theirs in zip(parts(fast, points), parts(slow, points), strict=True):
         cpu = float(np.median(clock(theirs)))
@@ -220,9 +220,9 @@ def steps(console: Console, count: int) -> None:
             ours.name, f"{floor:.3f}", f"{middle:.3f} ({low:.3f} to {high:.3f})",
             f"{middle / floor:.1f}", f"{cpu:.2f} on {slow.threads}", f"{cpu / middle:.0f}",
         )  # fmt: skip
-    console.print(table)
+    report.show(table, 140)
     for name, seconds in builds:
-        console.print(f"lists of neighbours built and fetched, {name}: {1e3 * seconds:.0f} ms")
+        report.say(f"lists of neighbours built and fetched, {name}: {1e3 * seconds:.0f} ms")
 
 
 def built(device: Device, points: F32) -> float:
@@ -282,7 +282,7 @@ def simulated(name: str, count: int, path: str) -> None:
     np.savez(path, **{key.replace(":", "-"): a for key, a in arrays.items()}, laps=np.array(laps))
 
 
-def frames(console: Console, count: int) -> None:
+def frames(report: Report, count: int) -> None:
     """Print how far apart the states are."""
     with tempfile.TemporaryDirectory() as folder:
         names = ["cpu"] if open_device().name == "cpu" else ["cpu", "cuda", "cuda"]
@@ -295,7 +295,7 @@ def frames(console: Console, count: int) -> None:
             assert run.wait() == 0
         states: list[dict[str, Any]] = [dict(np.load(file)) for file in files]
     laps = [f"{1e3 * np.median(state.pop('laps')):.1f}" for state in states]
-    console.print(f"ms of a frame, {count} splats: " + ", ".join(
+    report.say(f"ms of a frame, {count} splats: " + ", ".join(
         f"{name} {lap}" for name, lap in zip(names, laps, strict=True)
     ))  # fmt: skip
     table = Table("state", "largest", "largest difference", "bits as the CPU's", "bits twice")
@@ -309,20 +309,20 @@ def frames(console: Console, count: int) -> None:
             "yes" if found.tobytes() == wanted.tobytes() else "no",
             "yes" if found.tobytes() == again.tobytes() else "NO",
         )  # fmt: skip
-    console.print(table)
+    report.show(table, 140)
 
 
 def main() -> None:
     """Print the tables that were asked for."""
-    console = Console(width=140)
-    what = sys.argv[1] if len(sys.argv) > 1 else "steps"
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    if what == "one":
-        simulated(sys.argv[3], count, sys.argv[4])
-    elif what == "frames":
-        frames(console, count or FIELD)
-    else:
-        steps(console, count or 1_000_000)
+    with Report("simulation_cuda", sys.argv[1:]) as report:
+        what, *rest = report.arguments or ["all"]
+        count = int(rest[0]) if rest else 0
+        if what == "one":
+            simulated(rest[1], count, rest[2])
+        if what in ("steps", "all"):
+            steps(report, count or 1_000_000)
+        if what in ("frames", "all"):
+            frames(report, count or FIELD)
 
 
 if __name__ == "__main__":
