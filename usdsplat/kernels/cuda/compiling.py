@@ -8,20 +8,20 @@ from typing import Any
 from numba.core import event
 
 from usdsplat.kernels.compiling import SPENT, TOLD
-from usdsplat.kernels.cuda.support import is_simulated
+from usdsplat.kernels.cuda.support import is_compiled
 
 FIRST = "cuda_translate_bytecode "
 """The pass that a function is compiled by first."""
 
 
 def connect() -> None:
-    """Set numba-cuda up for what users read, if it does not simulate; once for each process.
+    """Set numba-cuda up for what users read, where it is; once for each process.
 
     Who listens by `kernels.compiling` hears of it from now on, and it no longer warns of each
     launch of few threads: most of those are of one, on purpose. A user's own wish to be warned
     is left alone.
     """
-    if is_simulated():
+    if not is_compiled():
         return
     from numba.cuda.core import config
     from numba.cuda.core import event as events

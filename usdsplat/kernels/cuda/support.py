@@ -16,6 +16,11 @@ def is_simulated() -> bool:
     return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0")
 
 
+def is_compiled() -> bool:
+    """Whether numba-cuda is there to compile kernels: where it is not, tests only read them."""
+    return not is_simulated() and importlib.util.find_spec("numba_cuda") is not None
+
+
 @functools.cache
 def has_gpu() -> bool:
     """Whether the driver is there and has a GPU to use."""
