@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,8 @@ from tests.sim.stage.stages import FIELD, SIM, moved, place, rigid, simulation_o
 from usdsplat import schema
 from usdsplat.core import covariance
 from usdsplat.core.errors import OutputError, StageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import Clock, Simulation, simulate
@@ -46,6 +48,30 @@ def files(target: Path) -> dict[str, bytes]:
 def fresh(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
+
+
+def test_the_device_is_closed_and_its_remark_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: a device that says what it is told; one that is given stays open."""
+    closed: list[str] = []
+
+    class Told(CpuDevice):
+        def close(self) -> None:
+            closed.append(self.remark)
+
+    def stops(*_: Any) -> None:
+        raise Killed
+
+    monkeypatch.setattr(simulating, "open_device", lambda *_, **__: Told(remark="a GPU but"))
+    monkeypatch.setattr(simulating, "_simulate", stops)
+    stage, target, told = Usd.Stage.CreateInMemory(), tmp_path / "bake.usda", []
+    with pytest.raises(Killed):
+        simulate(stage, target, FRAMES, remark=told.append)
+    assert told == closed == ["a GPU but"]
+    with pytest.raises(Killed):
+        simulate(stage, target, FRAMES, device=Told(remark="given"))
+    assert closed == ["a GPU but"]
 
 
 # --- killed, and resumed -------------------------------------------------------------------

@@ -180,6 +180,7 @@ class Runner:
         self._end_live()
         for job in self._jobs:
             job.join()
+        self._device.close()
 
     # --- private ---------------------------------------------------------------------------
 

@@ -232,7 +232,7 @@ def simulate(
         resume: Go on with the bake at `target` from its last checkpoint.
         force: Replace a bake that is there.
         progress: Told about each frame.
-        remark: Told a sentence about what is left out.
+        remark: Told a sentence about what is left out, or a GPU that cannot be used.
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
@@ -243,7 +243,15 @@ def simulate(
     with compile_time() as compiled:
         clock = Clock(compiled)
         machine = open_device(device, threads=threads) if isinstance(device, str) else device
-        report = _simulate(stage, target, frames, machine, resume, progress, remark, clock, reading)
+        if machine.remark:
+            remark(machine.remark)
+        try:
+            report = _simulate(
+                stage, target, frames, machine, resume, progress, remark, clock, reading
+            )
+        finally:
+            if machine is not device:
+                machine.close()
         report.stages["compiling"] = round(compiled(), 3)
     return report
 
