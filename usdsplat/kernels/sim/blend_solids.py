@@ -97,18 +97,6 @@ def is_far(bodies, j, reach, x, y, z):
     return x * x + y * y + z * z > limit * limit
 
 
-@scalar
-def is_idle(bodies, j, x, y, z, sigma, least):
-    """Whether solid j is certain to change nothing where another is `least` [unit] away, which its
-    distance alone tells, at a point of its own frame."""
-    if bodies[j, KIND] != ROUND:
-        return False
-    e = round_distance(
-        x, y, z, bodies[j, SIZE], bodies[j, SIZE + 1], bodies[j, SIZE + 2], bodies[j, SIZE + 3]
-    )
-    return e - bodies[j, CLEARANCE] * sigma > least + bodies[j, BLEND]
-
-
 @serial
 def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
     """What is left of the clearance at a point, and which way is out.
@@ -132,8 +120,14 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
-        if d != NOTHING and is_idle(bodies, j, u, v, w, sigma, least):
-            continue
+        if bodies[j, KIND] == ROUND and d != NOTHING:
+            # Most solids change nothing, which their distance alone tells.
+            e = round_distance(
+                u, v, w,
+                bodies[j, SIZE], bodies[j, SIZE + 1], bodies[j, SIZE + 2], bodies[j, SIZE + 3],
+            )  # fmt: skip
+            if e - bodies[j, CLEARANCE] * sigma > least + bodies[j, BLEND]:
+                continue
         e, u, v, w = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
         u, v, w = times(bodies, j, TURN, u, v, w)
         e -= bodies[j, CLEARANCE] * sigma
@@ -188,17 +182,13 @@ def touch(bodies, rows, count, fields, voxels, per_dt, x, y, z, sigma, reach):
         velocity (3) [unit/s], coefficient of friction, restitution.
     """
     d, sx, sy, sz, friction, restitution = NOTHING, 0.0, 0.0, 0.0, 0.0, 0.0
-    least = NOTHING
     for s in range(count):
         j = np.int64(rows[s])
         if is_far(bodies, j, reach, x, y, z):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
-        if d != NOTHING and is_idle(bodies, j, u, v, w, sigma, least):
-            continue
         e, _, _, _ = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
         e -= bodies[j, CLEARANCE] * sigma
-        least = min(least, e)
         u, v, w = surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z)
         f, r = bodies[j, FRICTION], bodies[j, RESTITUTION]
         if d == NOTHING:

@@ -94,10 +94,8 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
         d, gx, gy, gz, nx, ny, nz = union(
             bodies, rows, count, fields, voxels, x, y, z, sigma, reach
         )
-        is_out = d >= 0.75 * gap
-        if is_out or k < NEWTON or k == NEWTON + MARCH - 1:  # a march has its direction
-            px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
-        if is_out:
+        px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
+        if d >= 0.75 * gap:
             return x, y, z, px, py, pz, depth, k >= NEWTON, False
     return x, y, z, px, py, pz, depth, True, True
 
@@ -120,21 +118,15 @@ def contact_row(
     reach,
     rubs,
 ):
-    """Resolve splat i, first against the near solids, then against all, rubbed or not.
-
-    Returns:
-        whether it touched, marched and is trapped, where it goes (3) and its velocity (3).
-    """
+    """Resolve splat i, first against the near solids, then against all, rubbed or not; returns
+    whether it touched, marched and is trapped."""
     total = everyone.shape[0]
     x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     x, y, z, nx, ny, nz, depth, marched, trapped = push_out(
         bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least
     )
-    vx, vy, vz = (
-        np.float64(velocities[i, 0]), np.float64(velocities[i, 1]), np.float64(velocities[i, 2]),
-    )  # fmt: skip
     if depth == 0.0:
-        return False, False, False, x, y, z, vx, vy, vz
+        return False, False, False
     sx, sy, sz, friction, restitution = touch(
         bodies, rows, count, fields, voxels, 1.0 / dt, x, y, z, sigma, reach
     )
@@ -150,8 +142,13 @@ def contact_row(
     x, y, z, _, _, _, _, again, trapped = push_out(
         bodies, everyone, total, fields, voxels, x, y, z, sigma, reach, least
     )
-    vx, vy, vz = respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution)
-    return True, marched or again, trapped, x, y, z, vx, vy, vz
+    vx, vy, vz = respond(
+        velocities[i, 0], velocities[i, 1], velocities[i, 2],
+        sx, sy, sz, nx, ny, nz, friction, restitution,
+    )  # fmt: skip
+    positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
+    velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
+    return True, marched or again, trapped
 
 
 # --- a block of splats ----------------------------------------------------------------------------
@@ -269,15 +266,14 @@ def contact_block(
     for i in range(m):
         if not gaps[i] < slack or flags[start + i] & PINNED_OR_DEAD != ALIVE_ONLY:
             continue
-        at, sigma = start + i, np.float64(sigmas[i])
-        touched, marched, trapped, x, y, z, vx, vy, vz = contact_row(
-            bodies, near[block], found, everyone, fields, voxels, dt, least, at, started,
-            positions, velocities, sigma, 3.0 * blend + clearance * sigma, struck[at] == 0,
+        sigma = np.float64(sigmas[i])
+        touched, marched, trapped = contact_row(
+            bodies, near[block], found, everyone, fields, voxels, dt, least, start + i, started,
+            positions, velocities, sigma, 3.0 * blend + clearance * sigma,
+            struck[start + i] == 0,
         )  # fmt: skip
         if touched:
-            since[at] = 0.0
-            positions[at, 0], positions[at, 1], positions[at, 2] = x, y, z
-            velocities[at, 0], velocities[at, 1], velocities[at, 2] = vx, vy, vz
+            since[start + i] = 0.0
             counts[block, TOUCHED] += 1
             counts[block, MARCHED] += marched
             counts[block, TRAPPED] += trapped

@@ -1,9 +1,8 @@
-"""Contacts, as `kernels.sim.contact`, in three launches.
+"""Contacts, as `kernels.sim.contact`, in two launches.
 
 The first finds, in float32, who may touch: each block of threads has a block of rows, and no more
-than the solids near its box. The second resolves those few in float64, a thread for each, as far as
-Newton's steps do. The third takes those that march, a warp for each: one that marches far would
-else take longer alone than all others together.
+than the solids near its box. The second resolves those few in float64, a thread for each, with all
+the registers that this takes.
 """
 
 from __future__ import annotations
@@ -12,9 +11,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
-from usdsplat.kernels.cuda.rebound import rebound
-from usdsplat.kernels.cuda.sim.blocks import THREADS, WARP, WARPS, largest, more, place_of
-from usdsplat.kernels.cuda.sim.unions import touch_of_thread, union_of_thread, union_of_warp
+from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more, place_of
 from usdsplat.kernels.sim.blend_solids import (
     BLEND,
     BLOCK,
@@ -37,7 +34,6 @@ from usdsplat.kernels.sim.contact import (
     TRAPPED,
     contact_row,
     is_near,
-    push_out,
 )
 from usdsplat.kernels.sim.solids import BOX, MESH, ROUND, box_distance, field_solid, round_distance
 
@@ -46,21 +42,14 @@ RESOLVERS = 64
 _TURN, _PLACE, _SIZE, _CLEARANCE, _BLEND, _KIND, _SHORT = 0, 9, 12, 16, 17, 18, 19
 """Columns of what the first launch reads of each solid, float32, flat."""
 
-_row_of_thread = rebound(
-    contact_row, push_out=rebound(push_out, union=union_of_thread, MARCH=0), touch=touch_of_thread
-)
-_row_of_warp = rebound(
-    contact_row, push_out=rebound(push_out, union=union_of_warp), touch=touch_of_thread
-)
-
 
 @cuda.jit
 def _shorten(bodies, short, total):
-    """Of each solid, what finds contacts; the turn is into its own frame. total: becomes zeros."""
+    """Of each solid, what finds contacts; the turn is into its own frame. total: becomes 0."""
     j = cuda.blockIdx.x
     at = j * _SHORT
     if j == 0 and cuda.threadIdx.x == 0:
-        total[0], total[1] = 0, 0
+        total[0] = 0
     if cuda.threadIdx.x == 0:
         for row in range(3):
             for column in range(3):
@@ -100,7 +89,7 @@ def _find(
     """Near solids of each block, and the rows that may touch one.
 
     found: Receives how many solids are near each block, (blocks,) i32. listed: Receives rows, in
-    any order, (n,) i32; total: their number first, (2,) i32, of zeros.
+    any order, (n,) i32; total: how many, (1,) i32, of zeros.
     """
     shared = cuda.shared.array(WARPS, np.float32)
     places = cuda.shared.array(WARPS, np.int32)
@@ -159,52 +148,23 @@ def _find(
             listed[begin[0] + at] = i
 
 
-@cuda.jit(device=True)
-def _put(i, x, y, z, vx, vy, vz, positions, velocities, since, counts):
-    """Write a splat that touched."""
-    positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
-    velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
-    since[i] = 0.0
-    cuda.atomic.add(counts, (i // BLOCK, TOUCHED), 1)
-
-
 @cuda.jit
 def _resolve(
     bodies, everyone, fields, voxels, dt, blend, clearance, least, started, scales, positions,
-    velocities, since, struck, near, found, counts, listed, marching, total,
+    velocities, since, struck, near, found, counts, listed, total,
 ):  # fmt: skip
-    """marching: Receives those that must march, in any order, (n,) i32."""
     for k in range(cuda.grid(1), total[0], cuda.gridsize(1)):
-        i = np.uint32(listed[k])
+        i = np.int64(listed[k])
         block = i // BLOCK
         sigma = np.float64(max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
-        touched, marched, _, x, y, z, vx, vy, vz = _row_of_thread(
+        touched, marched, trapped = contact_row(
             bodies, near[block], np.int64(found[block]), everyone, fields, voxels, dt, least, i,
             started, positions, velocities, sigma, 3.0 * blend + clearance * sigma,
             struck[i] == 0,
         )  # fmt: skip
-        if marched:
-            marching[cuda.atomic.add(total, 1, 1)] = i
-        elif touched:
-            _put(i, x, y, z, vx, vy, vz, positions, velocities, since, counts)
-
-
-@cuda.jit
-def _march(
-    bodies, everyone, fields, voxels, dt, blend, clearance, least, started, scales, positions,
-    velocities, since, struck, near, found, counts, marching, total,
-):  # fmt: skip
-    for k in range(cuda.grid(1) // WARP, total[1], cuda.gridsize(1) // WARP):
-        i = np.uint32(marching[k])
-        block = i // BLOCK
-        sigma = np.float64(max(scales[i, 0], max(scales[i, 1], scales[i, 2])))
-        touched, marched, trapped, x, y, z, vx, vy, vz = _row_of_warp(
-            bodies, near[block], np.int64(found[block]), everyone, fields, voxels, dt, least, i,
-            started, positions, velocities, sigma, 3.0 * blend + clearance * sigma,
-            struck[i] == 0,
-        )  # fmt: skip
-        if touched and cuda.threadIdx.x % WARP == 0:
-            _put(i, x, y, z, vx, vy, vz, positions, velocities, since, counts)
+        if touched:
+            since[i] = 0.0
+            cuda.atomic.add(counts, (block, TOUCHED), 1)
             if marched:
                 cuda.atomic.add(counts, (block, MARCHED), 1)
             if trapped:
@@ -223,8 +183,7 @@ def contact(
     short = device.borrow("contact: solids", k * _SHORT, np.float32)
     found = device.borrow("contact: found", blocks, np.int32)
     listed = device.borrow("contact: listed", positions.shape[0], np.int32)
-    marching = device.borrow("contact: marching", positions.shape[0], np.int32)
-    total = device.borrow("contact: total", 2, np.int32)
+    total = device.borrow("contact: total", 1, np.int32)
     _shorten[k, WARPS, device.stream](bodies, short, total)
     _find[blocks, THREADS, device.stream](
         bodies, short, fields, voxels, blend, clearance, flags, scales, positions, near, found,
@@ -232,9 +191,5 @@ def contact(
     )  # fmt: skip
     _resolve[BLOCKS, RESOLVERS, device.stream](
         bodies, everyone, fields, voxels, dt, blend, clearance, least, started, scales, positions,
-        velocities, since, struck, near, found, counts, listed, marching, total,
-    )  # fmt: skip
-    _march[BLOCKS, RESOLVERS, device.stream](
-        bodies, everyone, fields, voxels, dt, blend, clearance, least, started, scales, positions,
-        velocities, since, struck, near, found, counts, marching, total,
+        velocities, since, struck, near, found, counts, listed, total,
     )  # fmt: skip
