@@ -1,6 +1,6 @@
 """What a frame costs, by stage, beside its floor and the yardstick.
 
-    python -m benchmarks.frame [--quick]
+    python -m benchmarks.frame [--quick] [--json FILE]
 
 The floor is blending where it has nothing to look for (`probe_ns`), in this process and by as many
 threads, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
@@ -18,11 +18,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report, spread
 from benchmarks.scenes import (
     CAPTURES,
     DATA,
@@ -112,11 +111,11 @@ def totals(stats: list[FrameStats], kind: str) -> Any:
     return np.median(rows, axis=0)
 
 
-class Report:
-    """The table that is printed."""
+class Stages:
+    """The table of where the time goes; its rows are a report's."""
 
-    def __init__(self, probe_time: float) -> None:
-        self._probe = probe_time
+    def __init__(self, report: Report, probe_time: float) -> None:
+        self._report, self._probe = report, probe_time
         self._table = Table(
             title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a row"
         )
@@ -137,17 +136,23 @@ class Report:
             f"{last.rows:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
             f"{floor:.0f}", f"{cpu[-1] / floor:.2f}",
         )  # fmt: skip
+        whole = [sum(each.wall_ms.get(stage, 0.0) for stage in STAGES) for each in stats]
+        self._report.add(
+            device="cpu", scene=name, splats=last.splats, visible=last.visible,
+            size=f"{width}x{height}", **spread(whole), cpu_ms=float(cpu[-1]),
+        )  # fmt: skip
         return float(cpu[-1])
 
     def show(self) -> None:
         """Print it, as wide as it is."""
-        Console(width=220).print(self._table)
+        self._report.show(self._table, 220)
 
 
 def against_yardstick(
     yardstick: Any,
     renderer: Renderer,
     report: Report,
+    table: Stages,
     grid: int,
     size: tuple[int, int],
     repeats: int,
@@ -169,12 +174,12 @@ def against_yardstick(
         if yardstick is not None:
             yardstick.render(work, peer_scene, peer_view, peer_k, *size, log=log)
     name = f"garden {grid}×{grid}"
-    cpu = report.add(name, view, stats)
+    cpu = table.add(name, view, stats)
     if yardstick is None:
         return
     peer_wall, peer_cpu = np.median(np.array(log), axis=0)[[4, 9]]
     wall = totals(stats, "wall_ms")[-1]
-    print(
+    report.say(
         f"{name} {size[0]}x{size[1]}: ours {wall:.1f} wall ms {cpu:.1f} CPU ms, yardstick "
         f"{peer_wall:.1f} and {peer_cpu:.1f}: ratio {wall / peer_wall:.2f} and "
         f"{cpu / peer_cpu:.2f}; "
@@ -182,7 +187,7 @@ def against_yardstick(
     )
 
 
-def against_reference(renderer: Renderer) -> None:
+def against_reference(renderer: Renderer, report: Report) -> None:
     """The garden at 1080p against float64; prints the ratio of signal to noise."""
     cloud, view_matrix, k = garden()
     ours, _ = draw(renderer, scene_of(cloud), view_of(view_matrix, k, (1920, 1080)))
@@ -192,37 +197,38 @@ def against_reference(renderer: Renderer) -> None:
     )  # fmt: skip
     expected = reference.render([(cloud, np.eye(4))], lens).color
     error = np.abs(ours - expected)
-    print(
+    report.say(
         f"garden 1920x1080: {psnr(ours, expected):.1f} dB against float64, worst {error.max():.4f}"
     )
 
 
-def main(quick: bool = False) -> None:
+def main(arguments: list[str]) -> None:
     """Print everything."""
-    device = open_device()
-    renderer = Renderer(device)
-    repeats = 3 if quick else REPEATS
-    print(f"numba {numba.__version__}, {device.threads} threads, {repeats} repeats, medians")
-    report = Report(probe_ns(device))
-    with tempfile.TemporaryDirectory() as folder:
-        yardstick = load_yardstick(Path(folder))
-        against_yardstick(yardstick, renderer, report, 1, (1920, 1080), repeats)
-        if not quick:
-            against_yardstick(yardstick, renderer, report, 3, (1920, 1080), repeats)
-            for size in ((960, 720), (1920, 1080), (3840, 2160)):
-                against_yardstick(yardstick, renderer, report, 7, size, repeats)
-    cloud, view_matrix, k = garden(degree=3)
-    view = view_of(view_matrix, k, (1920, 1080))
-    scene = scene_of(cloud)
-    report.add("garden 1×1 SH 3", view, drawn(renderer, scene, view, repeats))
-    for name in CAPTURES:
-        captured, view_matrix, k = capture(name)
-        for size in ((960, 720),) if quick else ((960, 720), (1920, 1080), (3840, 2160)):
-            view = view_of(view_matrix, scaled(k, size[1] / 480), size)
-            report.add(name, view, drawn(renderer, captured, view, repeats))
-    report.show()
-    against_reference(renderer)
+    with Report("frame", arguments) as report:
+        quick = "--quick" in report.arguments
+        device = open_device("cpu")
+        renderer = Renderer(device)
+        repeats = 3 if quick else REPEATS
+        report.say(f"{device.threads} threads, {repeats} repeats, medians")
+        table = Stages(report, probe_ns(device))
+        with tempfile.TemporaryDirectory() as folder:
+            peer = load_yardstick(Path(folder))
+            against_yardstick(peer, renderer, report, table, 1, (1920, 1080), repeats)
+            if not quick:
+                against_yardstick(peer, renderer, report, table, 3, (1920, 1080), repeats)
+                for size in ((960, 720), (1920, 1080), (3840, 2160)):
+                    against_yardstick(peer, renderer, report, table, 7, size, repeats)
+        cloud, view_matrix, k = garden(degree=3)
+        view = view_of(view_matrix, k, (1920, 1080))
+        table.add("garden 1×1 SH 3", view, drawn(renderer, scene_of(cloud), view, repeats))
+        for name in CAPTURES:
+            captured, view_matrix, k = capture(name)
+            for size in ((960, 720),) if quick else ((960, 720), (1920, 1080), (3840, 2160)):
+                view = view_of(view_matrix, scaled(k, size[1] / 480), size)
+                table.add(name, view, drawn(renderer, captured, view, repeats))
+        table.show()
+        against_reference(renderer, report)
 
 
 if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    main(sys.argv[1:])

@@ -205,7 +205,7 @@ def steps(report: Report, count: int) -> None:
     """Print the table of steps."""
     points = sheet(count)
     fast, slow = open_device(), open_device("cpu")
-    table = Table("step", "floor [ms]", "GPU [ms]", "of the floor", "CPU [ms]", "times faster")
+    table = Table("step", "floor, ms", "GPU, ms", "of the floor", "CPU, ms", "times faster")
     if fast.name == "cpu":
         report.say("no GPU here: the CPU's alone")
     builds = [(device.name, built(device, points)) for device in dict.fromkeys((fast, slow))]

@@ -3,4 +3,4 @@
 Importing this package loads neither `pxr` nor `numba`; each subpackage says what it needs.
 """
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"

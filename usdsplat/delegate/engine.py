@@ -98,8 +98,7 @@ class Engine:
 
     def sync(self) -> None:
         """Bring the render scene up to date with the stage. Pictures do this by themselves."""
-        scene = self._open()
-        scene.apply_pending_updates()
+        (scene := self._open()).apply_pending_updates()
         self._index.sync_all(scene)
 
     @property
