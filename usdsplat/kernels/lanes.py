@@ -385,14 +385,7 @@ if config.DISABLE_JIT:
     def higher(a: Any, b: Any) -> Any:
         return np.where(a > b, a, b)
 
-    def root(a: Any) -> Any:
-        return np.sqrt(a)
-
-    def floor(a: Any) -> Any:
-        return np.floor(a)
-
-    def size(a: Any) -> Any:
-        return np.abs(a)
+    vars().update(root=np.sqrt, floor=np.floor, size=np.abs)
 
     def fused(a: Any, b: Any, c: Any) -> Any:
         return a * b + c
