@@ -16,7 +16,7 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +31,7 @@ from benchmarks.report import Report, spread
 from benchmarks.scenes import garden, lens_of, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.delegate.band import Band
 from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.renderer import Renderer
 from usdsplat.kernels import reference
@@ -99,17 +100,20 @@ def ours(shot: Shot) -> tuple[Contestant, Renderer]:
     scene = scene_of(shot.cloud)
     drawn = 0
 
-    def picture(angle: float = 0.0) -> F64:
+    def bands(angle: float) -> Iterator[Band]:
         view = view_of(turned(shot.view, angle), shot.k, shot.size)
-        bands = renderer.render(scene, view, SETTINGS, ("color",))
-        color = np.concatenate([band.arrays["color"].copy() for band in bands])
+        return renderer.render(scene, view, SETTINGS, ("color",))
+
+    def picture() -> F64:
+        color = np.concatenate([band.arrays["color"].copy() for band in bands(0.0)])
         return color[..., :3]
 
     def draw() -> float:
         nonlocal drawn
         drawn += 1
         start = time.perf_counter()
-        picture(HAIR * drawn)
+        for _ in bands(HAIR * drawn):  # the others' pictures are not copied out either
+            pass
         return 1e3 * (time.perf_counter() - start)
 
     who = Contestant(name="usdsplat", draw=draw, cpu=time.process_time, picture=picture)
