@@ -20,24 +20,18 @@ def cuda() -> Device:
     return device_of("cuda")
 
 
-@pytest.mark.parametrize("name", plain_pictures.PLAIN)
-def test_colour_alone_is_drawn_whole(
-    cuda: Device, monkeypatch: pytest.MonkeyPatch, name: str
+@pytest.mark.parametrize(
+    ("name", "is_plain"),
+    [(name, True) for name in plain_pictures.PLAIN]
+    + [(name, False) for name in plain_pictures.OTHERWISE],
+)
+def test_colour_alone_is_drawn_whole_where_nothing_else_decides_it(
+    cuda: Device, monkeypatch: pytest.MonkeyPatch, name: str, is_plain: bool
 ) -> None:
     """Oracle: the CPU, to 1e-3 but where rounding decides."""
     made = plain_pictures.count_plain(monkeypatch)
     plain_pictures.check_plain(cuda, CpuDevice(), name, SIZE, SPLATS, 1e-3)
-    assert made
-
-
-@pytest.mark.parametrize("name", plain_pictures.OTHERWISE)
-def test_what_is_not_plain_goes_the_other_way(
-    cuda: Device, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    """Oracle: the CPU, to 1e-3 but where rounding decides."""
-    made = plain_pictures.count_plain(monkeypatch)
-    plain_pictures.check_plain(cuda, CpuDevice(), name, SIZE, SPLATS, 1e-3)
-    assert not made
+    assert bool(made) == is_plain
 
 
 def test_packed_fields_are_drawn_as_they_are(cuda: Device) -> None:

@@ -124,11 +124,18 @@ _SHARES = {
 }
 
 
+def _expression(text: str) -> ast.expr:
+    return ast.parse(text, mode="eval").body
+
+
+def _range(first: ast.expr, stop: ast.expr, step: str) -> ast.Call:
+    return ast.Call(ast.Name("range", ast.Load()), [first, stop, _expression(step)], [])
+
+
 def _stride(loop: ast.For, count: ast.expr, who: str) -> None:
     """Make it the loop over the share of `count` items that a thread, or a block, has."""
     first, step = _SHARES[who]
-    loop.iter = ast.parse(f"range({first}, 0, {step})", mode="eval").body
-    loop.iter.args[1] = count  # type: ignore[attr-defined]
+    loop.iter = _range(_expression(first), count, step)
 
 
 _TOTALS: dict[str, type] = {"+": np.float64, "|": np.bool_, "max": np.float64}
@@ -181,8 +188,7 @@ def _share(loop: ast.For, totalled: tuple[str, str], count: ast.expr, threads: i
     rows, end = loop.body[1], loop.body[2]
     assert isinstance(rows, ast.For) and isinstance(rows.iter, ast.Call)
     first, last = rows.iter.args
-    rows.iter = ast.parse("range(_first + cuda.threadIdx.x, 0, cuda.blockDim.x)", mode="eval").body
-    rows.iter.args[1] = last  # type: ignore[attr-defined]
+    rows.iter = _range(_expression("_first + cuda.threadIdx.x"), last, "cuda.blockDim.x")
     begin = ast.parse("_first = 0").body[0]
     assert isinstance(begin, ast.Assign)
     begin.value = first
@@ -219,10 +225,9 @@ def _spread(loop: ast.For, name: str) -> None:
         raise Underivable(
             f"{name}: not plain statements and then a loop from one number to another"
         )
-    text = ast.parse("range(0 + cuda.threadIdx.x, 0, cuda.blockDim.x)", mode="eval").body
     first, end = inner.iter.args
-    text.args[0].left, text.args[1] = first, end  # type: ignore[attr-defined]
-    inner.iter = text
+    own = ast.BinOp(first, ast.Add(), _expression("cuda.threadIdx.x"))
+    inner.iter = _range(own, end, "cuda.blockDim.x")
 
 
 def _flatten(loop: ast.For, call: ast.Call) -> None:
