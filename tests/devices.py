@@ -24,3 +24,9 @@ def device_of(name: str) -> Device:
         if missing is not None or is_simulated():
             pytest.skip(f"device cuda: found {missing[0] if missing else 'a simulated GPU'}")
     return _opened(name)
+
+
+def here() -> list[str]:
+    """Those of NAMES that this machine has."""
+    usable = obstacle() is None and not is_simulated()
+    return [name for name in NAMES if name == "cpu" or usable]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -15,10 +14,10 @@ import numba
 import numpy as np
 import pytest
 
-import usdsplat
 from usdsplat.core.errors import BackendError, UsageError
-from usdsplat.kernels import jit, sort
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels import ahead, sort, store
+from usdsplat.kernels.cuda import support
+from usdsplat.kernels.device import CpuDevice, automatic, open_device
 
 
 def test_an_unknown_device_is_one_sentence():
@@ -32,7 +31,6 @@ def test_an_unknown_device_is_one_sentence():
 @pytest.fixture
 def broken_gpu(monkeypatch):
     """A GPU with all packages whose driver refuses."""
-    from usdsplat.kernels.cuda import support
 
     class CudaDevice:
         def __init__(self, *, threads=None):
@@ -42,7 +40,7 @@ def broken_gpu(monkeypatch):
     module = types.ModuleType(place)
     module.CudaDevice = CudaDevice
     monkeypatch.setitem(sys.modules, place, module)
-    monkeypatch.setattr(support, "has_gpu", lambda: True)
+    monkeypatch.setattr("usdsplat.kernels.device.automatic", lambda *_: ("cuda", ""))
     monkeypatch.setattr(support, "obstacle", lambda: None)
 
 
@@ -121,7 +119,7 @@ def told_by_a_process(code: str, home: Path, package: Path | None = None) -> str
     paths = [str(package.parent)] if package else []
     return subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ
+        env={name: value for name, value in os.environ.items() if name != store.VARIABLE}
         | {"XDG_CACHE_HOME": str(home), "HOME": str(home)}
         | {"PYTHONPATH": os.pathsep.join([*paths, os.environ.get("PYTHONPATH", "")])},
         cwd=paths[0] if paths else None,
@@ -129,51 +127,53 @@ def told_by_a_process(code: str, home: Path, package: Path | None = None) -> str
     ).stdout.strip()  # fmt: skip
 
 
-def cache_seen_by(home: Path, package: Path | None = None) -> str:
-    """Where a fresh process would keep its kernels."""
-    return told_by_a_process("from usdsplat.kernels import jit; print(jit.CACHE)", home, package)
-
-
-def test_the_cache_is_keyed_by_the_kernels_sources(tmp_path):
-    """Oracle: the name of the folder; equal sources share it wherever they lie, others do not."""
-    package = tmp_path / "elsewhere" / "usdsplat"
-    own = Path(usdsplat.__file__).parent
-    shutil.copytree(own / "kernels", package / "kernels")
-    shutil.copytree(own / "core", package / "core")
-    shutil.copy(own / "__init__.py", package)
-    before = cache_seen_by(tmp_path, package)
-    assert before == cache_seen_by(tmp_path)
-    with (package / "kernels" / "blend.py").open("a") as source:
-        source.write("\n")
-    after = cache_seen_by(tmp_path, package)
-    assert after != before
-    assert Path(after).parent == Path(before).parent
-
-
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled without the compiler")
 def test_a_second_process_loads_what_the_first_one_compiled(tmp_path):
-    """Oracle: Numba's own events; both processes get the numbers written down by hand."""
+    """Oracle: Numba's own events; both processes get the numbers written down by hand. Damaged
+    entries, and a home that is read-only, cost a compilation and nothing else."""
     code = """
 import numpy as np
-from usdsplat.kernels import sort
+from usdsplat.kernels import sort, store
 from usdsplat.kernels.compiling import on_compile
 compiled = []
 visible = np.zeros(8, np.int32)
 with on_compile(compiled.append):
     sort.visible_slots(np.int32([2, 0, 1]), np.int64([0, 4, 8]), 3, visible)
-print(compiled, visible[:3].tolist())
+print(compiled, visible[:3].tolist(), "refused" if store.refusal() else "kept")
 """
-    assert told_by_a_process(code, tmp_path) == "['visible_slots'] [0, 1, 8]"
-    assert told_by_a_process(code, tmp_path) == "[] [0, 1, 8]"
-
-
-def test_where_nothing_can_be_written_kernels_go_uncached(tmp_path):
-    """Oracle: a home that is a file, so no folder can be made in it."""
-    home = tmp_path / "home"
+    afresh, kept = "['visible_slots'] [0, 1, 8] kept", "[] [0, 1, 8] kept"
+    assert told_by_a_process(code, tmp_path) == afresh
+    assert told_by_a_process(code, tmp_path) == kept
+    entries = [path for path in tmp_path.rglob("*") if path.is_file()]
+    for path in entries:
+        path.write_bytes(path.read_bytes()[:-7] + b"damaged")
+    assert told_by_a_process(code, tmp_path) == afresh
+    assert told_by_a_process(code, tmp_path) == kept
+    for path in entries:
+        path.write_bytes(b"")
+    assert told_by_a_process(code, tmp_path) == afresh
+    home = tmp_path / "a file, no home"
     home.write_text("")
-    assert cache_seen_by(home) == "None"
+    assert told_by_a_process(code, home) == "['visible_slots'] [0, 1, 8] refused"
 
 
-def test_numbas_own_cache_folder_is_left_to_its_owner():
-    """Oracle: the setting that other packages of this process read."""
-    assert str(jit.CACHE) != numba.config.CACHE_DIR
+@pytest.mark.parametrize(
+    ("task", "seconds", "is_noted", "expected"),
+    [
+        ("pictures", None, True, "cuda"),
+        ("pictures", None, False, "cpu"),
+        ("pictures", 1.0, True, "cpu"),
+        ("pictures", 10.0, True, "cuda"),
+        ("pictures", 10.0, False, "cpu"),
+        ("pictures", 1000.0, False, "cuda"),
+        ("geometry", 1000.0, True, "cpu"),
+    ],
+)
+def test_auto_is_the_device_that_is_done_first(monkeypatch, task, seconds, is_noted, expected):
+    """Oracle: what a GPU's start and compilation take, as the module says; only who might wait for
+    a compilation for nothing is told of it."""
+    monkeypatch.setattr(support, "capability", lambda: (9, 0))
+    monkeypatch.setattr(ahead, "is_noted", lambda *_: is_noted)
+    name, remark = automatic(task, seconds)
+    assert name == expected
+    assert bool(remark) == (seconds is None and not is_noted)

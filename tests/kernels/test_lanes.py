@@ -14,6 +14,14 @@ from usdsplat.kernels.project import HALF_HEIGHT, LOG_OPACITY, RECORD, A, B, C, 
 
 rng = np.random.default_rng(5)
 
+
+@pytest.fixture(autouse=True)
+def same_numbers():
+    """The same for each test, whichever came before."""
+    global rng
+    rng = np.random.default_rng(5)
+
+
 NUMBERS = np.concatenate(
     [rng.normal(0, 3, 13), [0.0, -0.0, np.inf], rng.normal(0, 3, 15), [np.nan]]
 ).astype(np.float32)

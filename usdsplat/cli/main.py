@@ -29,6 +29,7 @@ COMMANDS = {
     "simulate": "grow, push, conform or dissolve the splats of a stage; bake a layer",
     "match": "grade splats until they look like a plate, or like a colour chart",
     "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
+    "compile": "compile all kernels ahead, so that no later command waits for it",
     "plugin-path": "print what usdview needs to find our schemas and our viewport",
 }
 
@@ -71,6 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         status = _run(arguments)
+        _say_what_is_not_kept()
         sys.stdout.flush()  # here, where a closed pipe is still ours to handle
         return status
     except KeyboardInterrupt:
@@ -113,6 +115,13 @@ def _run(arguments: list[str]) -> int:
     if isinstance(options, int):
         return options
     return command.run(options)
+
+
+def _say_what_is_not_kept() -> None:
+    """Tell that the next command will compile again what this one has compiled."""
+    store = sys.modules.get("usdsplat.kernels.store")
+    if store is not None and store.refusal():
+        print(f"usdsplat: compiled kernels are not kept: {store.refusal()}", file=sys.stderr)
 
 
 def _complain(message: str, status: int) -> int:

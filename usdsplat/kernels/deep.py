@@ -15,7 +15,7 @@ from numba import prange
 from .batch import FIELDS, LOOK, load_batch, load_paints, look
 from .bins import TILE
 from .blend import END, alpha_at
-from .jit import parallel, scalar
+from .jit import parallel, scalar, serial
 from .project import DEPTH
 
 STATE = 6
@@ -60,6 +60,23 @@ def deep_row(state, row, u, a, slope, rest, error):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
+@serial
+def place(counts, offsets):
+    """Find where the samples of each pixel go; returns how many there are.
+
+    Args:
+        counts: Samples of each pixel, shape (h, w) u32.
+        offsets: Receives how many come before each pixel, and all of them, shape (h * w + 1,) i64.
+    """
+    total = np.int64(0)
+    for row in range(counts.shape[0]):
+        for column in range(counts.shape[1]):
+            offsets[row * counts.shape[1] + column] = total
+            total += np.int64(counts[row, column])
+    offsets[counts.size] = total
+    return total
+
+
 @parallel
 def deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
@@ -71,7 +88,7 @@ def deep(
             `column` on.
         error: By how much merging may change the opacity in front of any depth, f32.
         writes: Whether to write; else counts are.
-        offsets: Where the samples of each pixel go, shape (h * w,) i64; read if `writes`.
+        offsets: Where the samples of each pixel go, as `place` says; read if `writes`.
         counts: Receives how many there are, shape (h, w) u32.
         near, far, color: Receive depths of both ends, shape (n,) f32, and premultiplied RGBA, shape
             (n, 4) f32, if `writes`. `near` and `far` may be one array where nothing is merged.

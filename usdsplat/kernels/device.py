@@ -112,10 +112,7 @@ class CpuDevice:
 
     def __init__(self, *, threads: int | None = None, remark: str = "") -> None:
         self.remark = remark
-        most = _cores()
-        if threads is not None and not 1 <= threads <= most:
-            raise UsageError("threads", str(threads), f"1 to {most}")
-        self.threads = threads or most
+        self.threads = checked_threads(threads) or _cores()
         _launch_threads()
         shared = numba.threading_layer() == "workqueue"
         self._launch: AbstractContextManager[Any] = _WORKQUEUE_LOCK if shared else nullcontext()
@@ -164,20 +161,84 @@ class CpuDevice:
 DEVICES = ("cpu", "cuda")
 
 
-def open_device(name: str = "auto", *, threads: int | None = None) -> Device:
-    """Return the device called `name`; "auto" is the fastest one here, and where a GPU is that
-    cannot be used, its `remark` says why.
+def checked_name(name: str) -> str:
+    """Return `name` if it is "auto" or one of DEVICES.
+
+    Raises:
+        BackendError: If it is not.
+    """
+    if name not in ("auto", *DEVICES):
+        raise BackendError("device", repr(name), f"auto or one of: {', '.join(DEVICES)}")
+    return name
+
+
+def checked_threads(threads: int | None) -> int | None:
+    """Return `threads` if this machine has so many.
+
+    Raises:
+        UsageError: If it has not.
+    """
+    if threads is not None and not 1 <= threads <= _cores():
+        raise UsageError("threads", str(threads), f"1 to {_cores()}")
+    return threads
+
+
+TASKS = ("pictures", "geometry")
+START = 1.5
+"""[s] That a GPU takes from the beginning of a process to its first picture, besides what the CPU
+takes."""
+COMPILING = 60.0
+"""[s] That its kernels take where they were not compiled ahead."""
+
+
+def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
+    """Return the device that "auto" is, and a remark, mostly empty: where a faster one would have
+    to be prepared first.
+
+    Pictures are drawn by a GPU where that is done sooner, its start and what it has to compile
+    counted. Geometry is the CPU's: between kernels of simulations arrays would cross the bus, and a
+    frame takes longer on a GPU at every size that was measured.
+
+    Args:
+        task: One of TASKS.
+        seconds: About what the task takes on the CPU; None if nobody knows when it ends.
+    """
+    from usdsplat.kernels import ahead
+    from usdsplat.kernels.cuda.support import capability
+
+    here = capability() if task == "pictures" else None
+    if here is None:
+        return "cpu", ""
+    is_ready = ahead.is_noted("cuda", here)
+    if seconds is None:
+        if is_ready:
+            return "cuda", ""
+        return (
+            "cpu",
+            "device cuda: found kernels not compiled yet, expected 'usdsplat compile' once",
+        )
+    return ("cuda", "") if seconds > START + (0 if is_ready else COMPILING) else ("cpu", "")
+
+
+def open_device(
+    name: str = "auto",
+    *,
+    threads: int | None = None,
+    task: str = "pictures",
+    seconds: float | None = None,
+) -> Device:
+    """Return the device called `name`; "auto" is what `automatic` says of `task` and `seconds`, or
+    the CPU where a GPU cannot be used, and then its `remark` says why.
 
     Raises:
         BackendError: If no such device is usable here.
         UsageError: If `threads` is out of range.
     """
-    from usdsplat.kernels.cuda.support import has_gpu, obstacle
+    chosen, remark = automatic(task, seconds) if checked_name(name) == "auto" else (name, "")
+    if chosen == "cpu":
+        return CpuDevice(threads=threads, remark=remark)
+    from usdsplat.kernels.cuda.support import obstacle
 
-    if name not in ("auto", *DEVICES):
-        raise BackendError("device", repr(name), f"auto or one of: {', '.join(DEVICES)}")
-    if name == "cpu" or (name == "auto" and not has_gpu()):
-        return CpuDevice(threads=threads)
     missing = obstacle()
     if missing is None:
         try:

@@ -1,83 +1,89 @@
-"""How kernels are compiled: flags, and a cache that notices when any kernel changes.
+"""How kernels are compiled for the CPU: flags, and what is kept of them between processes.
 
-Numba's own cache looks at the file of the function it caches, not at the functions that one calls.
-So the cache folder is keyed by a hash of every kernel source that a kernel may call: edit one
-formula, and all that might use it is compiled again. Where no folder can be written, kernels are
-compiled afresh in each process.
+Numba's own cache looks at the time of the file of the function that it caches, and not at the
+functions that this one calls. Here a kernel is kept under the hash of all modules that it is made
+of, see `sources`: edit one formula, and what may use it is compiled again, and nothing else.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
+import functools
+import pickle
 import sys
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from usdsplat.kernels import signatures, sources, store
 
 config: Any = numba.core.config
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 """No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,
 so a loop gives the same bits whether LLVM vectorises it or not."""
+KEPT = "usdsplat.kernels."
+"""Kernels of modules that begin so are kept; those that tests make are not."""
 
 
-def _cache_root() -> Path:
-    """The user's cache folder by each platform's custom."""
-    if os.environ.get("XDG_CACHE_HOME"):
-        return Path(os.environ["XDG_CACHE_HOME"])
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", str(Path.home())))
-    return Path.home() / ".cache"
+@functools.cache
+def versions() -> str:
+    """What compiles, as text."""
+    return f"python {sys.version_info[:2]} numba {numba.__version__}"
 
 
-def _open_cache(folder: Path) -> Path | None:
-    """The cache of the kernels in one folder of sources, created; None where nothing can be
-    written. Kernels call those of their own folder and of the folder above."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for each in dict.fromkeys((Path(__file__).parent, folder)):
-        for source in sorted(each.glob("*.py")):
-            digest.update(source.name.encode() + source.read_bytes())
-    try:
-        cache = _cache_root() / "usdsplat" / f"kernels-{digest.hexdigest()[:16]}"
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=cache):
-            pass
-    except (OSError, RuntimeError):  # RuntimeError: no home directory at all
-        return None
-    return cache
+class KernelCache:
+    """What Numba asks for compiled forms of one kernel, and gives those it has made."""
+
+    cache_path = None
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is kept of a signature, or None."""
+        data = store.load(self._key(signature, context.codegen()))
+        if data is None:
+            return None
+        context.refresh()
+        try:
+            return CompileResult._rebuild(context, *pickle.loads(data))
+        except Exception:  # whatever is wrong with it, it can be compiled
+            return None
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Keep what was compiled."""
+        is_plain: Any = CompileResultCacheImpl.check_cachable
+        if is_plain(None, made):
+            store.save(self._key(signature, made.library.codegen), dumps(made._reduce()))
+
+    def enable(self) -> None:
+        """Numba's word for what is always so."""
+
+    disable = flush = enable
+
+    def _key(self, signature: Any, codegen: Any) -> str:
+        types = signature.args if hasattr(signature, "args") else signature
+        return cpu_key(self._function, signatures.encode(types), codegen.magic_tuple())
 
 
-_CACHES: dict[Path, Path | None] = {}
-"""Folder of sources -> where its compiled kernels are kept, or None: a property of the process."""
-
-
-def cache_of(folder: Path) -> Path | None:
-    """Where the compiled kernels of a folder of sources are kept, or None."""
-    if folder not in _CACHES:
-        _CACHES[folder] = _open_cache(folder)
-    return _CACHES[folder]
-
-
-CACHE = cache_of(Path(__file__).parent)
-"""Where the kernels of this folder are kept, or None."""
+def cpu_key(function: Callable[..., Any], types: str, processor: Any) -> str:
+    """Return the key of a kernel for the CPU, with the types of its arguments as `signatures` has
+    them and the processor as LLVM names it."""
+    made_of = sources.digest(function.__module__)
+    name = f"{function.__module__}.{function.__qualname__}"
+    return store.key_of("cpu", name, types, repr(processor), versions(), made_of)
 
 
 def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """njit with our cache folder, and the caller's own put back: it is one setting per process."""
-    cache = cache_of(Path(function.__code__.co_filename).parent)
-    before = config.CACHE_DIR
-    try:
-        if cache is not None:
-            config.CACHE_DIR = str(cache)
-        return numba.njit(cache=cache is not None, **FLAGS, **options)(function)
-    finally:
-        config.CACHE_DIR = before
+    """njit, kept between processes."""
+    compiled = numba.njit(**FLAGS, **options)(function)
+    if not config.DISABLE_JIT and function.__module__.startswith(KEPT):
+        compiled._cache = KernelCache(function)
+    return compiled
 
 
 def scalar(function: Callable[..., Any]) -> Any:

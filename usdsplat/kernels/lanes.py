@@ -17,7 +17,7 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import cgutils, cpu, types
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
@@ -67,9 +67,8 @@ def _spread(builder: Any, number: Any) -> Any:
     """16 times the same number."""
     nothing = ir.Constant(_FLOATS, ir.Undefined)
     one = builder.insert_element(nothing, number, ir.IntType(32)(0))
-    return builder.shuffle_vector(
-        one, nothing, ir.Constant(ir.VectorType(ir.IntType(32), 16), None)
-    )
+    everywhere = ir.Constant(ir.VectorType(ir.IntType(32), 16), None)
+    return builder.shuffle_vector(one, nothing, everywhere)
 
 
 @lower_cast(types.float32, _Lanes)
@@ -235,10 +234,11 @@ def store_mixed(typing: Any, array: Any, at: Any, a: Any, b: Any, c: Any, d: Any
 
 @intrinsic
 def fetch(typing: Any, array: Any, at: Any) -> Any:
-    """Ask for the memory of number `at` of an array, counted through all of it: it will be read
-    soon."""
+    """Ask for the memory of number `at` of an array, counted through all of it, on a CPU."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if not isinstance(context, cpu.CPUContext):  # a GPU's assembler knows no such instruction
+            return context.get_dummy_value()
         byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")

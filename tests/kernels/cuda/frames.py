@@ -164,10 +164,10 @@ def check_room_grows(device: CudaDevice, n: int) -> None:
     np.testing.assert_array_equal(device.fetch(drawn.draw([group], view_of())), first)
 
 
-def check_ties_are_settled(device: CudaDevice, n: int) -> None:
-    """Splats of few depths, in memory in another order than in their field."""
+def check_ties_are_settled(device: CudaDevice, n: int, *, flat: bool = False) -> None:
+    """Splats of few depths, or of one, in memory in another order than in their field."""
     cloud = cloud_of(n, 1, seed=8)
-    cloud.positions[:, 2] = np.round(cloud.positions[:, 2])
+    cloud.positions[:, 2] = 0.0 if flat else np.round(cloud.positions[:, 2])
     rows = np.random.default_rng(9).permutation(n).astype(np.int32)
     laid = [getattr(cloud, name)[rows] for name in ("positions", "rotations", "scales")]
     arrays = (*laid, cloud.opacities[rows], cloud.sh, rows)

@@ -1,30 +1,29 @@
-"""What kernels are launched with: the types of arguments that real work has given them.
+"""What kernels are launched with: the tables of `usdsplat.kernels.signatures`, made and read.
 
-`launches.txt` has a line for each kernel and each set of types: arrays as kind, size and axes
-("f4:2"), other arguments as their type, tuples in brackets. As a plug-in of pytest this writes it,
-from all that the tests launch on the CPU, and holds kernels to what they are said to write:
+As a plug-in of pytest this notes what the kernels of either device were compiled with or loaded
+for, and holds those of the CPU to what they are said to write. Then the tables are made of the
+notes, which may come from runs on several machines:
 
-    pytest -p tests.kernels.cuda.launches tests/kernels tests/sim
+    pytest -p tests.kernels.cuda.launches --launches notes tests
+    python -m tests.kernels.cuda.launches notes
 """
 
 from __future__ import annotations
 
 import importlib
-import re
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from usdsplat.kernels import signatures
 from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
 
-TABLE = Path(__file__).parent / "launches.txt"
 HOST = "usdsplat.kernels."
-_SEEN: set[str] = set()
-
-Values = tuple[Any, ...]
 
 
 def name_of(kernel: Callable[..., Any]) -> str:
@@ -40,39 +39,38 @@ def kernel_of(name: str) -> Callable[..., Any]:
     return found
 
 
-def described(value: Any) -> str:
-    """The type of an argument."""
-    if isinstance(value, tuple):
-        return f"({','.join(described(each) for each in value)})"
-    if isinstance(value, np.ndarray):
-        assert value.dtype.names is None
-        return f"{value.dtype.str[1:]}:{value.ndim}"
-    return value.dtype.name if isinstance(value, np.generic) else type(value).__name__
+def example(text: str) -> tuple[Any, ...]:
+    """Arguments of the types of a text; arrays have two entries along each axis."""
+    return tuple(map(_example, signatures.decode(text)))
 
 
-def example(text: str) -> Any:
-    """An argument of a type; arrays have two entries along each axis."""
-    if text.startswith("("):
-        return tuple(example(each) for each in re.findall(r"[^,()]+", text))
-    if ":" in text:
-        kind, axes = text.split(":")
-        return np.zeros((2,) * int(axes), kind)
-    plain: dict[str, Any] = {"int": 1, "float": 1.0, "bool": True}
-    return plain[text] if text in plain else np.dtype(text).type(1)
+def _example(given: Any) -> Any:
+    from numba.core import types
+    from numba.np.numpy_support import as_dtype
+
+    if isinstance(given, types.BaseTuple):
+        return tuple(map(_example, given.types))
+    if isinstance(given, types.Array):
+        array = np.zeros((2,) * given.ndim, as_dtype(given.dtype))
+        array.flags.writeable = given.mutable
+        return array
+    python = {"int64": int, "float64": float, "bool": bool}.get(str(given))
+    return python(1) if python else as_dtype(given).type(1)
 
 
-def launches() -> list[tuple[str, list[str]]]:
-    """Kernels' names, and types of the arguments."""
-    lines = TABLE.read_text().splitlines()
-    return [(line.split(" ")[0], line.split(" ")[1:]) for line in lines]
+# --- the plug-in ------------------------------------------------------------------------
+
+
+def pytest_addoption(parser: Any) -> None:
+    """pytest's hook."""
+    parser.addoption("--launches", metavar="DIR", help="where notes of launches go")
 
 
 def pytest_configure(config: Any) -> None:
-    """pytest's hook: begin to record."""
+    """pytest's hook: compare what a kernel changed with what it is said to write."""
     run = CpuDevice.run
 
-    def recorded(self: CpuDevice, kernel: Callable[..., Any], *args: Any) -> Any:
-        _SEEN.add(" ".join([name_of(kernel), *map(described, args)]))
+    def held(self: CpuDevice, kernel: Callable[..., Any], *args: Any) -> Any:
         before = {
             k: each.copy()
             for k, each in enumerate(args)
@@ -83,9 +81,52 @@ def pytest_configure(config: Any) -> None:
             assert each.tobytes() == args[k].tobytes(), f"{name_of(kernel)} wrote argument {k}"
         return result
 
-    CpuDevice.run = recorded  # type: ignore[method-assign]
+    CpuDevice.run = held  # type: ignore[method-assign]
 
 
-def pytest_sessionfinish(session: Any, exitstatus: int) -> None:
-    """pytest's hook: write the table."""
-    TABLE.write_text("\n".join(sorted(_SEEN)) + "\n")
+def pytest_sessionfinish(session: Any) -> None:
+    """pytest's hook: note what there is in this process."""
+    folder = session.config.getoption("--launches")
+    if folder is None:
+        return
+    notes = {f"cpu {line}" for line in _of_the_cpu()} | {f"cuda {line}" for line in _of_the_gpu()}
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    (Path(folder) / f"{os.uname().nodename}-{os.getpid()}.txt").write_text(
+        "".join(f"{line}\n" for line in sorted(notes))
+    )
+
+
+def _of_the_cpu() -> set[str]:
+    from usdsplat.kernels.jit import KernelCache
+
+    found = set()
+    for name, module in list(sys.modules.items()):
+        if name.startswith(HOST):
+            for each in vars(module).values():
+                if isinstance(getattr(each, "_cache", None), KernelCache):
+                    found |= {f"{name_of(each)} {signatures.encode(s)}" for s in each.signatures}
+    return found
+
+
+def _of_the_gpu() -> set[str]:
+    jit = sys.modules.get("usdsplat.kernels.cuda.jit")
+    made = {} if jit is None else jit.KERNELS
+    return {f"{name} {signatures.encode(s)}" for name, each in made.items() for s in each.overloads}
+
+
+def main(folder: str) -> None:
+    """Make the tables of notes; that of a device of which there are none stays."""
+    notes = {line for each in Path(folder).glob("*.txt") for line in each.read_text().splitlines()}
+    for device, name in signatures.TABLES.items():
+        lines = sorted(
+            line.removeprefix(f"{device} ")
+            for line in notes
+            if line.startswith(device + " ")
+            and "Literal[" not in line  # of kernels called by others
+        )
+        if lines:
+            (Path(signatures.__file__).parent / name).write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,11 +1,14 @@
-"""A GPU on paper: a launch is compiled to PTX, with the types that it really has, and not run.
+"""A GPU on paper: a launch is assembled to machine code, with the types that it really has, and not
+run.
 
-It needs numba-cuda and NVIDIA's NVVM, and no GPU.
+It needs numba-cuda and NVIDIA's compiler and assembler, and neither GPU nor driver.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib.util
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,8 +17,11 @@ import numpy as np
 import pytest
 
 CAPABILITY = (9, 0)
+REQUIRED = "USDSPLAT_REQUIRE_NUMBA_CUDA"
+"""Environment variable by which tests fail, rather than skip, where it cannot be done."""
 
 
+@functools.cache
 def obstacle() -> str | None:
     """What is missing to compile for CUDA here, or None."""
     from usdsplat.kernels.cuda.support import is_simulated
@@ -33,14 +39,17 @@ def obstacle() -> str | None:
     return None
 
 
+def require() -> None:
+    """Skip the test visibly where it cannot be done, or fail it where it must be."""
+    missing = obstacle()
+    if missing and os.environ.get(REQUIRED):
+        pytest.fail(missing)
+    if missing:
+        pytest.skip(missing)
+
+
 def _nothing() -> None:
     return None
-
-
-class _Gpu:
-    """What kernels are compiled for."""
-
-    compute_capability = CAPABILITY
 
 
 class _Nothing:
@@ -70,6 +79,9 @@ def device() -> Any:
         def fetch(self, array: Any) -> Any:
             return array
 
+        def number(self, array: Any, place: int) -> int:
+            return int(array[place])
+
         def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
             form = form_of(kernel)
             assert form is not None, "the CPU runs it"
@@ -79,25 +91,35 @@ def device() -> Any:
 
 
 @contextmanager
-def compiling() -> Iterator[dict[str, str]]:
-    """While the context lasts, a launch of a kernel of CUDA adds its PTX, by name and types."""
-    from numba import cuda, types
+def compiling() -> Iterator[dict[str, bytes]]:
+    """While the context lasts, a launch of a kernel of CUDA adds its machine code, by name and
+    types, and nothing runs. What is not in the table of launches fails."""
     from numba.cuda import dispatcher
 
-    made: dict[str, str] = {}
+    from usdsplat.kernels import signatures, store
+    from usdsplat.kernels.cuda import jit
+
+    made: dict[str, bytes] = {}
+    known = {f"{name} {types}" for name, types in signatures.table("cuda")}
+    names = {id(each): name for name, each in jit.KERNELS.items()}
 
     def launcher(self: Any, shape: Any) -> Callable[..., None]:
         def launch(*args: Any) -> None:
             given = tuple(self.typeof_pyval(each) for each in args)
-            name = f"{self.py_func.__module__}.{self.py_func.__name__}{given}"
-            if name not in made:
-                made[name] = cuda.compile(
-                    self.py_func, types.void(*given), device=False, cc=CAPABILITY, abi="numba"
-                )[0]
+            name = names.get(id(self)) or _name_of(self)
+            line = f"{name} {signatures.encode(given)}"
+            if line not in made:
+                key = jit.KERNELS[name]._cache.key(given, CAPABILITY)
+                made[line] = store.load(key) or jit.assemble(name, given, CAPABILITY)
+                is_ours = name != "cuda.device._clear"  # which one test gives what it likes
+                assert line in known or not is_ours, f"the table of launches lacks: {line}"
 
         return launch
 
+    def _name_of(kernel: Any) -> str:
+        names.update({id(each): name for name, each in jit.KERNELS.items()})
+        return names[id(kernel)]
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dispatcher.CUDADispatcher, "__getitem__", launcher)
-        patch.setattr(dispatcher, "get_current_device", _Gpu)
         yield made

@@ -38,6 +38,12 @@ def selp(which: Any, a: Any, b: Any) -> Any:
     return a if which else b
 
 
+def fma(a: Any, b: Any, c: Any) -> Any:
+    """a b + c; of float32 rounded once, but for what float64 rounds before."""
+    result = np.result_type(a, b, c).type
+    return result(np.float64(a) * np.float64(b) + np.float64(c))
+
+
 def poisoned(shape: Any, dtype: Any) -> Any:
     out: np.ndarray[Any, Any] = np.empty(shape, dtype)
     out.reshape(-1).view(np.uint8)[...] = 0xA5

@@ -35,6 +35,7 @@ from .simulated_lane import (
     Primitives,
     clz,
     ffs,
+    fma,
     numpy_type,
     poisoned,
     popc,
@@ -83,7 +84,7 @@ def install() -> None:
     cuda.warpsize = WARP
     cuda.local, cuda.shared, cuda.const = Local, _Shared, Constant
     cuda.atomic = Atomic
-    for function in (*_LANES, _grid, _gridsize, popc, clz, ffs, selp):
+    for function in (*_LANES, _grid, _gridsize, popc, clz, ffs, fma, selp):
         setattr(cuda, function.__name__.removeprefix("_"), function)
     cuda.brev = lambda x: int(f"{int(x) & ALL:032b}"[::-1], 2)
     for name in ("threadfence", "threadfence_block", "threadfence_system"):
@@ -93,9 +94,10 @@ def install() -> None:
     place = "usdsplat.kernels.cuda.primitives"
     sys.modules[place] = python_types.ModuleType(place)
     sys.modules[place].Primitives = Primitives  # type: ignore[attr-defined]
-    from usdsplat.kernels.cuda import device
+    from usdsplat.kernels.cuda import device, ties
 
     device.THREADS, device.BLOCKS = THREADS, BLOCKS
+    ties.MERGERS, ties.MERGING = THREADS, BLOCKS
 
 
 # --- 1. launches ------------------------------------------------------------------------

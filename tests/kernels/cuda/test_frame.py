@@ -51,6 +51,7 @@ def test_boxes_leave_nothing_out(device) -> None:
 def test_ties_of_depth_are_settled_by_rows(device) -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(device, 900)
+    frames.check_ties_are_settled(device, 5000, flat=True)
 
 
 def test_a_closed_device_has_freed_what_it_had() -> None:

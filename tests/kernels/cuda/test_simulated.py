@@ -12,8 +12,17 @@ MODULES = sorted(
     path for path in (Path(__file__).parent / "simulated").glob("*.py") if path.stem != "__init__"
 )
 
+SLOW = ("simulation", "solving")
+"""Of the simulation, which a GPU computes only where it is asked to."""
 
-@pytest.mark.parametrize("module", [pytest.param(path, id=path.stem) for path in MODULES])
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in SLOW else ())
+        for path in MODULES
+    ],
+)
 def test_the_simulated_gpu_passes(module: Path) -> None:
     """Oracle: the tests of the module, in a process where Numba simulates."""
     pytest.importorskip("greenlet", reason="the simulated GPU needs greenlet")

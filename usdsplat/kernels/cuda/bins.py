@@ -9,10 +9,11 @@ from numba import cuda
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
 from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.lists import make_lists
 
 
-@cuda.jit
+@kernel
 def _touch(records, grid, writes, places, tiles, splats):
     """What `make_lists` calls touch. Counting and writing are one kernel, so that they agree."""
     n = records.shape[0]

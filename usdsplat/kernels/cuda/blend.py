@@ -10,6 +10,8 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import CHANNELS, END
 from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.falloff import behind
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -25,7 +27,7 @@ from usdsplat.kernels.cuda.tile import (
 ALL_LANES = 0xFFFFFFFF
 
 
-@cuda.jit
+@kernel
 def _blend(
     records, paints, column, starts, lists, grid, peaks, stops, is_parallel, image, work
 ):  # fmt: skip
@@ -78,7 +80,7 @@ def _blend(
             if has_stops and is_hidden(batch, shape, i, x, y, stop, is_parallel):
                 continue
             weight = alpha * t
-            remains = t - weight
+            remains = behind(t, alpha)
             if remains < END:
                 t = -t
                 break

@@ -9,7 +9,10 @@ from numba import cuda
 
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.device import THREADS as SIZE
+from usdsplat.kernels.cuda.falloff import behind
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -21,7 +24,7 @@ from usdsplat.kernels.cuda.tile import (
 from usdsplat.kernels.project import DEPTH
 
 
-@cuda.jit
+@kernel
 def _deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
 ):  # fmt: skip
@@ -59,7 +62,7 @@ def _deep(
             weight = alpha * t
             if weight <= np.float32(0):
                 continue
-            remains = t - weight
+            remains = behind(t, alpha)
             if remains < END:
                 t = -t
                 break
@@ -86,6 +89,24 @@ def _deep(
                 color[at, 3] += part
     if inside and not writes:
         counts[row_of, column_of] = np.uint32(samples)
+
+
+@kernel
+def _widen(counts, out):
+    n = counts.shape[0] * counts.shape[1]
+    for k in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
+        column = k % counts.shape[1]
+        out[k] = counts[k // counts.shape[1], column] if k < n else 0
+
+
+@form
+def place(device: CudaDevice, counts: Any, offsets: Any) -> int:
+    """`kernels.deep.place`."""
+    n = counts.size
+    wide = device.borrow("deep counts", n + 1, np.int64)
+    _widen[BLOCKS, SIZE, device.stream](counts, wide)
+    device.primitives.running_sum(wide, offsets, n + 1)
+    return device.number(offsets, n)
 
 
 @form

@@ -40,7 +40,11 @@ class Underivable(Exception):
 
 
 def derive(
-    kernel: Callable[..., Any], threads: int, *, spread: bool = False
+    kernel: Callable[..., Any],
+    threads: int,
+    *,
+    spread: bool = False,
+    change: ast.NodeTransformer | None = None,
 ) -> Callable[..., None]:
     """The kernel as Python that each thread runs, for `cuda.jit` to compile; `counts` tells whether
     it has the argument `COUNTED`.
@@ -97,6 +101,8 @@ def derive(
         function.args.args.append(ast.arg(COUNTED))
         text = f"if {counted} != 0:\n    cuda.atomic.add({COUNTED}, 0, {counted})"
         function.body += ast.parse(text).body
+    if change is not None:
+        change.visit(tree)
     ast.fix_missing_locations(tree)
     names["cuda"] = cuda
     exec(compile(tree, inspect.getsourcefile(source) or "?", "exec"), names)

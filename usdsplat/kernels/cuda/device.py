@@ -11,7 +11,7 @@ import importlib.util
 import threading
 import weakref
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,17 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 
 from numba import cuda
 
-from usdsplat.core.errors import BackendError
+from usdsplat.core.errors import BackendError, UsdSplatError
 from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
-from usdsplat.kernels.cuda.support import is_simulated
+from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.support import is_compiled, is_simulated
+from usdsplat.kernels.cuda.transfers import CONSTANT, SMALL, Constants, PinnedPool, Rings
 from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
+
+if is_compiled():
+    from numba.cuda.cudadrv.driver import device_to_host
 
 connect()  # once for each process, as a module is imported
 
@@ -37,6 +42,9 @@ THREADS = 128
 """Of a block of a derived kernel."""
 BLOCKS = 132 * 16
 """Of a derived kernel: enough to fill any GPU; loops take what is left."""
+
+TOOLS = ("numba.", "cuda.")
+"""How the modules of what drives a GPU, and compiles for it, begin."""
 
 Form = Callable[..., Any]
 _FORMS: dict[Callable[..., Any], Form | None] = {}
@@ -69,9 +77,20 @@ def form(function: Form) -> Form:
     return function
 
 
+def derived_kernel(host: Callable[..., Any], derived: Callable[..., None]) -> Any:
+    """What `derive` made of a kernel of the CPU's as one of the GPU's, under the same name."""
+    source = getattr(host, "py_func", host)
+    return kernel(
+        derived,
+        name=f"{source.__module__.removeprefix(HOST + '.')}.{source.__name__}",
+        made_of=(f"{HERE}.derive", f"{HERE}.exact"),
+        detail=f"blocks of {THREADS}",
+    )
+
+
 def spread(kernel: Callable[..., Any]) -> Form:
     """The form of a kernel whose items are blocks of threads, see `derive`."""
-    threads_of = cuda.jit(derive(kernel, THREADS, spread=True))
+    threads_of = derived_kernel(kernel, derive(kernel, THREADS, spread=True))
 
     @form
     def launch(device: CudaDevice, *args: Any) -> None:
@@ -85,7 +104,7 @@ def _derived(kernel: Callable[..., Any]) -> Form | None:
         derived = derive(kernel, THREADS)
     except Underivable:
         return None
-    threads_of = cuda.jit(derived)
+    threads_of = derived_kernel(kernel, derived)
 
     def launch(device: CudaDevice, *args: Any) -> None:
         threads_of[BLOCKS, THREADS, device.stream](*args)
@@ -93,12 +112,12 @@ def _derived(kernel: Callable[..., Any]) -> Form | None:
     def launch_and_count(device: CudaDevice, *args: Any) -> int:
         counted = device.zeros(1, np.int64)
         launch(device, *args, counted)
-        return int(device.fetch(counted)[0])
+        return device.number(counted, 0)
 
     return launch_and_count if counts(derived) else launch
 
 
-@cuda.jit
+@kernel
 def _clear(out):
     for i in range(cuda.grid(1), out.shape[0], cuda.gridsize(1)):
         out[i] = 0
@@ -123,6 +142,8 @@ class CudaDevice:
         self.stream = cuda.stream()
         """In whose order everything happens."""
         self._primitives: Any = None
+        self._pinned, self._rings = PinnedPool(), Rings(self.stream)
+        self._constants = Constants(self.stream)
         self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
         self._lent: dict[tuple[int, str], Any] = {}
 
@@ -160,7 +181,7 @@ class CudaDevice:
         Raises:
             BackendError: If it has no room for it.
         """
-        with _in_room():
+        with in_words():
             return cuda.device_array(shape, dtype, stream=self.stream)
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
@@ -183,22 +204,52 @@ class CudaDevice:
         """What an array of the GPU holds, for the host to read; a host's array as it is."""
         if isinstance(array, np.ndarray):
             return array
-        out: npt.NDArray[Any] = array.copy_to_host(stream=self.stream)
-        self.stream.synchronize()
+        with in_words():
+            out = self._pinned.take(array.shape, array.dtype)
+            if out.size:
+                array.copy_to_host(out, stream=self.stream)
+                self.stream.synchronize()
         return out
 
+    def number(self, array: Any, place: int) -> int:
+        """One number of a flat array of the GPU, which the host waits for."""
+        if is_simulated():
+            return int(array[place])
+        size = array.dtype.itemsize
+        part = array.gpu_data.view(place * size, (place + 1) * size)
+        out = np.empty(1, array.dtype)
+        device_to_host(out, part, size, self.stream)
+        self.stream.synchronize()
+        return int(out[0])
+
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
-        """Call `kernel` with arrays of the host or the GPU and return what it returns."""
+        """Call `kernel` with arrays of the host or the GPU and return what it returns.
+
+        Raises:
+            BackendError: If the GPU's driver or compiler fails.
+        """
+        with in_words():
+            return self._run(kernel, *args)
+
+    def _run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         form, changed = form_of(kernel), written(kernel)
-        moves = _Moves(self._in if form else self.fetch, _is_host if form else _is_resident)
-        moved = tuple(moves.arrive(each, k in changed) for k, each in enumerate(args))
+        moves = (
+            _Moves(self._arrive, _is_host)
+            if form
+            else _Moves(lambda array, _: self.fetch(array), _is_resident)
+        )
+        for k in changed:
+            if k < len(args):
+                moves.mark(args[k])
+        moved = tuple(map(moves.arrive, args))
         result = form(self, *moved) if form else self._cpu.run(kernel, *moved)
-        for original, copy in moves.changed():
+        back = moves.changed()
+        for original, copy in back:
             if form:
                 self._out(copy, original)
             else:
                 original.copy_to_device(copy, stream=self.stream)
-        if moves.made:
+        if back:
             self.stream.synchronize()
         return result
 
@@ -215,9 +266,13 @@ class CudaDevice:
         """Release what it keeps, and what was let go of before: Numba frees some time later."""
         self._kept.clear()
         self._lent.clear()
+        self._pinned.clear()
+        self._rings.clear()
+        self._constants.clear()
         self._primitives = None
         if not is_simulated():
-            cuda.current_context().deallocations.clear()
+            with suppress(Exception):  # of a GPU that has failed, which frees nothing any more
+                cuda.current_context().deallocations.clear()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -227,8 +282,17 @@ class CudaDevice:
         kept[key] = weakref.ref(array, lambda _: kept.pop(key, None)), copy
         return copy
 
+    def _arrive(self, array: npt.NDArray[Any], is_changed: bool) -> Any:
+        """A copy of an array of the host for one launch, which may change it."""
+        whole = np.ascontiguousarray(array)
+        if is_simulated() or whole.nbytes > SMALL:
+            return self._in(whole)
+        if is_changed and whole.size:
+            return self._rings.put(whole)
+        return self._constants.get(whole) if whole.nbytes <= CONSTANT else self._rings.put(whole)
+
     def _in(self, array: npt.NDArray[Any]) -> Any:
-        with _in_room():
+        with in_words():
             return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
 
     def _out(self, copy: Any, original: npt.NDArray[Any]) -> None:
@@ -241,15 +305,25 @@ class CudaDevice:
 
 
 @contextmanager
-def _in_room() -> Iterator[None]:
-    """Say in a sentence that the GPU's memory is full."""
+def in_words() -> Iterator[None]:
+    """Say in a sentence what the driver or the compiler of a GPU raises.
+
+    Raises:
+        BackendError: In its place.
+    """
     try:
         yield
-    except Exception as error:  # the driver's own class is another one where Numba simulates
-        if "OUT_OF_MEMORY" not in str(error):
+    except UsdSplatError:
+        raise
+    except Exception as error:
+        if not type(error).__module__.startswith(TOOLS) and "CUDA" not in str(error):
             raise
-        expected = "fewer splats, a smaller picture, or --device cpu"
-        raise BackendError("device cuda", "too little memory on the GPU", expected) from error
+        if "OUT_OF_MEMORY" in str(error):
+            expected = "fewer splats, a smaller picture, or --device cpu"
+            raise BackendError("device cuda", "too little memory on the GPU", expected) from error
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        found = f"{type(error).__name__} ({lines[0] if lines else 'no reason given'})"
+        raise BackendError("device cuda", found, "a GPU that works, or --device cpu") from error
 
 
 def _is_host(value: Any) -> bool:
@@ -263,23 +337,30 @@ def _is_resident(value: Any) -> bool:
 class _Moves:
     """Arrays that go to the other side for one call; the same array goes once."""
 
-    def __init__(self, move: Callable[[Any], Any], is_elsewhere: Callable[[Any], bool]) -> None:
+    def __init__(
+        self, move: Callable[[Any, bool], Any], is_elsewhere: Callable[[Any], bool]
+    ) -> None:
         self._move, self._is_elsewhere = move, is_elsewhere
         self.made: dict[int, tuple[Any, Any]] = {}
         """Identity of each that went -> it and its copy."""
         self._changed: set[int] = set()
 
-    def arrive(self, value: Any, is_changed: bool) -> Any:
-        """`value`, or tuples of values, with arrays on this side; where it may be changed, they
-        are to come back."""
+    def mark(self, value: Any) -> None:
+        """Let `value`, or tuples of values, come back, for it may be changed."""
         if isinstance(value, tuple):
-            return tuple(self.arrive(each, is_changed) for each in value)
+            for each in value:
+                self.mark(each)
+        elif self._is_elsewhere(value):
+            self._changed.add(id(value))
+
+    def arrive(self, value: Any) -> Any:
+        """`value`, or tuples of values, with arrays on this side."""
+        if isinstance(value, tuple):
+            return tuple(map(self.arrive, value))
         if not self._is_elsewhere(value):
             return value
-        if is_changed:
-            self._changed.add(id(value))
         if id(value) not in self.made:
-            self.made[id(value)] = value, self._move(value)
+            self.made[id(value)] = value, self._move(value, id(value) in self._changed)
         return self.made[id(value)][1]
 
     def changed(self) -> list[tuple[Any, Any]]:

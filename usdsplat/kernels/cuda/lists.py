@@ -13,11 +13,12 @@ from numba import cuda
 
 from usdsplat.kernels.bins import MOST_PAIRS
 from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice
+from usdsplat.kernels.cuda.jit import kernel
 
 NOTHING = np.zeros(0, np.int32)
 
 
-@cuda.jit
+@kernel
 def _begins(keys, starts):
     """starts[t] = how many keys, which are sorted, are less than t."""
     n, tiles = keys.shape[0], starts.shape[0] - 1
@@ -54,7 +55,7 @@ def make_lists(
     lists = get(f"{name} lists", (0,), np.int32)
     touch(False, counts, none, lists)
     device.primitives.running_sum(counts, places, things + 1)
-    pairs = int(device.fetch(places[things : things + 1])[0])
+    pairs = device.number(places, things)
     if 0 < pairs <= MOST_PAIRS:
         keys = get(f"{name} keys {narrow.__name__}", (2 * pairs,), narrow)
         owners = get(f"{name} owners", (pairs,), np.int32)

@@ -10,6 +10,8 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
 from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.falloff import behind
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -24,7 +26,7 @@ from usdsplat.kernels.cuda.tile import (
 from usdsplat.kernels.median import NONE
 
 
-@cuda.jit
+@kernel
 def _median(
     records, starts, lists, grid, peaks, stops, is_parallel, image, covered, part, ranks
 ):  # fmt: skip
@@ -67,7 +69,7 @@ def _median(
                 continue
             if has_stops and is_hidden(batch, shape, i, x, y, stop, is_parallel):
                 continue
-            remains = t - alpha * t
+            remains = behind(t, alpha)
             if remains < END:
                 t = -t
             elif remains <= goal:

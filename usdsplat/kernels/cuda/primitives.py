@@ -1,7 +1,4 @@
-"""Sorting and summing on the GPU, by CUB through `cuda.compute`.
-
-Source: NVIDIA's CUB; its radix sort is stable.
-"""
+"""Sorting and summing on the GPU, by CUB."""
 
 from __future__ import annotations
 
@@ -11,7 +8,8 @@ import cuda.compute as compute
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.compiling import compiled
+from usdsplat.kernels.ahead import SORT, SUM
+from usdsplat.kernels.cuda import cub
 
 
 class _Ordered:
@@ -35,8 +33,7 @@ class Primitives:
 
     def __init__(self, stream: Any) -> None:
         self._stream = _Ordered(stream)
-        self._built: dict[tuple[Any, ...], Any] = {}
-        self._zero = np.zeros(1, np.int32)
+        self._built: dict[tuple[str, str], Any] = {}
         self._scratch = [cuda.device_array(1 << 20, np.uint8)]
 
     def sort_pairs(
@@ -52,21 +49,11 @@ class Primitives:
     ) -> None:
         """Sort `count` pairs by some bits of their keys, stably, into other arrays.
 
-        Keys are unsigned, or float32 in their own order.
+        Types of keys and values are among `ahead.CUB`.
         """
-        name = ("sort", keys.dtype, values.dtype)
-        if name not in self._built:
-            with compiled("sort_pairs"):
-                self._built[name] = compute.make_radix_sort(
-                    d_in_keys=keys,
-                    d_out_keys=sorted_keys,
-                    d_in_values=values,
-                    d_out_values=sorted_values,
-                    order=compute.SortOrder.ASCENDING,
-                )
         bits = {"begin_bit": begin_bit, "end_bit": end_bit or 8 * keys.dtype.itemsize}
         self._call(
-            self._built[name],
+            self._algorithm(SORT, keys, values),
             d_in_keys=keys,
             d_out_keys=sorted_keys,
             d_in_values=values,
@@ -77,25 +64,22 @@ class Primitives:
 
     def running_sum(self, values: Any, out: Any, count: int) -> None:
         """out[k] = values[0] + ... + values[k - 1], for k < count; whole numbers."""
-        name = ("sum", values.dtype, out.dtype)
-        if name not in self._built:
-            with compiled("running_sum"):
-                self._built[name] = compute.make_exclusive_scan(
-                    d_in=values, d_out=out, op=compute.OpKind.PLUS, init_value=self._start(out)
-                )
         self._call(
-            self._built[name],
+            self._algorithm(SUM, values, out),
             d_in=values,
             d_out=out,
             op=compute.OpKind.PLUS,
-            init_value=self._start(out),
+            init_value=np.zeros(1, out.dtype),
             num_items=count,
         )
 
     # --- private ---------------------------------------------------------------------------
 
-    def _start(self, out: Any) -> Any:
-        return self._zero.astype(out.dtype)
+    def _algorithm(self, name: str, *arrays: Any) -> Any:
+        types = " ".join(np.dtype(each.dtype).str[1:] for each in arrays)
+        if (name, types) not in self._built:
+            self._built[name, types] = cub.load(name, types)
+        return self._built[name, types]
 
     def _call(self, algorithm: Any, **arguments: Any) -> None:
         arguments["stream"] = self._stream

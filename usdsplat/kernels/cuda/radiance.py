@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from usdsplat.kernels import radiance as host
-from usdsplat.kernels.cuda.device import spread
+from usdsplat.kernels.cuda.exact import contracted_spread
 
-radiance = spread(host.radiance)
+radiance = contracted_spread(host.radiance)

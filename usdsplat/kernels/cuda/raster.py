@@ -12,6 +12,7 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
 from usdsplat.kernels.cuda.device import THREADS as LIST_THREADS
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.lists import make_lists
 from usdsplat.kernels.cuda.tile import THREADS, origin
 from usdsplat.kernels.raster import FEW, columns_of, corners, edges_of, tiles_of
@@ -25,7 +26,7 @@ nearest and its farthest corner."""
 NUMBERS = 23
 
 
-@cuda.jit
+@kernel
 def _touch(view, shapes, boxes, grid, writes, places, tiles, owners):
     """What `make_lists` calls touch. Counting and writing are one kernel, so that they agree."""
     appearances, firsts, vertex_firsts, triangles, vertices = shapes
@@ -102,7 +103,7 @@ def _is_in(batch, i, edge, u, v):
     return batch[k, i] * (u - batch[k + 2, i]) + row >= batch[k + 5, i]
 
 
-@cuda.jit
+@kernel
 def _raster(view, shapes, boxes, grid, starts, lists, depth, winner):
     batch = cuda.shared.array((NUMBERS, BATCH), np.float64)
     box = cuda.shared.array((4, BATCH), np.int32)

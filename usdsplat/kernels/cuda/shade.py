@@ -8,10 +8,11 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.shade import clear, shade_stretch
 
 
-@cuda.jit
+@kernel
 def _shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
     height, width = winner.shape
     for pixel in range(cuda.grid(1), height * width, cuda.gridsize(1)):

@@ -8,24 +8,34 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
-from usdsplat.kernels.cuda.ties import TIES, limit
+from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.ties import (
+    MERGERS,
+    MERGING,
+    TIES,
+    limit,
+    merge_run,
+    place_in_run,
+)
 from usdsplat.kernels.sort import ordered_bits
 
+NO_DEPTHS = np.empty(0, np.float32)
 
-@cuda.jit
+
+@kernel
 def _with_end(found, out):
     for b in range(cuda.grid(1), found.shape[0] + 1, cuda.gridsize(1)):
         out[b] = found[b] if b < found.shape[0] else 0
 
 
-@cuda.jit
+@kernel
 def _used(found, starts, places, visible):
     for b in range(cuda.blockIdx.x, found.shape[0], cuda.gridDim.x):
         for i in range(cuda.threadIdx.x, found[b], cuda.blockDim.x):
             visible[places[b] + i] = starts[b] + i
 
 
-@cuda.jit
+@kernel
 def _keyed(visible, keys, bits, slots):
     for k in range(cuda.grid(1), bits.shape[0], cuda.gridsize(1)):
         bits[k] = ordered_bits(keys[visible[k]])
@@ -42,7 +52,7 @@ def visible_slots(device: CudaDevice, found: Any, starts: Any, blocks: int, visi
     _with_end[BLOCKS, THREADS, device.stream](found, counts)
     device.primitives.running_sum(counts, places, blocks + 1)
     _used[BLOCKS, THREADS, device.stream](found, starts, places, visible)
-    return int(device.fetch(places[blocks : blocks + 1])[0])
+    return device.number(places, blocks)
 
 
 @form
@@ -64,36 +74,49 @@ def depth_order(
     return 1
 
 
-@cuda.jit
-def _settle(bits, slots, count, sources, first_slots, out):
-    k = cuda.grid(1)
-    while k < count:
-        key, to = bits[k], k
-        if (k > 0 and bits[k - 1] == key) or (k + 1 < count and bits[k + 1] == key):
-            first, end = limit(bits, count, key, False), limit(bits, count, key, True)
-            if end - first <= TIES:
-                to = first
-                own = limit(first_slots, first_slots.shape[0], slots[k], True)
-                for j in range(first, end):
-                    other = limit(first_slots, first_slots.shape[0], slots[j], True)
-                    if other < own or (other == own and sources[slots[j]] < sources[slots[k]]):
-                        to += 1
-        out[to] = slots[k]
-        k += cuda.gridsize(1)
+@kernel
+def _name(slots, count, sources, first_slots, names, total):
+    """Of each slot that is used: its appearance, and its row there; and total[0] = 0."""
+    for k in range(cuda.grid(1), count, cuda.gridsize(1)):
+        if k == 0:
+            total[0] = 0
+        owner = limit(first_slots, first_slots.shape[0], slots[k], True)
+        names[slots[k]] = np.int64(owner) << np.int64(32) | np.int64(sources[slots[k]])
 
 
-@cuda.jit
+@kernel
+def _settle(bits, slots, count, depths, names, out, total, long_runs):
+    for k in range(cuda.grid(1), count, cuda.gridsize(1)):
+        out[place_in_run(k, count, bits, slots, depths, names, total, long_runs)] = slots[k]
+
+
+@kernel
+def _settle_long(bits, slots, count, depths, names, out, total, long_runs):
+    for run in range(cuda.blockIdx.x, total[0], cuda.gridDim.x):
+        first = long_runs[run]
+        merge_run(first, limit(bits, count, bits[first], True), out, slots, depths, names)
+
+
+@kernel
 def _settled(out, count, slots):
-    k = cuda.grid(1)
-    while k < count:
+    for k in range(cuda.grid(1), count, cuda.gridsize(1)):
         slots[k] = out[k]
-        k += cuda.gridsize(1)
 
 
 @form
 def settle(
     device: CudaDevice, bits: Any, slots: Any, count: int, sources: Any, first_slots: Any, work: Any
 ) -> None:
-    """`kernels.sort.settle`, each splat against all others of its key; more than TIES stay."""
-    _settle[BLOCKS, THREADS, device.stream](bits, slots, count, sources, first_slots, work)
-    _settled[BLOCKS, THREADS, device.stream](work, count, slots)
+    """`kernels.sort.settle`."""
+    if count == 0:
+        return
+    names = device.borrow("tie names", sources.shape[0], np.int64)
+    out = device.borrow("settled", count, np.int32)
+    total = device.borrow("long runs", 1, np.int32)
+    firsts = device.borrow("first of long runs", count // TIES + 1, np.int32)
+    depths = device.keep(NO_DEPTHS)
+    _name[BLOCKS, THREADS, device.stream](slots, count, sources, first_slots, names, total)
+    ties = bits, slots, count, depths, names, out, total, firsts
+    _settle[BLOCKS, THREADS, device.stream](*ties)
+    _settle_long[MERGING, MERGERS, device.stream](*ties)
+    _settled[BLOCKS, THREADS, device.stream](out, count, slots)

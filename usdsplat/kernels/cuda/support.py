@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib.metadata
 import importlib.util
 import os
 import sys
 
 INSTALL = "pip install 'usdsplat[cuda]'"
+PACKAGES = ("numba-cuda", "numba", "nvidia-nvvm", "nvidia-nvjitlink", "cuda-core", "cuda-bindings")
+"""What compiles and assembles."""
+CAPABILITY_MAJOR, CAPABILITY_MINOR = 75, 76
+"""What the driver calls these attributes of a device."""
 
 
 def is_simulated() -> bool:
@@ -21,18 +26,26 @@ def is_compiled() -> bool:
     return not is_simulated() and importlib.util.find_spec("numba_cuda") is not None
 
 
-@functools.cache
 def has_gpu() -> bool:
     """Whether the driver is there and has a GPU to use."""
+    return capability() is not None
+
+
+@functools.cache
+def capability() -> tuple[int, int] | None:
+    """That of the GPU which CUDA counts first; None where there is none to use."""
     name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     try:
         driver = ctypes.CDLL(name)
     except OSError:
-        return False
-    count = ctypes.c_int(0)
-    if driver.cuInit(0) != 0 or driver.cuDeviceGetCount(ctypes.byref(count)) != 0:
-        return False
-    return count.value > 0
+        return None
+    device, major, minor = ctypes.c_int(0), ctypes.c_int(0), ctypes.c_int(0)
+    if driver.cuInit(0) != 0 or driver.cuDeviceGet(ctypes.byref(device), 0) != 0:
+        return None
+    for number, kind in ((major, CAPABILITY_MAJOR), (minor, CAPABILITY_MINOR)):
+        if driver.cuDeviceGetAttribute(ctypes.byref(number), kind, device) != 0:
+            return None
+    return major.value, minor.value
 
 
 @functools.cache
@@ -50,3 +63,16 @@ def obstacle() -> tuple[str, str] | None:
         if not there:
             return f"a GPU but no package {package}", INSTALL
     return None
+
+
+@functools.cache
+def versions() -> str:
+    """What compiles and assembles kernels, as text."""
+
+    def version(package: str) -> str:
+        try:
+            return f"{package} {importlib.metadata.version(package)}"
+        except importlib.metadata.PackageNotFoundError:
+            return ""
+
+    return " ".join([f"python {sys.version_info[:2]}", *map(version, PACKAGES)])

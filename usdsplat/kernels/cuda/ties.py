@@ -1,11 +1,20 @@
-"""Runs of equal keys in a sorted list."""
+"""Runs of equal keys in a sorted list, put in order by what the keys leave undecided.
+
+The order of memory means nothing: splats of one key go by their whole depth, and of one depth by
+who they are. In a short run each splat is compared with all others. A long one, as of a flat field
+that faces the camera, is listed, and a block of threads merges it.
+"""
 
 from __future__ import annotations
 
 from numba import cuda, int32
 
 TIES = 1024
-"""Splats of one key that are put in order, each against all others."""
+"""Splats of a short run."""
+MERGERS = 1024
+"""Threads of a block that merges long runs."""
+MERGING = 64
+"""Blocks that do."""
 
 
 @cuda.jit(device=True, inline="always")
@@ -19,3 +28,78 @@ def limit(keys, n, key, beyond):
         else:
             high = middle
     return low
+
+
+@cuda.jit(device=True, inline="always")
+def comes_before(a, b, depths, names):
+    """Whether item `a` is drawn before item `b` of the same key.
+
+    depths: Of all items, f32; of no size where keys are whole depths. names: Unique numbers, i64.
+    """
+    if depths.shape[0] > 0 and depths[a] != depths[b]:
+        return depths[a] < depths[b]
+    return names[a] < names[b]
+
+
+@cuda.jit(device=True)
+def place_in_run(k, n, keys, order, depths, names, total, firsts):
+    """Where item order[k] goes; k itself where its run is long, which is then listed.
+
+    Args:
+        keys, order: As sorted, of which n count.
+        depths, names: As `comes_before` takes them.
+        total, firsts: How many runs are listed, (1,) i32, and where each begins, in any order.
+    """
+    key = keys[k]
+    if not ((k > 0 and keys[k - 1] == key) or (k + 1 < n and keys[k + 1] == key)):
+        return int32(k)
+    first, end = limit(keys, n, key, False), limit(keys, n, key, True)
+    if end - first > TIES:
+        if k == first:
+            firsts[cuda.atomic.add(total, 0, 1)] = first
+        return int32(k)
+    to = first
+    for j in range(first, end):
+        if comes_before(order[j], order[k], depths, names):
+            to += int32(1)
+    return to
+
+
+@cuda.jit(device=True)
+def merge_run(first, end, source, target, depths, names):
+    """Sort source[first:end] with all threads of a block; `target` is scratch there.
+
+    Runs of one item are merged to runs of two, and so on: each item counts who comes before it in
+    the other half.
+    """
+    length = end - first
+    width = int32(1)
+    is_swapped = False
+    while width < length:
+        for i in range(cuda.threadIdx.x, length, cuda.blockDim.x):
+            begin = i // (2 * width) * (2 * width)
+            middle = min(begin + width, length)
+            item = target[first + i] if is_swapped else source[first + i]
+            in_front = i < middle
+            start = middle if in_front else begin
+            low, high = start, min(middle + width, length) if in_front else middle
+            while low < high:
+                at = (low + high) >> 1
+                other = target[first + at] if is_swapped else source[first + at]
+                if comes_before(other, item, depths, names):
+                    low = at + 1
+                else:
+                    high = at
+            own = i - begin if in_front else i - middle
+            to = first + begin + own + low - start
+            if is_swapped:
+                source[to] = item
+            else:
+                target[to] = item
+        cuda.syncthreads()
+        is_swapped = not is_swapped
+        width *= int32(2)
+    if is_swapped:
+        for i in range(first + cuda.threadIdx.x, end, cuda.blockDim.x):
+            source[i] = target[i]
+    cuda.syncthreads()

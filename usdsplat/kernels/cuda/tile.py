@@ -10,7 +10,8 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.bins import TILE
-from usdsplat.kernels.blend import SHRINK, alpha_at, rows_touched
+from usdsplat.kernels.blend import SHRINK, rows_touched
+from usdsplat.kernels.cuda.falloff import TO_BITS, along_row, contribution, exponent
 from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from usdsplat.kernels.project import HALF_HEIGHT, LOG_OPACITY, A, B, C, U, V
 
@@ -29,14 +30,17 @@ def origin(g, tile):
 
 @cuda.jit(device=True)
 def fetch_splat(records, rank, left, top, batch, rows, i):
-    """Put a splat into place i of a batch; u and v are relative to the tile, exponents shrunk."""
+    """Put a splat into place i of a batch: u and v relative to the tile, the rest scaled as
+    `falloff` takes it; and the rows of the tile that it touches."""
     s = records[rank]
     u, v = s[U] - np.float32(left), s[V] - np.float32(top)
-    a, b, c = s[A] * SHRINK, s[B] * SHRINK, s[C] * SHRINK
-    log_opacity = s[LOG_OPACITY] * SHRINK
+    a, b, c, log_opacity = s[A], s[B], s[C], s[LOG_OPACITY]
     batch[0, i], batch[1, i] = u, v
-    batch[2, i], batch[3, i], batch[4, i], batch[5, i] = a, b, c, log_opacity
-    rows[0, i], rows[1, i] = rows_touched(a, b, c, log_opacity, s[HALF_HEIGHT], u, v)
+    batch[2, i], batch[3, i], batch[4, i] = a * TO_BITS, b * TO_BITS, c * TO_BITS
+    batch[5, i] = log_opacity * TO_BITS
+    rows[0, i], rows[1, i] = rows_touched(
+        a * SHRINK, b * SHRINK, c * SHRINK, log_opacity * SHRINK, s[HALF_HEIGHT], u, v
+    )
 
 
 @cuda.jit(device=True)
@@ -48,10 +52,9 @@ def fetch_peak(peaks, rank, shape, i):
 
 @cuda.jit(device=True)
 def alpha_in(batch, i, x, y):
-    """What splat i of a batch contributes to pixel (x, y) of the tile, as `blend` has it."""
-    dy = np.float32(y) - batch[1, i]
-    rest = batch[4, i] * dy * dy + batch[5, i]
-    return alpha_at(np.float32(x) - batch[0, i], batch[2, i], batch[3, i] * dy, rest)
+    """What splat i of a batch contributes to pixel (x, y) of the tile."""
+    rest, slope = along_row(np.float32(x) - batch[0, i], batch[2, i], batch[3, i], batch[5, i])
+    return contribution(exponent(np.float32(y) - batch[1, i], batch[4, i], slope, rest))
 
 
 @cuda.jit(device=True)

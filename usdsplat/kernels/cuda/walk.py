@@ -16,6 +16,8 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
 from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.falloff import behind
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -73,7 +75,7 @@ def _take(
     mode = options.mode
     t = state[THROUGH]
     weight = alpha * t
-    remains = t - weight
+    remains = behind(t, alpha)
     if remains < END:
         return False
     state[THROUGH] = remains
@@ -184,7 +186,7 @@ def _held_at_stop(holdout, pixel, stop):
     return held_through(offsets, depths, through, pixel, stop)
 
 
-@cuda.jit
+@kernel
 def _walk(
     options, tiles, room, records, paints, keeps, labels, starts, lists, grid, peaks, stops,
     covered, holdout, out,

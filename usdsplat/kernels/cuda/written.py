@@ -11,6 +11,7 @@ import builtins
 import inspect
 import math
 import textwrap
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ _PARTS = ("view", "reshape", "ravel", "T")
 """Methods and attributes that give an array on the same memory."""
 _READERS = ("shape", "size", "copy", "sum", "min", "max", "any", "all", "astype")
 EVERYONE = frozenset(range(256))
+_READING = threading.RLock()
 _KNOWN: dict[Any, frozenset[int]] = {}
 """Kernel -> places of the arguments: a property of the sources."""
 
@@ -27,10 +29,11 @@ _KNOWN: dict[Any, frozenset[int]] = {}
 def written(kernel: Callable[..., Any]) -> frozenset[int]:
     """Places, from 0, of the arguments that `kernel` may write."""
     source = getattr(kernel, "py_func", kernel)
-    if source not in _KNOWN:
-        _KNOWN[source] = frozenset()  # of one that calls itself
-        _KNOWN[source] = _read(source)
-    return _KNOWN[source]
+    with _READING:  # or another thread would be given what is half known
+        if source not in _KNOWN:
+            _KNOWN[source] = frozenset()  # of one that calls itself
+            _KNOWN[source] = _read(source)
+        return _KNOWN[source]
 
 
 def _read(source: Any) -> frozenset[int]:

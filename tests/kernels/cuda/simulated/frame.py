@@ -10,6 +10,7 @@ from numba import cuda
 
 from tests.kernels.cuda import frames
 from usdsplat.core.errors import BackendError
+from usdsplat.kernels.cuda import ties
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import picture
 
@@ -56,6 +57,12 @@ def test_boxes_leave_nothing_out() -> None:
 def test_ties_of_depth_are_settled_by_rows() -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(CudaDevice(), 20)
+
+
+def test_long_runs_of_one_depth_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
+    monkeypatch.setattr(ties, "TIES", 4)
+    frames.check_ties_are_settled(CudaDevice(), 20, flat=True)
 
 
 def test_a_full_gpu_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,8 @@ A warp owns a part of the tile, 8 pixels wide. Each splat of a batch is tested o
 part, and a warp then walks the splats that may touch its own: a vote of 32 lanes makes a word of
 them, the nearest its highest bit. Exponents are powers of two, for the hardware knows no others.
 The rules are those of `kernels.blend`; as there, a pixel that has ended turns the sign of its
-transmittance.
+transmittance. Whichever variant draws, a pixel is the same: rectangles are widened by SLACK, so
+that rounding leaves out nothing that counts.
 
 The innermost loop is bound by the number of its instructions: places in shared memory are unsigned,
 for signed ones are tested for being negative, and the numbers of a splat lie on 16 bytes, so that
@@ -16,13 +17,14 @@ Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any
 
 import numpy as np
 from numba import cuda, float32, int32, uint32, uint64
 
-from usdsplat.kernels.bins import TILE
+from usdsplat.kernels.bins import SLACK, TILE
+from usdsplat.kernels.cuda.falloff import TO_BITS, along_row, behind, contribution, exponent
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.vectors import load4
 from usdsplat.kernels.cuda.warp import votes
 from usdsplat.kernels.project import LOG_CUTOFF, RECORD
@@ -30,9 +32,6 @@ from usdsplat.kernels.project import LOG_CUTOFF, RECORD
 WIDE = 8
 """[pixel] of a warp's part; it is 4 high, times the pixels of a thread."""
 DEEP = 32 // WIDE
-TO_BITS = np.float32(1 / math.log(2))
-LEAST = np.float32(LOG_CUTOFF * TO_BITS)
-MOST = np.float32(0.999)
 FIELDS = 12
 """Floats of a splat in shared memory, the last three unused."""
 END = np.float32(1e-4)
@@ -72,6 +71,10 @@ def misses(a, b, c, reach, u, v, left, top, right, bottom):
     return best < -reach
 
 
+VARIANTS = ((1, False), (2, True), (4, True))
+"""All that `variant` may say."""
+
+
 @functools.cache
 def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
     """The kernel for so many pixels a thread, and its threads.
@@ -85,7 +88,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
     threads = 32 * parts
     floats = threads * FIELDS
 
-    @cuda.jit(fastmath=True)
+    @kernel(name=f"cuda.frame.blend.blend({pixels},{is_exact})", fastmath=True)
     def blend(grid, starts, pair_splats, records, image):
         g = grid[0]
         t, tile = cuda.threadIdx.x, cuda.blockIdx.x
@@ -93,7 +96,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
         left, top = tile % g.columns * TILE + g.left, tile // g.columns * TILE + g.top
         px = left + part % across * WIDE + lane % WIDE
         py = top + part // across * high + lane // WIDE
-        x = float32(px)
+        x = float32(px - left)
         batch = cuda.shared.array(floats, float32, alignment=16)
         touched = cuda.shared.array(threads, uint32)
         through = cuda.local.array(pixels, float32)
@@ -102,7 +105,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
         blue = cuda.local.array(pixels, float32)
         y = cuda.local.array(pixels, float32)
         for p in range(pixels):
-            y[p] = float32(py + p * DEEP)
+            y[p] = float32(py - top + p * DEEP)
             there = g.x0 <= px < g.x1 and g.y0 <= py + p * DEEP < g.y1
             through[p] = float32(1) if there else float32(-1)
             red[p] = green[p] = blue[p] = float32(0)
@@ -115,6 +118,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
             if base + t < last:
                 k = uint64(pair_splats[base + t]) * uint64(RECORD)
                 u, v, a, b = load4(records, k)
+                u, v = u - float32(left), v - float32(top)
                 c, log_opacity, half_width, half_height = load4(records, k + N4)
                 r, gr, bl, _ = load4(records, k + N8)
                 own = uint64(t) * uint64(FIELDS)
@@ -123,8 +127,9 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
                 batch[own + N4], batch[own + N5] = c * TO_BITS, log_opacity * TO_BITS
                 batch[own + N6], batch[own + N7], batch[own + N8] = r, gr, bl
                 for q in range(parts):
-                    x0, y0 = float32(left + q % across * WIDE), float32(top + q // across * high)
-                    x1, y1 = x0 + float32(WIDE - 1), y0 + float32(high - 1)
+                    x0, y0 = float32(q % across * WIDE) - SLACK, float32(q // across * high) - SLACK
+                    x1 = x0 + (float32(WIDE - 1) + SLACK + SLACK)
+                    y1 = y0 + (float32(high - 1) + SLACK + SLACK)
                     if (
                         u + half_width >= x0
                         and u - half_width <= x1
@@ -148,17 +153,15 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
                         lead = uint32(cuda.clz(bits))
                         bits = uint32(bits ^ (HIGHEST >> lead))
                         at = begin + uint64(lead) * uint64(FIELDS)
-                        dx, v = x - batch[at], batch[at + N1]
-                        slope, c = batch[at + N3] * dx, batch[at + N4]
-                        rest = batch[at + N2] * dx * dx + batch[at + N5]
+                        v, c = batch[at + N1], batch[at + N4]
+                        rest, slope = along_row(
+                            x - batch[at], batch[at + N2], batch[at + N3], batch[at + N5]
+                        )
                         r, gr, bl = batch[at + N6], batch[at + N7], batch[at + N8]
                         for p in range(pixels):
-                            dy = y[p] - v
-                            e = rest + dy * (slope + c * dy)
-                            alpha = min(MOST, math.exp2(e))
-                            alpha = alpha if e >= LEAST else float32(0)
+                            alpha = contribution(exponent(y[p] - v, c, slope, rest))
                             weight = alpha * through[p]
-                            remains = through[p] - weight
+                            remains = behind(through[p], alpha)
                             goes_on = remains >= END
                             ended = -abs(through[p])
                             weight = weight if goes_on else float32(0)
@@ -182,3 +185,7 @@ def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
                 to[3] = float32(1) - abs(through[p])
 
     return blend, threads
+
+
+for _variant in VARIANTS:
+    make_blend(*_variant)

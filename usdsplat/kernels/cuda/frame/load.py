@@ -11,13 +11,19 @@ import math
 import numpy as np
 from numba import cuda, float32
 
-from usdsplat.kernels.radiance import harmonics
-from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic, unpack_shape
+from usdsplat.kernels import radiance, unpack
+from usdsplat.kernels.cuda.exact import contracted
+from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic
 
 COEFFICIENTS = 25
 """Of degree 4."""
+unpack_shape = contracted(unpack.unpack_shape)
+"""The same bits in each kernel, for what follows decides what is seen."""
+harmonics = contracted(radiance.harmonics)
+"""The same bits as where other AOVs are asked for."""
 
 
+@contracted
 @cuda.jit(device=True, inline="always")
 def direction(sight, position):
     """Unit direction of sight in the field's space; 0 at the eye."""

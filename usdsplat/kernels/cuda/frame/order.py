@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda, int32
 
-from usdsplat.kernels.cuda.ties import TIES, limit
+from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.ties import limit, merge_run, place_in_run
 from usdsplat.kernels.sort import ordered_bits
 
 LAST = np.uint32(0xFFFFFFFF)
@@ -25,13 +26,16 @@ def bits_of(count: int) -> int:
     return 24 if count <= FEW else 32
 
 
-@cuda.jit
+@kernel
 def narrow(totals, bits, span, most, keys):
-    """Cut the keys of the splats that there are to `most` bits, and fill up with the last.
+    """Cut the keys of the splats that there are to `most` bits, and fill up with the last; clear
+    totals[4].
 
     bits: Of float32 keys, (m,) u32; span: of the least and the largest, (2,) u32; keys: (m,) u32.
     """
     k = cuda.grid(1)
+    if k == 0:
+        totals[4] = 0
     if k < keys.shape[0]:
         low = ordered_bits(span[0])
         width = np.uint32(ordered_bits(span[1]) - low)
@@ -41,33 +45,40 @@ def narrow(totals, bits, span, most, keys):
         keys[k] = own if k < totals[0] else LAST
 
 
-@cuda.jit
-def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_counts):
+@kernel
+def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_counts, long_runs):
     """Put splats of equal narrow keys in order, and their counts of tiles with them.
 
     Args:
-        narrowed, order: As sorted, (m,). More than TIES of one narrow key stay as they are.
+        totals: Splats that there are in [0]. [2] begins anew: splats of many tiles are counted from
+            here on. [4], which `narrow` has cleared, receives how many runs are long.
+        narrowed, order: As sorted, (m,).
         keys, names, counts: Of each record: its key f32, who it is i64, and its tiles i32.
-        out: Receives the rows of the records in order, (m,) i32.
+        out: Receives the rows of the records in order, (m,) i32; those of long runs as they are.
         ordered_counts: Receives their tiles, and 0 for what fills up the sort, (m + 1,) i32.
+        long_runs: Receives where those begin, (m // TIES + 1,) i32.
     """
     k = cuda.grid(1)
     m = narrowed.shape[0]
     n = min(totals[0], m)
     if k == 0:
-        totals[2] = 0  # splats of many tiles are counted from here on
+        totals[2] = 0
     if n <= k <= m:
         ordered_counts[k] = 0
     if k >= n:
         return
-    key, to, row = narrowed[k], k, order[k]
-    if (k > 0 and narrowed[k - 1] == key) or (k + 1 < n and narrowed[k + 1] == key):
-        first, end = limit(narrowed, n, key, False), limit(narrowed, n, key, True)
-        if end - first <= TIES:
-            to = first
-            for j in range(first, end):
-                other = order[j]
-                is_before = keys[other] < keys[row]
-                if is_before or (keys[other] == keys[row] and names[other] < names[row]):
-                    to += 1
-    out[to], ordered_counts[to] = row, counts[row]
+    to = place_in_run(k, n, narrowed, order, keys, names, totals[4:], long_runs)
+    out[to], ordered_counts[to] = order[k], counts[order[k]]
+
+
+@kernel
+def settle_long(totals, narrowed, order, keys, names, counts, out, ordered_counts, long_runs):
+    """Put the long runs that `settle_ties` has listed in order: a block of threads each. `order` is
+    scratch."""
+    n = min(totals[0], narrowed.shape[0])
+    for run in range(cuda.blockIdx.x, totals[4], cuda.gridDim.x):
+        first = long_runs[run]
+        end = limit(narrowed, n, narrowed[first], True)
+        merge_run(first, end, out, order, keys, names)
+        for k in range(first + cuda.threadIdx.x, end, cuda.blockDim.x):
+            ordered_counts[k] = counts[out[k]]

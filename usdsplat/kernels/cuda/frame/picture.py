@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame import blend, load, order, project, tiles
+from usdsplat.kernels.cuda.device import CudaDevice, in_words
+from usdsplat.kernels.cuda.frame import blend, order, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
+from usdsplat.kernels.cuda.ties import MERGERS, MERGING, TIES
 from usdsplat.kernels.project import BLOCK, RECORD
 
 THREADS = 256
@@ -31,14 +32,8 @@ ALIGNED = 256
 ROOM = 1 << 18
 """Records that there is room for at first."""
 
-_SEE = {
-    False: project.make_see(load.load_floats),
-    True: project.make_see(load.load_packed),
-}
-_PLACE = {
-    False: project.make_place(load.load_floats, load.shade_floats),
-    True: project.make_place(load.load_packed, load.shade_packed),
-}
+TOTALS = 5
+"""Numbers that a picture counts: splats, pairs, splats of many tiles, too many pairs, long runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -106,7 +101,7 @@ class FramePicture:
         self._sent: tuple[Any, Any] = (None, None)
         self._staged: tuple[tuple[Any, ...], ...] = ()
         self._room = 0
-        self._totals = cuda.pinned_array(4, np.int32)
+        self._totals = cuda.pinned_array(TOTALS, np.int32)
         self._counted = cuda.event()
         self._guess: tuple[int, int] | None = None
         self.visible, self.pairs = 0, 0
@@ -123,7 +118,14 @@ class FramePicture:
         Returns:
             Premultiplied colour and coverage, shape (height, width, 4) f32; None where there are
             more than MOST_PAIRS pairs of splat and tile.
+
+        Raises:
+            BackendError: If the GPU's driver or compiler fails.
         """
+        with in_words():
+            return self._draw(groups, view)
+
+    def _draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
         self._adopt(tuple(groups), view)
         for array, (host, _) in zip(view.arrays, self._staged, strict=True):
             host[...] = array
@@ -185,7 +187,7 @@ class FramePicture:
         for name in ("found", "sums"):
             self._get(name, (self._parts + 1,), np.int32)
         self._buffers["found"].copy_to_device(np.zeros(self._parts + 1, np.int32), self._stream)
-        self._get("totals", (4,), np.int32)
+        self._get("totals", (TOTALS,), np.int32)
         self._get("span", (2,), np.float32)
         if not self._room:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
@@ -246,14 +248,14 @@ class FramePicture:
                     cameras, matrices, number, instance, group.instances, block, group.boxes,
                     b["closed"],
                 )  # fmt: skip
-            _SEE[group.is_packed][parts, project.PART, stream](
+            project.SEE[group.is_packed][parts, project.PART, stream](
                 cameras, matrices, number, instance, first, block, group.parts, group.count,
                 b["closed"], group.splats, b["marks"], b["found"], b["totals"], b["span"],
             )  # fmt: skip
             first, instance, block = first + parts, instance + group.instances, block + blocks
         self._primitives.running_sum(b["found"], b["sums"], self._parts + 1)
         for number, group, instance, first in spans:
-            _PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
+            project.PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
                 cameras, matrices, sights, conversions, number, instance, first, group.parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"], b["names"],
@@ -283,7 +285,7 @@ class FramePicture:
             "ordered counts": (m + 1, np.int32), "places": (m + 1, np.int32),
             "tiles": (p, tile_type), "sorted tiles": (p, tile_type),
             "pairs": (p, np.int32), "sorted pairs": (p, np.int32),
-            "crowded": (m, np.int32),
+            "crowded": (m, np.int32), "long runs": (m // TIES + 1, np.int32),
         }  # fmt: skip
         before = {name: id(self._buffers.get(name)) for name in shapes}
         for name, (size, dtype) in shapes.items():
@@ -306,10 +308,12 @@ class FramePicture:
         primitives.sort_pairs(
             b["narrow"], b["numbers"], b["sorted narrow"], b["order"], m, end_bit=bits
         )
-        order.settle_ties[_blocks(m + 1), THREADS, stream](
+        ties = (
             totals, b["sorted narrow"][:m], b["order"], b["keys"], b["names"], b["counts"],
-            b["settled"], b["ordered counts"][: m + 1],
+            b["settled"], b["ordered counts"][: m + 1], b["long runs"],
         )  # fmt: skip
+        order.settle_ties[_blocks(m + 1), THREADS, stream](*ties)
+        order.settle_long[MERGING, MERGERS, stream](*ties)
         primitives.running_sum(b["ordered counts"], b["places"], m + 1)
         nothing = self._tile_count
         lists = (

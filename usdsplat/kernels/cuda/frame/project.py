@@ -2,21 +2,29 @@
 
 `cull` closes blocks that the view cannot see. Of the others a CUDA block takes a PART of the splats
 of one instance. `see` marks those that touch the view in a bit each; a sum over the parts then
-says where each part's records go; `place` writes them. Both project a splat in the same way, so
-nothing but bits passes between them: records take the room of what is seen, not of what is stored.
+says where each part's records go; `place` writes them. Both project a splat with the same bits, so
+nothing but marks passes between them: records take the room of what is seen, not of what is stored.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numba import cuda, float32, int32, int64, uint64
 
+from usdsplat.kernels import color as colors
 from usdsplat.kernels.blocks import is_outside
-from usdsplat.kernels.color import convert
-from usdsplat.kernels.cuda.frame.load import row_of
+from usdsplat.kernels.cuda.exact import contracted
+from usdsplat.kernels.cuda.frame.load import (
+    load_floats,
+    load_packed,
+    row_of,
+    shade_floats,
+    shade_packed,
+)
+from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.project import project_one, squared_distance
 from usdsplat.kernels.cuda.vectors import store4
 from usdsplat.kernels.cuda.warp import FULL, below, votes
 from usdsplat.kernels.project import (
@@ -24,7 +32,6 @@ from usdsplat.kernels.project import (
     DEPTH,
     HALF_HEIGHT,
     HALF_WIDTH,
-    LOG_CUTOFF,
     LOG_OPACITY,
     ORTHOGRAPHIC,
     RECORD,
@@ -34,20 +41,17 @@ from usdsplat.kernels.project import (
     C,
     U,
     V,
-    project_one,
-    squared_distance,
 )
 
 PART = 256
 """Splats of a CUDA block, a thread each; a whole part of a BLOCK, which has a box."""
 WORDS = PART // 32
 """Words of marks of a part."""
+convert = contracted(colors.convert)
 F4, F8 = np.uint64(4), np.uint64(8)
-FAR_AWAY = np.float32(-1e9)
-"""[pixel] Where what turns out not to be seen is put."""
 
 
-@cuda.jit
+@kernel
 def cull(cameras, matrices, group, instance, instances, first, boxes, closed):
     """Say of each block of each instance whether none of it is seen: closed[first + item], u8.
 
@@ -69,7 +73,7 @@ def make_see(load: Any) -> Any:
     and `found` (parts,) i32, which are written; `totals` and `span`, which begin anew.
     """
 
-    @cuda.jit
+    @kernel(name=f"cuda.frame.project.see({load.__name__})")
     def see(
         cameras, matrices, group, instance, first, first_block, parts, n, closed, splats, marks,
         found, totals, span,
@@ -115,7 +119,7 @@ def make_place(load: Any, shade: Any) -> Any:
     number.
     """
 
-    @cuda.jit
+    @kernel(name=f"cuda.frame.project.place({load.__name__})")
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
         marks, found, starts, room, records, keys, rows, names, span, totals,
@@ -151,14 +155,7 @@ def make_place(load: Any, shade: Any) -> Any:
         if t < count and at < room:
             i = rows[at]
             opacity = load(splats, i, q, s)
-            if not project_one(cam, m, splats[0][i], q, s, opacity, record):
-                # the other kernel saw it: it was rounded otherwise there, on the very edge
-                for c in range(RECORD):
-                    record[c] = float32(0)
-                record[U] = record[V] = FAR_AWAY
-                record[A] = record[C] = float32(-1)
-                record[LOG_OPACITY] = LOG_CUTOFF
-                record[DEPTH] = float32(math.sqrt(squared_distance(m, splats[0][i])))
+            project_one(cam, m, splats[0][i], q, s, opacity, record)
             shade(splats, i, sight, degree, color)
             r, g, b = color[0], color[1], color[2]
             if numbers[13] > float32(0):
@@ -185,3 +182,11 @@ def make_place(load: Any, shade: Any) -> Any:
             cuda.atomic.max(span, 1, near_far[1])
 
     return place
+
+
+SEE = {False: make_see(load_floats), True: make_see(load_packed)}
+PLACE = {
+    False: make_place(load_floats, shade_floats),
+    True: make_place(load_packed, shade_packed),
+}
+"""Whether splats are packed -> the kernels that read them."""

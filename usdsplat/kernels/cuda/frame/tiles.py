@@ -11,6 +11,7 @@ import numpy as np
 from numba import cuda, float32, int32, uint64
 
 from usdsplat.kernels.bins import MOST_PAIRS, tile_columns, tile_rows
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.ties import limit
 from usdsplat.kernels.cuda.vectors import load4
 from usdsplat.kernels.cuda.warp import FULL, LANES, running, votes, without_lowest
@@ -59,7 +60,7 @@ def footprint(records, row, shape):
     shape[C], shape[LOG_OPACITY], shape[HALF_WIDTH], shape[HALF_HEIGHT] = load4(records, at + F4)
 
 
-@cuda.jit
+@kernel
 def count(totals, grid, records, counts):
     """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them; in
     `totals[3]` 1 where those are more than MOST_PAIRS, which is all that `totals` can hold.
@@ -123,7 +124,7 @@ def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
         at += 1
 
 
-@cuda.jit
+@kernel
 def fill(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
@@ -213,7 +214,7 @@ def fill(
             pad_pairs(its_at, its_stop, its_row, nothing, pair_tiles, pair_splats)
 
 
-@cuda.jit
+@kernel
 def fill_many(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
@@ -249,7 +250,7 @@ def fill_many(
         item += cuda.gridsize(1) // LANES
 
 
-@cuda.jit
+@kernel
 def bound(totals, pair_tiles, starts):
     """starts[tile] = the first pair of a tile, (tiles + 1,) i32: a thread looks for one."""
     tile = cuda.grid(1)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more, place_of
 from usdsplat.kernels.sim.blend_solids import (
     BLEND,
@@ -43,7 +44,7 @@ _TURN, _PLACE, _SIZE, _CLEARANCE, _BLEND, _KIND, _SHORT = 0, 9, 12, 16, 17, 18, 
 """Columns of what the first launch reads of each solid, float32, flat."""
 
 
-@cuda.jit
+@kernel
 def _shorten(bodies, short, total):
     """Of each solid, what finds contacts; the turn is into its own frame. total: becomes 0."""
     j = cuda.blockIdx.x
@@ -81,7 +82,7 @@ def _gap_to(bodies, short, j, fields, voxels, px, py, pz):
     return z
 
 
-@cuda.jit
+@kernel
 def _find(
     bodies, short, fields, voxels, blend, clearance, flags, scales, positions, near, found,
     counts, listed, total,
@@ -148,7 +149,7 @@ def _find(
             listed[begin[0] + at] = i
 
 
-@cuda.jit
+@kernel
 def _resolve(
     bodies, everyone, fields, voxels, dt, blend, clearance, least, started, scales, positions,
     velocities, since, struck, near, found, counts, listed, total,

@@ -6,11 +6,12 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more
 from usdsplat.kernels.sim.grid import BLOCK
 
 
-@cuda.jit
+@kernel
 def _bounds(positions, lower, upper):
     shared = cuda.shared.array(WARPS, np.float32)
     block, me = cuda.blockIdx.x, cuda.threadIdx.x
@@ -36,13 +37,13 @@ def bounds(device: CudaDevice, positions, lower, upper):
         _bounds[lower.shape[0], THREADS, device.stream](positions, lower, upper)
 
 
-@cuda.jit
+@kernel
 def _number(rows):
     for i in range(cuda.grid(1), rows.shape[0], cuda.gridsize(1)):
         rows[i] = i
 
 
-@cuda.jit
+@kernel
 def _starts(entry, start):
     """The first slot of each key: that of the first entry that is not less."""
     for key in range(cuda.grid(1), start.shape[0], cuda.gridsize(1)):

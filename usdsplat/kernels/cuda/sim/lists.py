@@ -11,6 +11,7 @@ from numba import cuda
 from numba.cuda import libdevice
 
 from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.sim.grid import BLOCK, cell_of, span
 from usdsplat.kernels.sim.lists import MARGIN
 
@@ -90,7 +91,7 @@ def _scan(positions, reach, widest, start, spans, bits, i, limit, begin, found):
     return hits, same
 
 
-@cuda.jit
+@kernel
 def _search(
     positions, reach, widest, start, inverse, bits, k_max, begin, end, found, nothing, counts,
     dropped, twins,
@@ -144,13 +145,13 @@ def search(
         )  # fmt: skip
 
 
-@cuda.jit
+@kernel
 def _clear(counts):
     for i in range(cuda.grid(1), counts.shape[0], cuda.gridsize(1)):
         counts[i] = 0
 
 
-@cuda.jit
+@kernel
 def _pack(found, k_max, rows, neighbors):
     lane = cuda.grid(1) % LANES
     for s in range(cuda.grid(1) // LANES, rows.shape[0] - 1, cuda.gridsize(1) // LANES):

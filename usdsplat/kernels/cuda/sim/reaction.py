@@ -11,6 +11,7 @@ from numba import cuda
 from numba.cuda import libdevice
 
 from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.sim.reaction import ZERO, reacted
 
 LANES = 8
@@ -30,7 +31,7 @@ def _pair(pairs, i):
     )
 
 
-@cuda.jit
+@kernel
 def _step(row, nbr, w, pairs, feed, kill, du, dv, step, out):
     n = np.int64(row.shape[0] - 1)
     i = np.int64(cuda.grid(1)) // LANES

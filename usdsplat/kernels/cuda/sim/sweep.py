@@ -9,6 +9,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more, place_of
 from usdsplat.kernels.sim.blend_solids import BLOCK, CLEARANCE, SWEPT
 from usdsplat.kernels.sim.contact import ALIVE_ONLY, PINNED_OR_DEAD
@@ -35,7 +36,7 @@ def _box(rows, first, last, shared):
     )  # fmt: skip
 
 
-@cuda.jit
+@kernel
 def _cull(bodies, clearance, started, scales, positions, near, found, counts):
     """Near solids of each block; found: receives how many, (blocks,) i32."""
     shared = cuda.shared.array(WARPS, np.float32)
@@ -65,7 +66,7 @@ def _cull(bodies, clearance, started, scales, positions, near, found, counts):
         found[block], counts[block] = count, 0
 
 
-@cuda.jit
+@kernel
 def _sweep(
     bodies, fields, voxels, dt, started, flags, scales, positions, velocities, since, struck, near,
     found, counts,

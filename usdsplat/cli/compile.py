@@ -1,0 +1,101 @@
+"""Compile all kernels ahead, so that no later command waits for it.
+
+examples:
+  usdsplat compile
+      for this machine: its CPU, and its GPU if there is one
+  usdsplat compile --device cpu --cache-dir /opt/usdsplat-kernels
+      for an image of a farm; set USDSPLAT_CACHE_DIR to that folder where it runs
+  usdsplat compile --device cuda --capability 8.9,9.0
+      for GPUs that are not here: no driver is needed
+
+notes:
+  Kernels are kept in USDSPLAT_CACHE_DIR, or in the user's cache folder. What is kept is compiled
+  again only where a kernel's sources, the versions of what compiles it or the processor differ: an
+  image is made on the kind of processor that it runs on. The folder may be read-only then.
+  What sorts on a GPU can be compiled on that GPU only: with --capability it is left out unless the
+  GPU is here, and the first process that sorts compiles it, which takes up to half a minute.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from usdsplat.cli import console
+from usdsplat.cli.parsing import option
+from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.core.wording import counted
+
+Capability = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat compile`."""
+
+    device: Annotated[str, option("auto|cpu|cuda")] = "auto"
+    """what to compile for; default: all that this machine has"""
+    capability: Annotated[str | None, option("X.Y,...")] = None
+    """of the GPUs to compile for; default: that of the GPU here"""
+    cache_dir: Annotated[Path | None, option("DIR")] = None
+    """where to keep kernels; default: USDSPLAT_CACHE_DIR, or the user's cache folder"""
+    jobs: Annotated[int | None, option("N")] = None
+    """how many processes compile at once; default: one for each core"""
+
+
+def run(options: Options) -> int:
+    """Compile; print how many kernels there are and where they are kept."""
+    from usdsplat.kernels import ahead, store
+
+    if options.cache_dir is not None:
+        store.use(options.cache_dir.absolute())
+    if options.jobs is not None and options.jobs < 1:
+        raise UsageError("--jobs", str(options.jobs), "1 or more")
+    if not store.save(store.key_of("compile"), b""):
+        raise UsageError("--cache-dir", store.refusal(), "a folder that can be written")
+    targets = _targets(options)
+    tasks = [task for each in targets for task in ahead.tasks(*each)]
+    with console.progress() as progress:
+        failed = ahead.compile_all(tasks, jobs=options.jobs, progress=progress)
+    for task, problem in failed:
+        console.remark(f"{task.name} for {task.device}: {problem}")
+    if failed:
+        found = f"{counted(len(failed), 'kernel')} of {len(tasks)} that do not compile"
+        raise BackendError("compile", found, "none")
+    for each in targets:
+        ahead.note(*each)
+    print(f"{store.folder()}: {counted(len(tasks), 'kernel')}")
+    return 0
+
+
+def _targets(options: Options) -> list[tuple[str, Capability | None]]:
+    """Devices, each with the capability of its GPU."""
+    from usdsplat.kernels.cuda.support import capability, is_compiled, obstacle
+    from usdsplat.kernels.device import DEVICES
+
+    if options.device not in ("auto", *DEVICES):
+        raise UsageError("--device", repr(options.device), f"auto, {' or '.join(DEVICES)}")
+    targets: list[tuple[str, Capability | None]] = []
+    if options.device != "cuda":
+        targets.append(("cpu", None))
+    if options.capability is not None:
+        if options.device == "cpu" or not is_compiled():
+            missing = "--device cpu" if options.device == "cpu" else "no package numba-cuda"
+            raise UsageError("--capability", missing, "a device cuda that can be compiled for")
+        targets += [("cuda", each) for each in _capabilities(options.capability)]
+    elif options.device == "cuda" or (options.device == "auto" and obstacle() is None):
+        missing_here = obstacle()
+        if missing_here is not None:
+            found, expected = missing_here
+            raise BackendError("device cuda", found, f"{expected}, or --capability")
+        targets.append(("cuda", capability()))
+    return targets
+
+
+def _capabilities(text: str) -> list[Capability]:
+    found = [re.fullmatch(r"(\d+)\.(\d)", part.strip()) for part in text.split(",")]
+    if not all(found):
+        raise UsageError("--capability", repr(text), "numbers such as 8.9 or 8.0,9.0")
+    return [(int(each[1]), int(each[2])) for each in found if each]

@@ -1,0 +1,164 @@
+"""How kernels are compiled for a GPU, and what is kept of them between processes.
+
+A kernel is kept as machine code, under the hash of the modules it is made of, the types of its
+arguments, the GPU's capability and the versions of what compiles. It can be assembled for a GPU
+that is not here: neither NVIDIA's compiler nor its assembler needs a driver.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pickle
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba import cuda
+
+from usdsplat.kernels import signatures, sources, store
+from usdsplat.kernels.cuda.support import is_compiled, versions
+
+PREFIX = "usdsplat.kernels."
+KERNELS: dict[str, Any] = {}
+"""Name -> what Numba made of it, of the modules that are imported: a property of the sources."""
+
+Capability = tuple[int, int]
+
+
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    name: str | None = None,
+    made_of: tuple[str, ...] = (),
+    detail: str = "",
+    **options: Any,
+) -> Any:
+    """Make a kernel of a function that each thread runs, kept between processes.
+
+    Args:
+        name: Its own among all; None for that of the function behind its module's.
+        made_of: Modules by which it was made, besides its own and what that imports.
+        detail: What else it was made of, as text.
+        options: Of `cuda.jit`.
+    """
+    if function is None:
+        return functools.partial(kernel, name=name, made_of=made_of, detail=detail, **options)
+    own = name or f"{function.__module__.removeprefix(PREFIX)}.{function.__name__}"
+    made = cuda.jit(**options)(function) if options else cuda.jit(function)
+    if is_compiled() and function.__module__.startswith(PREFIX):
+        made._cache = KernelCache(
+            own, (function.__module__, *made_of), f"{sorted(options.items())} {detail}"
+        )
+        KERNELS[own] = made
+    return made
+
+
+def cuda_key(
+    name: str, types: str, capability: Capability, modules: tuple[str, ...], options: str
+) -> str:
+    """Return the key of a kernel for a GPU, with the types of its arguments as `signatures` has
+    them."""
+    made_of = " ".join(sources.digest(each) for each in modules)
+    return store.key_of("cuda", name, types, repr(capability), options, versions(), made_of)
+
+
+class KernelCache:
+    """What numba-cuda asks for compiled forms of one kernel, and gives those it has made."""
+
+    cache_path = None
+
+    def __init__(self, name: str, modules: tuple[str, ...], options: str) -> None:
+        self._name, self._modules, self._options = name, modules, options
+
+    def key(self, types: tuple[Any, ...], capability: Capability) -> str:
+        """Return the key of one form."""
+        text = signatures.encode(types)
+        return cuda_key(self._name, text, capability, self._modules, self._options)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is kept of a signature for the GPU in use, or None."""
+        from numba.cuda.dispatcher import _Kernel
+
+        data = store.load(self.key(_types(signature), _capability_here()))
+        if data is None:
+            return None
+        try:
+            made = _Kernel._rebuild(**pickle.loads(data))
+            made.bind()
+        except Exception:  # whatever is wrong with it, it can be compiled
+            return None
+        return made
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Keep what was compiled for the GPU in use."""
+        self.save(_types(signature), _capability_here(), made)
+
+    def save(self, types: tuple[Any, ...], capability: Capability, made: Any) -> None:
+        """Keep what was compiled for a GPU of this capability: machine code, and no source of
+        it."""
+        from numba.cuda.serialize import dumps
+
+        state, library = made._reduce_states(), made._codelibrary
+        small = library._reduce_states() | {"llvm_strs": [], "ptx_cache": {}}
+        state["codelibrary"] = type(library)._rebuild(**small)
+        store.save(self.key(types, capability), dumps(state))
+
+    def flush(self) -> None:
+        """Forget nothing: what an entry was made of is in its key."""
+
+
+def assemble(name: str, types: tuple[Any, ...], capability: Capability) -> bytes:
+    """Compile and assemble a kernel of KERNELS for any GPU, and keep it.
+
+    Args:
+        types: Numba's, of its arguments.
+        capability: Of the GPU, such as (9, 0).
+
+    Returns:
+        The machine code.
+
+    Raises:
+        Exception: Whatever numba-cuda or NVIDIA's tools raise, if it is not valid.
+    """
+    from numba.cuda.dispatcher import _Kernel
+
+    dispatcher = KERNELS[name]
+    with _compiling_for(capability):
+        made = _Kernel(dispatcher.py_func, types, **dispatcher.targetoptions)
+        code: bytes = made._codelibrary.get_cubin().code
+        dispatcher._cache.save(types, capability, made)
+    return code
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+def _types(signature: Any) -> tuple[Any, ...]:
+    return tuple(signature.args if hasattr(signature, "args") else signature)
+
+
+def _capability_here() -> Capability:
+    major, minor = cuda.get_current_device().compute_capability
+    return int(major), int(minor)
+
+
+@contextmanager
+def _compiling_for(capability: Capability) -> Iterator[None]:
+    """Let numba-cuda, which asks the driver for the GPU in use, take it to be another one."""
+    from numba.cuda import codegen
+
+    class Gpu:
+        compute_capability = capability
+
+    dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
+    library: Any = codegen.CUDACodeLibrary
+    before = dispatcher.get_current_device, library._ensure_cc
+    # of Hopper and later numba-cuda takes what is only theirs, as it would on such a GPU
+    architecture = (*capability, "a" if capability >= (9, 0) else "")
+    dispatcher.get_current_device = lambda: Gpu
+    library._ensure_cc = lambda self, given: given or architecture
+    try:
+        yield
+    finally:
+        dispatcher.get_current_device, library._ensure_cc = before

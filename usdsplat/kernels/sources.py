@@ -1,0 +1,104 @@
+"""What a kernel is made of: the hash of its module and of all modules that this one imports.
+
+Docstrings, comments and line breaks do not count: a module is hashed as its syntax tree.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import json
+from pathlib import Path
+
+from usdsplat.kernels import store
+
+PACKAGE = "usdsplat"
+ROOT = Path(__file__).parents[1]
+ASIDE = frozenset(
+    f"usdsplat.kernels.{name}"
+    for name in (
+        "store", "sources", "signatures", "ahead", "compiling", "device", "cuda.device",
+        "cuda.written", "cuda.support", "cuda.primitives", "cuda.compiling", "cuda.cub",
+        "cuda.transfers",
+    )
+)  # fmt: skip
+"""Modules that launch and keep kernels, and of which no kernel is made."""
+
+
+@functools.cache
+def digest(module: str) -> str:
+    """Return the hash of a module of this package, by its full name, and of its imports.
+
+    Raises:
+        OSError: If a source cannot be read.
+    """
+    found: dict[str, str] = {}
+    pending = [module]
+    while pending:
+        name = pending.pop()
+        if name not in found and name not in ASIDE:
+            found[name], imports = _read(name)
+            pending += imports
+    text = "".join(f"{name}={found[name]}\n" for name in sorted(found))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+def _read(module: str) -> tuple[str, list[str]]:
+    """The hash of one module, and the modules of the package that it imports. Parsing takes
+    milliseconds, so what it gave is kept."""
+    path = _file(module)
+    assert path is not None, module
+    source = path.read_bytes()
+    key = store.key_of("source", module, hashlib.sha256(source).hexdigest())
+    kept = store.load(key)
+    if kept is not None:
+        normal, imports = json.loads(kept)
+        return normal, imports
+    tree = ast.parse(source)
+    imports = sorted(_imports(tree, module))
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [each for each in body if not _is_text(each)]  # type: ignore[attr-defined]
+    normal = hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+    store.save(key, json.dumps([normal, imports]).encode())
+    return normal, imports
+
+
+def _file(module: str) -> Path | None:
+    path = ROOT.joinpath(*module.split(".")[1:])
+    for each in (path.with_suffix(".py"), path / "__init__.py"):
+        if each.is_file():
+            return each
+    return None
+
+
+def _is_text(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def _imports(tree: ast.Module, module: str) -> set[str]:
+    names: set[str] = set()
+    is_package = _file(module) == ROOT.joinpath(*module.split(".")[1:], "__init__.py")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {each.name for each in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = module.split(".")[: None if is_package else -1]
+            if node.level:
+                above = above[: len(above) - node.level + 1]
+                base = ".".join([*above, node.module] if node.module else above)
+            else:
+                base = node.module or ""
+            names.add(base)
+            names |= {f"{base}.{each.name}" for each in node.names}
+    ours = {name for name in names if name.split(".")[0] == PACKAGE}
+    return {name for name in ours if _file(name) is not None}
