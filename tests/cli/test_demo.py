@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
@@ -10,6 +11,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdUtils
 
 from usdsplat import formats, schema
+from usdsplat.cli import demo
 from usdsplat.cli.turntable import CAMERA, author_turntable
 
 Image = pytest.importorskip("PIL.Image")
@@ -157,3 +159,22 @@ def test_what_cannot_be_made_is_one_sentence(run, capture):
     status, out, err = run("demo", "--frames", 0)
     assert (status, out) == (2, "")
     assert err.startswith("usdsplat: demo: found 200000 splats, 0 frames, expected 1000 to")
+
+
+def test_what_the_demo_compiles_ahead_is_what_it_launches(run, capture, tmp_path, monkeypatch):
+    """Oracle: the kernels that Numba is asked for meanwhile."""
+    from usdsplat.kernels import jit, signatures
+
+    asked = set()
+    load = jit.KernelCache.load_overload
+
+    def noted(self, *args):
+        asked.add(f"{self._function.__module__}.{self._function.__name__}")
+        return load(self, *args)
+
+    monkeypatch.setattr(jit.KernelCache, "load_overload", noted)
+    names = Path(demo.__file__).with_name("demo_kernels.txt").read_text().split()
+    known = {name for name, _ in signatures.table("cpu")}
+    assert len(names) == len(set(names)) and set(names) <= known
+    assert run("demo", capture, "-o", tmp_path / "demo", "--frames", 2)[0] == 0
+    assert {name.removeprefix("usdsplat.kernels.") for name in asked} & known <= set(names)

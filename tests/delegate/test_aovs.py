@@ -17,6 +17,7 @@ from tests.delegate.rendering import (
     view_of,
 )
 from tests.delegate.surface_scenes import add, mesh
+from tests.folded import folded
 from tests.images.exr_file import ExrFile
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.renderer import Renderer
@@ -119,7 +120,7 @@ def test_half_of_what_is_left_by_a_matte_is_the_median(sorting: str) -> None:
 
 
 @pytest.mark.parametrize("model", ["perspective", "orthographic"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", folded(range(6)))
 def test_normals_are_those_of_flat_discs(seed: int, model: str) -> None:
     """In turned, mirrored and sheared fields. Oracle: the eigenvector of the least eigenvalue of
     the covariance in camera space, on the side of the eye."""

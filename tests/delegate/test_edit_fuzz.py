@@ -8,6 +8,7 @@ import pytest
 from tests.delegate.edits import Editor
 from tests.delegate.stages import contents
 from tests.delegate.surface_stages import surfaces
+from tests.folded import folded
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 
@@ -48,7 +49,7 @@ def assert_follows_time(engine, editor, purposes, history):
             assert cameras(engine) == cameras(fresh), f"{history}, time {time}"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", folded(range(8)))
 def test_edits_leave_the_picture_of_a_fresh_engine(seed, tmp_path, capfd):
     """Oracle: a new engine on the edited stage, which pulls everything; some eighty edits each."""
     editor = Editor(seed, str(tmp_path))

@@ -152,7 +152,7 @@ def test_a_moving_transform_is_right_at_every_time(held):
 
 
 @pytest.fixture(scope="module")
-def capture(data):
+def capture(any_device, data):
     """A real capture, upright, with overscan all around its display window."""
     cloud = formats.read(data / "splats" / "flowers_lod3_0.sog").cloud
     stage = Usd.Stage.CreateInMemory()

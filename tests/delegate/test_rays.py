@@ -13,6 +13,7 @@ from tests.delegate.rendering import (
     scene_of,
     view_of,
 )
+from tests.folded import folded
 from usdsplat.kernels import reference, reference_rays
 
 MODELS = ["perspective", "tangential", "orthographic"]
@@ -23,7 +24,7 @@ def difference(found: np.ndarray, expected: np.ndarray) -> float:
     return -10.0 * np.log10(np.mean((found - expected) ** 2))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", folded(MODELS))
 def test_the_order_of_each_pixel_is_that_of_its_ray(model: str) -> None:
     """rayHitDistance sorts each pixel by itself, in sheared and mirrored fields too. Oracle: the
     float64 reference, which sorts all splats at all pixels."""

@@ -7,6 +7,7 @@ import pytest
 from tests.delegate.stages import contents
 from tests.delegate.surface_edits import SurfaceEditor
 from tests.delegate.surface_stages import surfaces
+from tests.folded import folded
 from usdsplat.delegate.engine import Engine
 
 PURPOSES = (("default", "render"), ("default", "proxy", "guide"))
@@ -19,7 +20,7 @@ def assert_alike(engine, fresh, history):
     assert engine.warnings == fresh.warnings, history
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", folded(range(6)))
 def test_edits_of_surfaces_leave_the_scene_of_a_fresh_engine(seed, tmp_path, capfd):
     """Oracle: a new engine on the edited stage, which pulls everything; some sixty edits each."""
     editor = SurfaceEditor(seed, str(tmp_path))

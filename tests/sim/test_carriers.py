@@ -50,13 +50,13 @@ def joined(cloud, points, size, opacity):
 
 
 @pytest.fixture(scope="module")
-def device():
+def device(any_device):
     """All threads."""
     return open_device()
 
 
 @pytest.fixture(scope="module")
-def carriers(device):
+def carriers(any_device, device):
     """Of the shell."""
     return Carriers.of(device, shell(), distance=0.06, seed=1)
 

@@ -13,7 +13,7 @@ from usdsplat.sim.specs import Surface
 
 
 @pytest.fixture(scope="module")
-def device():
+def device(any_device):
     return open_device()
 
 

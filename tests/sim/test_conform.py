@@ -21,12 +21,12 @@ LATE = 100.0
 
 
 @pytest.fixture(scope="module")
-def device():
+def device(any_device):
     return open_device()
 
 
 @pytest.fixture(scope="module")
-def ball():
+def ball(any_device):
     """Edges of 0.006: nowhere farther than 0.00002 from the sphere."""
     return sphere(8)
 

@@ -18,7 +18,7 @@ METHODS = ("linear", "dualQuaternion")
 
 
 @pytest.fixture(scope="module")
-def device():
+def device(any_device):
     return open_device()
 
 

@@ -33,7 +33,7 @@ from usdsplat.sim.uses import uses_over
 
 
 @pytest.fixture(scope="module")
-def device():
+def device(any_device):
     return open_device()
 
 

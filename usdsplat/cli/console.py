@@ -23,10 +23,15 @@ INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
 
 
 @contextmanager
-def progress() -> Iterator[Progress]:
-    """Yield a listener that shows progress the way stderr can; when it ends the bar is gone."""
+def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
+    """Yield a listener that shows progress the way stderr can; when it ends the bar is gone.
+
+    Args:
+        compiled: Says how long kernels have been compiled so far [s]: that happens once, and counts
+            for nothing where the time left is estimated.
+    """
     if not sys.stderr.isatty():
-        yield Lines()
+        yield Lines(compiled)
         return
     bar = Bar()
     try:
@@ -83,21 +88,25 @@ def duration(seconds: float) -> str:
 class Lines:
     """Progress as plain lines, the fewer the longer the work takes, so that logs stay short."""
 
-    def __init__(self) -> None:
+    def __init__(self, compiled: Callable[[], float] = lambda: 0.0) -> None:
         self._label = ""
+        self._compiled = compiled
+        self._compiled_before = compiled()
         self._started = self._printed = time.monotonic()
 
     def step(self, label: str, done: int, total: int) -> None:
         now = time.monotonic()
         if label != self._label:
             self._label, self._started, self._printed = label, now, now
+            self._compiled_before = self._compiled()
         is_last = done == total and self._printed > self._started
         elapsed = now - self._started
         interval = next(seconds for until, seconds in INTERVALS if elapsed <= until)
         if now - self._printed < interval and not is_last:
             return
         self._printed = now
-        print(f"usdsplat: {label}{_amount(done, total, elapsed)}", file=sys.stderr)
+        worked = max(elapsed - (self._compiled() - self._compiled_before), 0.0)
+        print(f"usdsplat: {label}{_amount(done, total, worked)}", file=sys.stderr)
 
 
 class Bar:
@@ -128,11 +137,11 @@ class Bar:
             self._rich = None
 
 
-def _amount(done: int, total: int, elapsed: float) -> str:
-    """How far it is and how long it will still take."""
+def _amount(done: int, total: int, worked: float) -> str:
+    """How far it is, after so many seconds of work, and how long it will still take."""
     if not total:
         return f" {done}" if done else ""
-    left = f", {duration(elapsed * (total - done) / done)} left" if 0 < done < total else ""
+    left = f", {duration(worked * (total - done) / done)} left" if 0 < done < total else ""
     return f" {done}/{total} ({100 * done // total} %{left})"
 
 

@@ -14,10 +14,11 @@ notes:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional
 
@@ -26,9 +27,13 @@ from usdsplat.cli.parsing import option
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.progress import Progress
 
+if TYPE_CHECKING:
+    from usdsplat.kernels.ahead import Task
+
 COARSE, GROWN = 50_000, 300_000
 """How many splats are modelled to be simulated, and most that a capture may have for it."""
 BALL = "/World/Simulation/Ball"
+COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 REACTION_STEPS = 40
 """In a frame: fewer than the preset's, for a pattern that is seen to spread."""
 
@@ -76,14 +81,20 @@ def run(options: Options) -> int:
     """Run the main job from end to end; print each result with what it is."""
     from usdsplat.cli.turntable import author_turntable
     from usdsplat.interchange import import_capture
-    from usdsplat.kernels.compiling import on_compile
+    from usdsplat.kernels import ahead
+    from usdsplat.kernels.compiling import compile_time, on_compile
 
     if not (1 <= options.frames <= 10_000 and 1_000 <= options.splats <= 20_000_000):
         found = f"{options.splats} splats, {options.frames} frames"
         raise UsageError("demo", found, "1000 to 20000000 splats and 1 to 10000 frames")
     folder = _made(options.output)
     results = Results(is_json=options.json)
-    with console.progress() as progress, on_compile(console.announce_compilation()):
+    with (
+        compile_time() as compiled,
+        console.progress(compiled) as progress,
+        on_compile(console.announce_compilation(COMPILING)),
+        ahead.compiling(_kernels(), jobs=(options.threads or os.cpu_count() or 1) - 1),
+    ):
         own = folder / "capture.ply"
         capture = options.capture or _model(own, options.splats, results, progress)
         report = import_capture(capture, folder / "capture.usdc", progress=progress)
@@ -101,6 +112,17 @@ def run(options: Options) -> int:
             _grow(stage, options, results, progress)
     results.finish(f"next: usdsplat info {folder / 'stage.usda'}")
     return 0
+
+
+def _kernels() -> list[Task]:
+    """What is to be compiled for it all, in the order in which it is needed; nothing where all of
+    that is kept already."""
+    from usdsplat.kernels import ahead
+
+    names = Path(__file__).with_name("demo_kernels.txt").read_text().split()
+    wanted = {name: k for k, name in enumerate(names)}
+    tasks = [task for task in ahead.tasks("cpu") if task.name in wanted]
+    return sorted(ahead.missing(tasks), key=lambda task: wanted[task.name])
 
 
 def _made(folder: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from usdsplat.cli.request import Picture
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
+from usdsplat.delegate.cost import Work
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.shot import Holdout
 from usdsplat.delegate.specs import CameraSpec, View
@@ -44,6 +46,20 @@ class Drawn:
     """Time it took, file included."""
     deep_samples: int | None = None
     """Of all pixels of a deep picture."""
+
+
+def work_of(pictures: Sequence[Picture], frames: Sequence[float]) -> list[Work]:
+    """Return what `draw_frames` will draw, for `Engine.expect`."""
+    return [
+        Work(
+            pixels=math.prod(picture.framing.resolution) * len(frames),
+            pictures=len(frames),
+            settings=picture.settings,
+            aovs=picture.aovs,
+            deep=picture.deep,
+        )
+        for picture in pictures
+    ]
 
 
 def draw_frames(
@@ -75,6 +91,8 @@ def draw_frames(
         OutputError: If a file cannot be written.
     """
     jobs = _jobs(pictures, frames, resume)
+    engine.expect(work_of(pictures, frames))
+    before = engine.remark
     tell = _once(remark)
     _check_holdouts(jobs)
     cameras = {picture: _framing_camera(engine, picture, frames) for picture, _, _ in jobs}
@@ -99,6 +117,8 @@ def draw_frames(
             remark(remarks.what_is_deep(path, report, seconds))
         elif picture.settings.color_mode == "inverseView":
             remark(remarks.what_fails(path, stats))
+        if engine.remark != before:  # a GPU has failed meanwhile
+            tell(engine.remark)
         empty = remarks.why_nothing(engine, stats)
         if empty:
             tell(f"nothing is drawn: {empty}", f"{path}: ")

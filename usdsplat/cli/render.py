@@ -97,19 +97,23 @@ class Options:
 
 def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
-    from usdsplat.cli.drawing import draw_frames
+    from usdsplat.cli.drawing import draw_frames, work_of
     from usdsplat.cli.planning import plan
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
-    from usdsplat.kernels.compiling import on_compile
+    from usdsplat.kernels.compiling import compile_time, on_compile
 
     request = _request(options)
     memory_limit = bytes_of(options.memory_limit)
     if options.threads is not None:
         images.limit_threads(options.threads)
     report = []
-    with console.progress() as progress, on_compile(console.announce_compilation()):
+    with (
+        compile_time() as compiled,
+        console.progress(compiled) as progress,
+        on_compile(console.announce_compilation()),
+    ):
         named = (options.framing.camera, options.settings, *request.matte)
         keep = ("/Render", *(path for path in named if path and path[0] == "/"))
         stage = open_stage_or_capture(
@@ -120,6 +124,7 @@ def run(options: Options) -> int:
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             pictures = plan(engine, request)
             frames = _frames(options, stage, pictures)
+            engine.expect(work_of(pictures, frames))
             _warn(engine)
             for drawn in draw_frames(
                 engine,

@@ -114,7 +114,7 @@ def _bake(options: Options, source: Path, target: Path) -> int:
     """Simulate and write."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
-    from usdsplat.kernels.compiling import on_compile
+    from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.sim.stage.overrides import override
     from usdsplat.sim.stage.simulating import simulate
 
@@ -129,7 +129,7 @@ def _bake(options: Options, source: Path, target: Path) -> int:
     announce = console.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    with console.progress() as progress, on_compile(announce):
+    with compile_time() as compiled, console.progress(compiled) as progress, on_compile(announce):
         report = simulate(
             stage,
             target,

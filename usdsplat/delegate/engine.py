@@ -15,7 +15,9 @@ from typing import Any
 
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.band import Band
+from usdsplat.delegate.cost import Work
 from usdsplat.delegate.default_camera import Box, frame_subject, union
+from usdsplat.delegate.drawer import Drawer
 from usdsplat.delegate.frame_stats import FrameStats
 from usdsplat.delegate.layer import DeepSamples
 from usdsplat.delegate.memory import Estimate, estimate
@@ -24,13 +26,11 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, Renderer, depends_on_time
+from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, depends_on_time
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.specs import CameraSpec, Framing, View
-from usdsplat.kernels.device import open_device
 
 PURPOSES = ("default", "render")
 
@@ -51,8 +51,8 @@ class Engine:
         refinement: How often subdivision surfaces are refined, 0 to 5.
 
     Raises:
-        BackendError: If the device is not usable here.
-        UsageError: If the refinement is out of range.
+        BackendError: If the device is not usable here; it is opened when it is first needed.
+        UsageError: If the refinement or the number of threads is out of range.
     """
 
     def __init__(
@@ -65,10 +65,9 @@ class Engine:
         purposes: tuple[str, ...] = PURPOSES,
         refinement: int = 2,
     ) -> None:
-        self._renderer = Renderer(open_device(device, threads=threads))
         self._param = RenderParam(RenderScene())
         self._index = RenderIndex(self._param)
-        self._pass = RenderPass(self._renderer, self._param)
+        self._drawer = Drawer(self._param, device, threads)
         self._scene: UsdSceneDelegate | None = UsdSceneDelegate(
             stage, self._index, time=time, purposes=purposes, refinement=refinement
         )
@@ -89,11 +88,8 @@ class Engine:
         self._open().set_purposes(purposes)
 
     def set_refinement(self, levels: int) -> None:
-        """Refine subdivision surfaces as often as this, 0 to 5; only meshes are made anew.
-
-        Raises:
-            UsageError: If it is out of range.
-        """
+        """Refine subdivision surfaces as often as this, 0 to 5, else a UsageError; only meshes are
+        made anew."""
         self._open().set_refinement(levels)
 
     def sync(self) -> None:
@@ -104,7 +100,13 @@ class Engine:
     @property
     def device(self) -> str:
         """Name of what draws."""
-        return self._renderer.device
+        return self._drawer.renderer.device
+
+    @property
+    def remark(self) -> str:
+        """Why `device` is not the fastest that this machine could have; mostly empty. A GPU may
+        fail while a picture is drawn, and the CPU goes on."""
+        return self._drawer.renderer.remark
 
     @property
     def version(self) -> int:
@@ -120,7 +122,7 @@ class Engine:
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim, or GPU, that cannot be used as it is; syncs first."""
         self.sync()
-        remarks = (self._renderer.remark,) if self._renderer.remark else ()
+        remarks = (self.remark,) if self.remark else ()
         return (*remarks, *self._open().warnings)
 
     @property
@@ -132,7 +134,7 @@ class Engine:
     @property
     def stats(self) -> FrameStats:
         """What the last picture took."""
-        return self._renderer.stats
+        return self._drawer.renderer.stats
 
     def drawn_paths(self) -> tuple[str, ...]:
         """Return the paths of the prims that are drawn; entry i is what the AOV primId calls i."""
@@ -162,15 +164,12 @@ class Engine:
         resolution: tuple[int, int] | None = None,
         framing: Framing | None = None,
     ) -> View:
-        """Return what a camera sees now.
+        """Return what a camera sees now, or raise a StageError if it cannot be used.
 
         Args:
             camera: Path of the prim; None for a camera that frames all that is visible.
             resolution: [pixel]; takes the place of the one of `framing`.
             framing: How the image samples the aperture.
-
-        Raises:
-            StageError: If there is no such camera, or it cannot be used.
         """
         self.sync()
         framing = framing or Framing()
@@ -227,6 +226,12 @@ class Engine:
 
     # --- pictures --------------------------------------------------------------------------
 
+    def expect(self, work: Iterable[Work]) -> None:
+        """Say what will be drawn, before anything is: "auto" is the device that is done first.
+        Who says nothing is expected to go on for long."""
+        self.sync()
+        self._drawer.expect(work)
+
     def render(
         self,
         view: View,
@@ -249,16 +254,12 @@ class Engine:
             band_pixels: About how many pixels to draw at a time.
         """
         self.sync()
-        settings = self._resolved(settings)
-        return self._renderer.render(
-            self._param.scene,
-            view,
-            settings,
-            aovs,
-            moments=self._moments(view, settings, aovs),
-            holdout=holdout,
+        how = self._resolved(settings)
+        moments = self._moments(view, how, aovs)
+        return self._drawer.renderer.render(
+            self._param.scene, view, how, aovs, moments=moments, holdout=holdout,
             band_pixels=band_pixels,
-        )
+        )  # fmt: skip
 
     def render_deep(
         self,
@@ -277,13 +278,10 @@ class Engine:
             UsageError: If splats are sorted by another key.
         """
         self.sync()
-        return self._renderer.render_deep(
-            self._param.scene,
-            view,
-            self._resolved(settings),
-            holdout=holdout,
+        return self._drawer.renderer.render_deep(
+            self._param.scene, view, self._resolved(settings), holdout=holdout,
             band_pixels=band_pixels,
-        )
+        )  # fmt: skip
 
     def picture(
         self,
@@ -311,7 +309,7 @@ class Engine:
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
         moments = self._moments(view, settings, aovs)
-        self._pass.execute(view, settings, aovs, buffers, moments=moments)
+        self._drawer.render_pass.execute(view, settings, aovs, buffers, moments=moments)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(
@@ -350,7 +348,7 @@ class Engine:
         self._scene = None
         self._index.close()
         self._param.scene.close()
-        self._renderer.close()
+        self._drawer.close()
 
     def __enter__(self) -> Engine:
         return self

@@ -184,13 +184,13 @@ class Layer:
             self._walk(walk.COUNT, error=error, counts=held)
         else:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
-        counts = fetch(held)
-        ends = np.cumsum(counts, dtype=np.int64)
-        total = int(ends[-1])
+        offsets = self._scratch.get("deep offsets", (held.size + 1,), np.int64)
+        total = int(self._device.run(deep.place, held, offsets))
         near, color = resident((total,), np.float32), resident((total, 4), np.float32)
         far = near if error == 0 else resident((total,), np.float32)
-        offsets, left = ends - counts.ravel(), np.ones(self.shape, np.float32)
+        left = np.broadcast_to(np.float32(1), self.shape)
         if walks:
+            left = left.copy()
             self._walk(
                 walk.FILL, error=error, offsets=offsets, through=left, deep=(near, far, color)
             )
@@ -198,7 +198,7 @@ class Layer:
             self._deep(error, True, offsets, held, (near, far, color))
         depth = fetch(near)
         back = depth if far is near else fetch(far)
-        return DeepSamples(counts, depth, back, fetch(color), left)
+        return DeepSamples(fetch(held), depth, back, fetch(color), left)
 
     # --- private ---------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ are averaged; all else is read from the sample in the middle and never mixed.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.delegate import sampling
 from usdsplat.delegate.band import Band
 from usdsplat.delegate.frame_stats import Clock, FrameStats
@@ -36,7 +37,7 @@ from usdsplat.delegate.specs import CameraSpec, View
 from usdsplat.delegate.sums import Sums
 from usdsplat.delegate.surface_cache import SurfaceCache
 from usdsplat.kernels import surface
-from usdsplat.kernels.device import Device
+from usdsplat.kernels.device import CpuDevice, Device
 
 AOVS = (
     *AVERAGED,
@@ -67,10 +68,15 @@ ORDERED = ("zDepth", "rayHitDistance")
 
 
 class Renderer:
-    """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes."""
+    """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes.
 
-    def __init__(self, device: Device) -> None:
+    Args:
+        falls_back: Whether the CPU goes on where a GPU fails.
+    """
+
+    def __init__(self, device: Device, *, falls_back: bool = False) -> None:
         self._device = device
+        self._falls_back = falls_back
         self._idle: list[Scratch] = []
         self._closed = False
         self._surface_cache = SurfaceCache()
@@ -122,13 +128,14 @@ class Renderer:
                 raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
         screen = Screen.of(view)
         blend_space = blend_space_of(scene, settings)
-        output = Output(self._device, settings, blend_space, view.camera.exposure)
+        self._output(settings, blend_space, view)  # refused now, not when the first band is taken
 
         def still(_: float) -> Moment:
             return scene, view
 
         def bands(scratch: Scratch) -> Iterator[Band]:
             stats = FrameStats()
+            output = self._output(settings, blend_space, view)
             shot = Shot(
                 device=self._device,
                 surface_cache=self._surface_cache,
@@ -172,10 +179,10 @@ class Renderer:
         settings = replace(settings, samples=1, blend_space="linear", color_mode="scene")
         screen = Screen.of(view)
         blend_space = settings.working_space
-        output = Output(self._device, settings, blend_space, view.camera.exposure)
 
         def bands(scratch: Scratch) -> Iterator[tuple[int, int, DeepSamples]]:
             stats = FrameStats()
+            output = self._output(settings, blend_space, view)
             shot = Shot(
                 device=self._device,
                 surface_cache=self._surface_cache,
@@ -209,14 +216,35 @@ class Renderer:
 
     # --- private ---------------------------------------------------------------------------
 
+    def _output(self, settings: RenderSettings, blend_space: str, view: View) -> Output:
+        return Output(self._device, settings, blend_space, view.camera.exposure)
+
     def _borrowing(self, bands: Callable[[Scratch], Iterator[Any]]) -> Iterator[Any]:
-        """Run a generator with buffers of its own, which others take over at its end."""
+        """Run a generator with buffers of its own, which others take over at its end. Where a GPU
+        fails, and the CPU may go on, it draws the bands that are still to come."""
         scratch = self._idle.pop() if self._idle else Scratch(self._device.resident)
+        taken = 0
         try:
-            yield from bands(scratch)
+            for band in bands(scratch):
+                taken += 1
+                yield band
+        except BackendError as error:
+            if not self._falls_back or self._device.name == "cpu":
+                raise
+            scratch = self._fall_back(error)
+            yield from itertools.islice(bands(scratch), taken, None)
         finally:
             if not self._closed:
                 self._idle.append(scratch)
+
+    def _fall_back(self, error: BackendError) -> Scratch:
+        """Let the CPU draw from now on; returns buffers there."""
+        failed = self._device
+        self._device = CpuDevice(threads=failed.threads, remark=f"{error}; the CPU does the work")
+        self._idle.clear()
+        self._surface_cache = SurfaceCache()
+        failed.close()
+        return Scratch(self._device.resident)
 
     def _rows(
         self, shot: Shot, screen: Screen, view: View, band_pixels: int

@@ -21,18 +21,29 @@ class Scratch:
     def __init__(self, empty: Callable[[int, Any], Any]) -> None:
         self._empty = empty
         self._buffers: dict[str, Any] = {}
+        self._views: dict[str, tuple[tuple[int, ...], Any, Any]] = {}
+        """Name -> shape and type that were asked for last, and what was given: most ask for the
+        same in each picture, and a view of a GPU's array takes time."""
         self._made: dict[str, Any] = {}
         self._notes: dict[str, Any] = {}
 
     def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         """The buffer `name` as an array of this shape; what it holds is undefined."""
+        last = self._views.get(name)
+        if last is not None and last[0] == shape and last[1] == dtype:
+            return last[2]
+        view = self._view(name, shape, dtype)
+        self._views[name] = shape, dtype, view
+        return view
+
+    def _view(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         size = math.prod(shape)
         if size == 0:
             return self._empty(0, dtype).reshape(shape)
         buffer = self._buffers.get(name)
         if buffer is None or buffer.size < size or buffer.dtype != np.dtype(dtype):
-            self._buffers.pop(name, None)
-            self._notes.pop(name, None)
+            for each in (self._buffers, self._views, self._notes):
+                each.pop(name, None)
             buffer = self._buffers[name] = self._empty(size, dtype)
         return buffer[:size].reshape(shape)
 

@@ -69,7 +69,7 @@ def decimate(
     if len(cloud) <= count:
         return cloud
     cloud = _shown(edit.prune(cloud), count)
-    splats = _Splats.of(cloud, device or open_device())
+    splats = _Splats.of(cloud, device or open_device(task="geometry"))
     total = max(len(cloud) - count, 0)
     stalled = False
     while len(splats.rows) > count:

@@ -56,7 +56,9 @@ def drop_outliers(
     few = sound.positions[order[ranks <= found]]
     alone = np.ones(len(sound), np.bool_)
     alone[order] = ~_in_crowds(ranks, found)
-    _, distances = nearest(device or open_device(), few, sound.positions[alone], found + 1)
+    _, distances = nearest(
+        device or open_device(task="geometry"), few, sound.positions[alone], found + 1
+    )
     # The nearest is the point itself, or another at the same place: at distance 0 either way.
     means = np.zeros(len(sound))
     means[alone] = distances.sum(axis=1, dtype=np.float64) / found

@@ -119,7 +119,8 @@ def command(shot: Path, target: Path) -> list[str]:
     return [sys.executable, "-m", "usdsplat", *words]
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [2, 10])
 def test_killed_for_good_at_any_moment(tmp_path: Path, kills: int) -> None:
     """Oracle: a command that nobody disturbed: all values at all samples, and all bytes. Processes
     are killed by a signal, wherever they are after the first frame; splats are born and die."""

@@ -59,7 +59,7 @@ class Runner:
         is_paced: bool = True,
     ) -> None:
         self._document = document
-        self._device = open_device(device, threads=threads)
+        self._device = open_device(device, threads=threads, task="geometry")
         self._budget, self._is_paced = budget, is_paced
         self._telling = threading.RLock()
         self._live: LiveRun | None = None

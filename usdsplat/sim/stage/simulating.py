@@ -242,7 +242,9 @@ def simulate(
         raise OutputError(str(target), "a file", "a new name, or --resume or --force")
     with compile_time() as compiled:
         clock = Clock(compiled)
-        machine = open_device(device, threads=threads) if isinstance(device, str) else device
+        machine = device
+        if isinstance(machine, str):
+            machine = open_device(machine, threads=threads, task="geometry")
         if machine.remark:
             remark(machine.remark)
         try:

@@ -1,0 +1,70 @@
+"""What draws for an engine, on a device that is chosen and opened when it is first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from usdsplat.core.errors import UsageError
+from usdsplat.delegate.cost import Work
+from usdsplat.delegate.render_param import RenderParam
+from usdsplat.delegate.render_pass import RenderPass
+from usdsplat.delegate.renderer import Renderer
+from usdsplat.kernels.device import checked_name, checked_threads, open_device
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Opened:
+    renderer: Renderer
+    render_pass: RenderPass
+
+
+class Drawer:
+    """A renderer of one render scene, and the pass that draws only what is stale.
+
+    Args:
+        device: "auto", or a name that `kernels.device.open_device` knows.
+        threads: How many to use; None for all.
+
+    Raises:
+        BackendError: If there is no device of that name.
+        UsageError: If the number of threads is out of range.
+    """
+
+    def __init__(self, param: RenderParam, device: str, threads: int | None) -> None:
+        self._param = param
+        self._device, self._threads = checked_name(device), checked_threads(threads)
+        self._seconds: float | None = None
+        self._opened: _Opened | None = None
+        self._is_closed = False
+
+    def expect(self, work: Iterable[Work]) -> None:
+        """Say what will be drawn of the scene as it is; it counts for a device that is not yet
+        open."""
+        splats = self._param.scene.draw_list().total
+        self._seconds = sum(each.seconds(splats, self._threads) for each in work)
+
+    @property
+    def renderer(self) -> Renderer:
+        """What draws."""
+        return self._open().renderer
+
+    @property
+    def render_pass(self) -> RenderPass:
+        """What has it draw."""
+        return self._open().render_pass
+
+    def close(self) -> None:
+        """Release what it has opened; nothing is opened any more."""
+        self._is_closed = True
+        if self._opened is not None:
+            self._opened.renderer.close()
+
+    def _open(self) -> _Opened:
+        if self._opened is None:
+            if self._is_closed:
+                raise UsageError("engine", "a closed one", "an open one")
+            device = open_device(self._device, threads=self._threads, seconds=self._seconds)
+            renderer = Renderer(device, falls_back=self._device == "auto")
+            self._opened = _Opened(renderer, RenderPass(renderer, self._param))
+        return self._opened
