@@ -75,6 +75,14 @@ def test_a_full_gpu_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda, "device_array", refuses)
     with pytest.raises(BackendError, match="device cuda: found too little memory on the GPU"):
         frames.check_floats(device, 30, 1)
+
+    def fails(*_: Any, **__: Any) -> None:
+        raise RuntimeError("Call to cuMemAlloc results in CUDA_ERROR_ILLEGAL_ADDRESS\nand more")
+
+    monkeypatch.setattr(cuda, "device_array", fails)
+    said = r"found RuntimeError \(Call to .*_ADDRESS\), expected a GPU that works, or --device cpu$"
+    with pytest.raises(BackendError, match=said):
+        device.resident(1, np.float32)
     monkeypatch.setattr(cuda, "device_array", lambda *_, **__: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         device.resident(1, np.float32)
