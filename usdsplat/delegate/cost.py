@@ -22,7 +22,7 @@ OTHER = 0.7
 BY_RAY, DEEP = 20.0, 6.0
 """How much longer contributions take that each pixel sorts for itself, and that are kept."""
 SHARE = 0.7
-"""Of a thread's time that is of use, where there are several."""
+"""Fraction of each thread's time that is useful when several threads work [0..1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +30,7 @@ class Work:
     """Some pictures of one kind."""
 
     pixels: int
-    """Of all of them together."""
+    """Pixels of all pictures together."""
     pictures: int
     settings: RenderSettings
     aovs: Collection[str] = ("color",)

@@ -38,7 +38,7 @@ class Task:
 
     device: str
     capability: Capability | None
-    """Of the GPU; None for the CPU."""
+    """Compute capability (major, minor) of the GPU; None for the CPU."""
     name: str
     types: str
 
@@ -161,7 +161,7 @@ def _note(device: str, capability: Capability | None) -> str:
 
 
 def _module_of(name: str) -> str:
-    """That in which a kernel of a table is, full name."""
+    """Return the full name of the module that holds a kernel of a table."""
     return f"{HERE}.{name.partition('(')[0].rpartition('.')[0]}"
 
 

@@ -104,7 +104,7 @@ def _path(key: str) -> Path | None:
 
 
 def _users_caches() -> Path:
-    """The user's cache folder by each platform's custom."""
+    """Return the folder in which this platform keeps a user's caches."""
     if os.environ.get("XDG_CACHE_HOME"):
         return Path(os.environ["XDG_CACHE_HOME"])
     if sys.platform == "darwin":

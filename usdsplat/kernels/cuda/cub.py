@@ -22,7 +22,7 @@ from usdsplat.kernels.compiling import compiled
 from usdsplat.kernels.cuda.support import capability
 
 PACKAGES = ("cuda-cccl", "nvidia-cuda-nvrtc", "nvidia-nvjitlink")
-"""What builds."""
+"""Packages whose versions a build depends on."""
 
 
 def build(algorithm: str, types: str) -> bytes:
