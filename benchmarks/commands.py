@@ -24,10 +24,13 @@ from usdsplat.kernels.cuda.support import obstacle
 
 LATER = 3
 """Processes after the first."""
-CAPTURE = "splats/statue_angel.sog"
-COMMANDS = {
-    "a PNG of 1920×1080": ("-o", "{folder}/a.png"),
-    "an EXR with Z and ids": ("-o", "{folder}/a.exr", "--aovs", "color,Z,id"),
+CAPTURE = DATA / "splats/statue_angel.sog"
+PICTURE = ("render", str(CAPTURE), "--resolution", "1920x1080", "--device", "{device}")
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "render a PNG": (*PICTURE, "-o", "{folder}/a.png"),
+    "render an EXR with Z and ids": (*PICTURE, "-o", "{folder}/a.exr", "--aovs", "color,Z,id"),
+    "demo": ("demo", "-o", "{folder}/demo"),
+    "compile": ("compile", "--device", "{device}"),
 }
 
 
@@ -46,17 +49,16 @@ def seconds(words: list[str], cache: Path) -> float:
 
 def main(report: Report) -> None:
     """Print the table."""
-    devices = ["cpu", *(["cuda"] if obstacle() is None else [])]
-    table = Table(title=f"{CAPTURE}: seconds of a process")
+    devices = ["cpu", *(["cuda", "auto"] if obstacle() is None else [])]
+    table = Table(title=f"{CAPTURE.name}, 1920×1080: seconds of a process")
     for name in ("command", "device", "first", f"later, median of {LATER}"):
         table.add_column(name, justify="right")
     with tempfile.TemporaryDirectory() as folder:
-        for what, flags in COMMANDS.items():
-            for device in devices:
-                cache = Path(folder) / f"{device}-{len(what)}"
-                words = ["render", str(DATA / CAPTURE), "--resolution", "1920x1080"]
-                words += ["--device", device, *(flag.format(folder=folder) for flag in flags)]
-                first, *later = (seconds(words, cache) for _ in range(1 + LATER))
+        for what, words in COMMANDS.items():
+            for device in devices if any("{device}" in word for word in words) else ["auto"]:
+                cache = Path(folder) / f"{device} {what}"
+                filled = [word.format(folder=folder, device=device) for word in words]
+                first, *later = (seconds(filled, cache) for _ in range(1 + LATER))
                 middle = statistics.median(later)
                 report.add(device=device, command=what, first=first, later=middle)
                 table.add_row(what, device, f"{first:.1f}", f"{middle:.2f}")

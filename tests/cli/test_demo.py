@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
@@ -161,20 +160,21 @@ def test_what_cannot_be_made_is_one_sentence(run, capture):
     assert err.startswith("usdsplat: demo: found 200000 splats, 0 frames, expected 1000 to")
 
 
-def test_what_the_demo_compiles_ahead_is_what_it_launches(run, capture, tmp_path, monkeypatch):
+def test_what_the_demo_compiles_ahead_is_what_it_launches(run, tmp_path, monkeypatch):
     """Oracle: the kernels that Numba is asked for meanwhile."""
     from usdsplat.kernels import jit, signatures
 
     asked = set()
     load = jit.KernelCache.load_overload
 
-    def noted(self, *args):
-        asked.add(f"{self._function.__module__}.{self._function.__name__}")
-        return load(self, *args)
+    def noted(self, signature, context):
+        types = signature.args if hasattr(signature, "args") else signature
+        name = f"{self._function.__module__}.{self._function.__name__}"
+        asked.add((name.removeprefix("usdsplat.kernels."), signatures.encode(types)))
+        return load(self, signature, context)
 
     monkeypatch.setattr(jit.KernelCache, "load_overload", noted)
-    names = Path(demo.__file__).with_name("demo_kernels.txt").read_text().split()
-    known = {name for name, _ in signatures.table("cpu")}
-    assert len(names) == len(set(names)) and set(names) <= known
-    assert run("demo", capture, "-o", tmp_path / "demo", "--frames", 2)[0] == 0
-    assert {name.removeprefix("usdsplat.kernels.") for name in asked} & known <= set(names)
+    listed, known = signatures.read(demo.KERNELS), set(signatures.table("cpu"))
+    assert len(listed) == len(set(listed)) and set(listed) <= known
+    assert run("demo", "-o", tmp_path / "demo", "--splats", 3000, "--frames", 2)[0] == 0
+    assert asked & known <= set(listed)

@@ -14,11 +14,10 @@ notes:
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional
 
@@ -27,15 +26,14 @@ from usdsplat.cli.parsing import option
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.progress import Progress
 
-if TYPE_CHECKING:
-    from usdsplat.kernels.ahead import Task
-
 COARSE, GROWN = 50_000, 300_000
 """How many splats are modelled to be simulated, and most that a capture may have for it."""
 BALL = "/World/Simulation/Ball"
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
-REACTION_STEPS = 40
-"""In a frame: fewer than the preset's, for a pattern that is seen to spread."""
+KERNELS = Path(__file__).with_name("demo_kernels.txt")
+"""What is compiled for it all, in the order in which it is needed."""
+QUICKER = ("sim:substeps=2", "rd:substeps=40")
+"""Than the preset: for a pattern that is seen to spread, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +79,7 @@ def run(options: Options) -> int:
     """Run the main job from end to end; print each result with what it is."""
     from usdsplat.cli.turntable import author_turntable
     from usdsplat.interchange import import_capture
-    from usdsplat.kernels import ahead
+    from usdsplat.kernels import ahead, signatures
     from usdsplat.kernels.compiling import compile_time, on_compile
 
     if not (1 <= options.frames <= 10_000 and 1_000 <= options.splats <= 20_000_000):
@@ -93,7 +91,7 @@ def run(options: Options) -> int:
         compile_time() as compiled,
         console.progress(compiled) as progress,
         on_compile(console.announce_compilation(COMPILING)),
-        ahead.compiling(_kernels(), jobs=(options.threads or os.cpu_count() or 1) - 1),
+        ahead.compiling(signatures.read(KERNELS), jobs=options.threads),
     ):
         own = folder / "capture.ply"
         capture = options.capture or _model(own, options.splats, results, progress)
@@ -112,17 +110,6 @@ def run(options: Options) -> int:
             _grow(stage, options, results, progress)
     results.finish(f"next: usdsplat info {folder / 'stage.usda'}")
     return 0
-
-
-def _kernels() -> list[Task]:
-    """What is to be compiled for it all, in the order in which it is needed; nothing where all of
-    that is kept already."""
-    from usdsplat.kernels import ahead
-
-    names = Path(__file__).with_name("demo_kernels.txt").read_text().split()
-    wanted = {name: k for k, name in enumerate(names)}
-    tasks = [task for task in ahead.tasks("cpu") if task.name in wanted]
-    return sorted(ahead.missing(tasks), key=lambda task: wanted[task.name])
 
 
 def _made(folder: Path) -> Path:
@@ -165,7 +152,7 @@ def _model_coarsely(folder: Path, options: Options, results: Results, progress: 
     from usdsplat.interchange import import_capture
 
     splats = min(options.splats, COARSE)
-    capture = _model(folder / "coarse.ply", splats, results, progress, degree=1)
+    capture = _model(folder / "coarse.ply", splats, results, progress, degree=0)
     import_capture(capture, folder / "coarse.usdc", progress=progress)
     author_turntable(folder / "coarse.usda", folder / "coarse.usdc", frames=options.frames)
     results.tell(folder / "coarse.usda", "the stage again, coarser, for something to grow on it")
@@ -184,7 +171,8 @@ def _grow(source: Path, options: Options, results: Results, progress: Progress) 
     author_preset("grow", open_stage(source), growth, last=options.frames)
     stage = open_stage(growth)
     look_across(stage, BALL)
-    override(stage, f"rd:substeps={REACTION_STEPS}", layer=stage.GetRootLayer())
+    for text in QUICKER:
+        override(stage, text, layer=stage.GetRootLayer())
     stage.GetRootLayer().Save()
     results.tell(growth, "a simulation: a pattern grows on the capture, and a ball passes")
     frames = tuple(float(frame) for frame in range(1, options.frames + 1))

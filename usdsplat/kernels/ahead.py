@@ -90,20 +90,6 @@ def compile_task(task: Task) -> None:
         jit.assemble(task.name, types, task.capability)
 
 
-def missing(tasks: Sequence[Task]) -> list[Task]:
-    """Return those tasks for the CPU of which nothing is kept."""
-    from numba.core.registry import cpu_target
-
-    from usdsplat.kernels.jit import cpu_key
-
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    return [
-        task
-        for task in tasks
-        if not store.has(cpu_key(_cpu_kernel(task.name).py_func, task.types, processor))
-    ]
-
-
 def compile_all(
     tasks: Sequence[Task], *, jobs: int | None = None, progress: Progress = silent
 ) -> list[tuple[Task, str]]:
@@ -115,39 +101,45 @@ def compile_all(
     Returns:
         The tasks that failed, each with the first line of the reason.
     """
-    jobs = min(jobs or os.cpu_count() or 1, max(1, len(tasks)))
-    context = multiprocessing.get_context("spawn")  # Numba's threads do not survive a fork
-    failed = []
-    with ProcessPoolExecutor(
-        jobs, context, initializer=_keep_in, initargs=(str(store.folder()),)
-    ) as pool:
-        pending = {pool.submit(_problem_of, task): task for task in tasks}
-        for done, future in enumerate(as_completed(pending)):
-            problem = future.result()
-            if problem:
-                failed.append((pending[future], problem))
-            progress.step("compiling kernels", done + 1, len(tasks))
+    failed, done = [], 0
+    for device in ("cpu", "cuda"):
+        some = [task for task in tasks if task.device == device]
+        if not some:
+            continue
+        with _workers(device, min(jobs or os.cpu_count() or 1, len(some))) as pool:
+            pending = {pool.submit(_problem_of, task): task for task in some}
+            for future in as_completed(pending):
+                problem = future.result()
+                if problem:
+                    failed.append((pending[future], problem))
+                done += 1
+                progress.step("compiling kernels", done, len(tasks))
     return failed
 
 
 @contextmanager
-def compiling(tasks: Sequence[Task], *, jobs: int) -> Iterator[None]:
-    """While the context lasts, compile in other processes, the last task first: who needs the first
-    ones now compiles those meanwhile. What is not done in the end is left out.
+def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) -> Iterator[None]:
+    """While the context lasts, compile kernels of the CPU in other processes, the first one first;
+    who needs one that is still to come waits for it. What is not done in the end is left out.
 
     Args:
-        jobs: How many processes; none for 0.
+        kernels: Names and types, in the order in which they are needed.
+        jobs: How many processes; None for one for each core.
     """
-    if jobs < 1 or not tasks:
+    from usdsplat.kernels import jit
+
+    missing = _missing(kernels)
+    if not missing:
         yield
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, context, initializer=_keep_in, initargs=(str(store.folder()),))
+    pool = _workers("cpu", min(jobs or os.cpu_count() or 1, len(missing)))
+    coming = {key: pool.submit(_problem_of, task) for key, task in missing.items()}
+    jit.COMING.update(coming)
     try:
-        for task in reversed(tasks):
-            pool.submit(_problem_of, task)
         yield
     finally:
+        for key in coming:
+            del jit.COMING[key]
         pool.shutdown(wait=False, cancel_futures=True)
 
 
@@ -165,8 +157,33 @@ def _module_of(name: str) -> str:
     return f"{HERE}.{name.partition('(')[0].rpartition('.')[0]}"
 
 
-def _keep_in(folder: str) -> None:
+def _missing(kernels: Sequence[tuple[str, str]]) -> dict[str, Task]:
+    """Return those for the CPU of which nothing is kept, by key."""
+    from numba.core.registry import cpu_target
+
+    from usdsplat.kernels.jit import cpu_key
+
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    missing = {}
+    for name, types in kernels:
+        key = cpu_key(_cpu_kernel(name).py_func, types, processor)
+        if not store.has(key):
+            missing[key] = Task(device="cpu", capability=None, name=name, types=types)
+    return missing
+
+
+def _workers(device: str, jobs: int) -> ProcessPoolExecutor:
+    """Return processes that compile for a device and keep what they make where this one does."""
+    context = multiprocessing.get_context("spawn")  # Numba's threads do not survive a fork
+    return ProcessPoolExecutor(jobs, context, _begin, (device, str(store.folder())))
+
+
+def _begin(device: str, folder: str) -> None:
     store.use(Path(folder))
+    if device == "cpu":
+        from usdsplat.kernels.unloaded import compile_only
+
+        compile_only()
 
 
 def _problem_of(task: Task) -> str:

@@ -11,6 +11,7 @@ import functools
 import pickle
 import sys
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from typing import Any
 
 import numba
@@ -19,12 +20,17 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from usdsplat.kernels import signatures, sources, store
+from usdsplat.kernels.compiling import compiled
 
 config: Any = numba.core.config
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 """No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,
 so a loop gives the same bits whether LLVM vectorises it or not."""
+ONLY: set[str] = set()
+"""Names below KEPT: all that this process keeps; everything where there is none."""
+COMING: dict[str, Future[Any]] = {}
+"""By key: what another process compiles or is going to compile, see `ahead.compiling`."""
 KEPT = "usdsplat.kernels."
 """Kernels of modules that begin so are kept; those that tests make are not."""
 
@@ -45,7 +51,12 @@ class KernelCache:
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return what is kept of a signature, or None."""
-        data = store.load(self._key(signature, context.codegen()))
+        key = self._key(signature, context.codegen())
+        data = store.load(key)
+        if data is None and key in COMING:
+            with compiled(self._function.__name__):
+                wait([COMING[key]])
+            data = store.load(key)
         if data is None:
             return None
         context.refresh()
@@ -56,6 +67,9 @@ class KernelCache:
 
     def save_overload(self, signature: Any, made: Any) -> None:
         """Keep what was compiled."""
+        name = f"{self._function.__module__}.{self._function.__qualname__}"
+        if ONLY and name.removeprefix(KEPT) not in ONLY:
+            return
         is_plain: Any = CompileResultCacheImpl.check_cachable
         if is_plain(None, made):
             store.save(self._key(signature, made.library.codegen), dumps(made._reduce()))
@@ -80,10 +94,10 @@ def cpu_key(function: Callable[..., Any], types: str, processor: Any) -> str:
 
 def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """njit, kept between processes."""
-    compiled = numba.njit(**FLAGS, **options)(function)
+    kernel = numba.njit(**FLAGS, **options)(function)
     if not config.DISABLE_JIT and function.__module__.startswith(KEPT):
-        compiled._cache = KernelCache(function)
-    return compiled
+        kernel._cache = KernelCache(function)
+    return kernel
 
 
 def scalar(function: Callable[..., Any]) -> Any:

@@ -31,7 +31,12 @@ TABLES = {"cpu": "launched.txt", "cuda": "cuda/launched.txt"}
 
 def table(device: str) -> list[tuple[str, str]]:
     """Return the kernels of a device that are launched, each with the types of its arguments."""
-    lines = (Path(__file__).parent / TABLES[device]).read_text().splitlines()
+    return read(Path(__file__).parent / TABLES[device])
+
+
+def read(path: Path) -> list[tuple[str, str]]:
+    """Return the kernels of a file with one in a line: its name, and the types of its arguments."""
+    lines = path.read_text().splitlines()
     return [(name, types) for name, _, types in (line.partition(" ") for line in lines) if name]
 
 

@@ -1,0 +1,56 @@
+"""What is compiled by other processes while this one works."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from usdsplat.kernels import ahead, jit, sort, store, total
+from usdsplat.kernels.compiling import on_compile
+
+KERNELS = [("total.clear", "f4:3C"), ("total.add", "f4:3C f4:3C")]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """One of the test's own."""
+    monkeypatch.setattr(store, "_chosen", None)
+    monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kernels"))
+    return tmp_path / "kernels"
+
+
+@pytest.fixture
+def compiled_here(monkeypatch):
+    """Names of what Numba compiles in this process."""
+    names: list[str] = []
+    with on_compile(names.append):
+        yield names
+
+
+def test_who_needs_what_is_being_compiled_waits_for_it(folder, compiled_here):
+    """Oracle: NumPy's sum; this process is told of one thing that it waits for, and keeps nothing
+    itself: there is one entry for each kernel."""
+    image = np.random.default_rng(3).random((5, 4, 3), np.float32)
+    out = image.copy()
+    with ahead.compiling(KERNELS, jobs=1):
+        assert len(jit.COMING) == 2
+        jit.parallel(total.add.py_func)(out, image)
+        kept = [path for path in folder.rglob("*") if path.stat().st_size > 5000]
+    assert compiled_here == ["add"]
+    np.testing.assert_array_equal(out, image + image)
+    assert not jit.COMING
+    assert len(kept) == 2
+
+
+def test_machine_code_of_a_process_that_runs_nothing_runs_here(compiled_here):
+    """Oracle: NumPy's stable argsort; nothing is compiled here."""
+    tasks = [task for task in ahead.tasks("cpu") if task.name == "sort.depth_order"]
+    assert ahead.compile_all(tasks, jobs=1) == []
+    count, chunks = 4000, 3
+    keys = np.random.default_rng(5).integers(0, 50, count).astype(np.float32)
+    visible = np.arange(count, dtype=np.int32)
+    work = np.empty((2, count), np.uint32), np.empty((2, count), np.int32)
+    histogram = np.empty((chunks, sort.DIGITS), np.int64)
+    half = jit.parallel(sort.depth_order.py_func)(visible, count, keys, chunks, work, histogram)
+    np.testing.assert_array_equal(work[1][half], np.argsort(keys, kind="stable"))
+    assert compiled_here == []
