@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
 
 from usdsplat.cli.main import main
 from usdsplat.kernels import ahead, signatures, store
 
+PATIENCE = 60.0
+"""[s] For a machine with much else to do."""
+
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch, tmp_path):
-    """Three kernels, of which none takes long, and a folder for them."""
+    """Two kernels, of which none takes long, and a folder for them."""
     table = [line for line in signatures.table("cpu") if line[0] in ("surface.clear", "total.add")]
     monkeypatch.setattr(signatures, "table", lambda device: list(table) if device == "cpu" else [])
     monkeypatch.setattr(store, "_chosen", None)
@@ -29,7 +39,8 @@ def test_kernels_are_compiled_and_it_says_where_they_are(tmp_path, capsys) -> No
         path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.stat().st_size > 5000
     }
     assert len(entries) == 2
-    assert main(arguments) == 0
+    assert main([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"folder": str(folder), "kernels": 2}
     assert {path: path.stat().st_mtime_ns for path in entries} == entries
     assert not (tmp_path / "elsewhere").exists()
 
@@ -45,13 +56,46 @@ def test_a_kernel_that_does_not_compile_is_named(tmp_path, capsys, monkeypatch) 
     assert not ahead.is_noted("cpu", None)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+def test_an_interrupted_one_ends_at_once(tmp_path) -> None:
+    """Oracle: what Ctrl-C in a terminal does: the signal goes to all processes; status 130, one
+    sentence, and no process is left in the group."""
+    program = "import sys; from usdsplat.cli.main import main; sys.exit(main())"
+    arguments = ["compile", "--device", "cpu", "--cache-dir", str(tmp_path), "--jobs", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *arguments],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not any(path.stat().st_size > 5000 for path in tmp_path.rglob("*")):
+        assert process.poll() is None
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "usdsplat: interrupted" and "Traceback" not in said
+    for _ in range(int(PATIENCE)):
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(1)
+    raise AssertionError("processes are left")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--device", "abacus"], "--device: found 'abacus', expected auto, cpu or cuda"),
         (["--jobs", "0"], "--jobs: found 0, expected 1 or more"),
         (["--device", "cpu", "--capability", "9.0"], "--capability: found --device cpu, expected"),
-        (["--cache-dir", "{file}"], "--cache-dir: found {file}: found not a directory"),
+        (["--capability", "abc"], "--capability: found 'abc', expected numbers such as 8.9 or"),
+        (["--cache-dir", ""], "--cache-dir: found '', expected a folder"),
+        (
+            ["--cache-dir", "{file}"],
+            "--cache-dir: found {file}: not a directory, expected a folder that can be written",
+        ),
     ],
 )
 def test_mistakes_are_one_sentence(tmp_path, capsys, arguments, said) -> None:

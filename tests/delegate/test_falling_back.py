@@ -58,6 +58,27 @@ def test_the_cpu_draws_what_is_still_to_come(launches) -> None:
     assert renderer.remark == f"{SAID}; the CPU does the work"
 
 
+def test_two_pictures_that_are_drawn_at_once_both_fall_back() -> None:
+    """Oracle: the CPU's picture, bit for bit, of both, and of one that follows."""
+    scene = scene_of((random_cloud(3), np.eye(4)))
+    expected = drawn(Renderer(CpuDevice()), scene)
+    device = Failing(1000)
+    renderer = Renderer(device, falls_back=True)
+    pictures = [
+        renderer.render(scene, view_of(lens()), settings_of(), AOVS, band_pixels=150 * 40)
+        for _ in range(2)
+    ]
+    parts = [[{k: v.copy() for k, v in next(picture).arrays.items()}] for picture in pictures]
+    device.left = 0
+    for picture, found in zip(pictures, parts, strict=True):
+        found += [{k: v.copy() for k, v in band.arrays.items()} for band in picture]
+    for found in parts:
+        for name in AOVS:
+            np.testing.assert_array_equal(np.concatenate([p[name] for p in found]), expected[name])
+    assert renderer.device == "cpu"
+    np.testing.assert_array_equal(drawn(renderer, scene)["color"], expected["color"])
+
+
 def test_who_asks_for_a_gpu_is_told(any_device) -> None:
     """Oracle: the error itself."""
     renderer = Renderer(Failing(3))

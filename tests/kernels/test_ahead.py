@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
+
 import numpy as np
 import pytest
 
+from usdsplat.core.errors import BackendError
 from usdsplat.kernels import ahead, jit, sort, store, total
 from usdsplat.kernels.compiling import on_compile
 
+PATIENCE = 60.0
+"""[s] For a machine with much else to do."""
 KERNELS = [("total.clear", "f4:3C"), ("total.add", "f4:3C f4:3C")]
 
 
@@ -15,6 +20,7 @@ KERNELS = [("total.clear", "f4:3C"), ("total.add", "f4:3C f4:3C")]
 def folder(tmp_path, monkeypatch):
     """One of the test's own."""
     monkeypatch.setattr(store, "_chosen", None)
+    monkeypatch.setattr(store, "_refusal", "")
     monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kernels"))
     return tmp_path / "kernels"
 
@@ -54,3 +60,40 @@ def test_machine_code_of_a_process_that_runs_nothing_runs_here(compiled_here):
     half = jit.parallel(sort.depth_order.py_func)(visible, count, keys, chunks, work, histogram)
     np.testing.assert_array_equal(work[1][half], np.argsort(keys, kind="stable"))
     assert compiled_here == []
+
+
+def test_what_is_not_done_in_the_end_is_left_out(folder):
+    """Oracle: no process is left, and of two kernels that one process would compile in turn the
+    second is not kept."""
+    heavy = [task for task in ahead.tasks("cpu") if task.name in ("blend.blend", "shade.shade")]
+    assert len(heavy) == 2
+    with ahead.compiling([(task.name, task.types) for task in heavy], jobs=1):
+        (worker,) = multiprocessing.active_children()
+    worker.join(PATIENCE)
+    assert not worker.is_alive() and not multiprocessing.active_children()
+    assert len([path for path in folder.rglob("*") if path.stat().st_size > 5000]) < 2
+
+
+def test_nothing_is_begun_where_nothing_can_be_kept(folder):
+    """Oracle: no process, and the reason for the user; a file is in the folder's place."""
+    folder.write_text("")
+    with ahead.compiling(KERNELS, jobs=1):
+        assert not jit.COMING and not multiprocessing.active_children()
+    assert store.refusal() == f"{folder}: not a directory"
+    tasks = [task for task in ahead.tasks("cpu") if task.name == "total.clear"]
+    assert ahead.compile_all(tasks, jobs=1) == [(tasks[0], store.refusal())]
+
+
+class Killer:
+    """Who ends the processes, as a system without memory does it, when the first kernel is done."""
+
+    def step(self, label: str, done: int, total: int) -> None:
+        for child in multiprocessing.active_children():
+            child.kill()
+
+
+def test_a_process_that_is_ended_is_one_sentence():
+    """Oracle: the error's parts."""
+    tasks = [task for task in ahead.tasks("cpu") if task.name.startswith("total.")]
+    with pytest.raises(BackendError, match="compile: found a process of it that was ended"):
+        ahead.compile_all(tasks, jobs=1, progress=Killer())

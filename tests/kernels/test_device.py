@@ -173,7 +173,18 @@ def test_auto_is_the_device_that_is_done_first(monkeypatch, task, seconds, is_no
     """Oracle: what a GPU's start and compilation take, as the module says; only who might wait for
     a compilation for nothing is told of it."""
     monkeypatch.setattr(support, "capability", lambda: (9, 0))
+    monkeypatch.setattr(support, "obstacle", lambda: None)
     monkeypatch.setattr(ahead, "is_noted", lambda *_: is_noted)
     name, remark = automatic(task, seconds)
     assert name == expected
     assert bool(remark) == (seconds is None and not is_noted)
+
+
+def test_who_has_a_gpu_and_not_its_packages_is_told_which(monkeypatch):
+    """Oracle: the sentence that an order for the GPU gets; to compile would not help."""
+    missing = "a GPU but no package numba-cuda", support.INSTALL
+    monkeypatch.setattr(support, "capability", lambda: (9, 0))
+    monkeypatch.setattr(support, "obstacle", lambda: missing)
+    monkeypatch.setattr(ahead, "is_noted", lambda *_: False)
+    expected = f"device cuda: found {missing[0]}, expected {missing[1]}"
+    assert automatic("pictures") == ("cpu", expected)

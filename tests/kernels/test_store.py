@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import pytest
@@ -48,6 +49,18 @@ def test_a_damaged_entry_is_a_missing_one(folder, damage):
     assert store.load(key) == b"code"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
+def test_who_may_read_an_entry_is_the_umasks_to_say(folder):
+    """Oracle: the file's mode: what root compiles into an image, a farm's user reads."""
+    before = os.umask(0o022)
+    try:
+        store.save(store.key_of("kernel"), b"code")
+    finally:
+        os.umask(before)
+    (path,) = files(folder)
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
 def test_processes_that_start_together_do_not_meet(folder):
     """Oracle: whole entries at every moment, and nothing else left, with sixteen writers."""
     key, seen = store.key_of("kernel"), []
@@ -72,7 +85,7 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path, monkeypatch):
     place.write_text("")
     monkeypatch.setenv(store.VARIABLE, str(place))
     assert not store.save(store.key_of("kernel"), b"code")
-    assert str(place) in store.refusal() and "expected a folder" in store.refusal()
+    assert store.refusal() == f"{place}: not a directory"
     assert store.load(store.key_of("kernel")) is None
     monkeypatch.setattr(store, "folder", lambda: None)
     assert not store.save(store.key_of("kernel"), b"code")
@@ -90,7 +103,10 @@ def test_a_command_says_that_nothing_is_kept(tmp_path, monkeypatch, capsys):
     assert main(["--version"]) == 0
     said = capsys.readouterr()
     assert said.out.startswith("usdsplat ")
-    assert said.err.startswith(f"usdsplat: compiled kernels are not kept: {place}: found ")
+    assert said.err == (
+        f"usdsplat: compiled kernels: found {place}: not a directory, "
+        "expected a folder that can be written\n"
+    )
 
 
 def test_the_users_cache_folder_is_the_platforms(tmp_path, monkeypatch):

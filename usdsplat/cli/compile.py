@@ -39,10 +39,12 @@ class Options:
     """what to compile for; default: all that this machine has"""
     capability: Annotated[str | None, option("X.Y,...")] = None
     """of the GPUs to compile for; default: that of the GPU here"""
-    cache_dir: Annotated[Path | None, option("DIR")] = None
+    cache_dir: Annotated[str | None, option("DIR")] = None
     """where to keep kernels; default: USDSPLAT_CACHE_DIR, or the user's cache folder"""
     jobs: Annotated[int | None, option("N")] = None
     """how many processes compile at once; default: one for each core"""
+    json: Annotated[bool, option()] = False
+    """print one JSON object: the folder, and how many kernels"""
 
 
 def run(options: Options) -> int:
@@ -50,7 +52,9 @@ def run(options: Options) -> int:
     from usdsplat.kernels import ahead, store
 
     if options.cache_dir is not None:
-        store.use(options.cache_dir.absolute())
+        if not options.cache_dir:
+            raise UsageError("--cache-dir", "''", "a folder")
+        store.use(Path(options.cache_dir).absolute())
     if options.jobs is not None and options.jobs < 1:
         raise UsageError("--jobs", str(options.jobs), "1 or more")
     if not store.save(store.key_of("compile"), b""):
@@ -66,13 +70,16 @@ def run(options: Options) -> int:
         raise BackendError("compile", found, "none")
     for each in targets:
         ahead.note(*each)
-    print(f"{store.folder()}: {counted(len(tasks), 'kernel')}")
+    if options.json:
+        console.print_json({"folder": str(store.folder()), "kernels": len(tasks)})
+    else:
+        print(f"{store.folder()}: {counted(len(tasks), 'kernel')}")
     return 0
 
 
 def _targets(options: Options) -> list[tuple[str, Capability | None]]:
     """Devices, each with the capability of its GPU."""
-    from usdsplat.kernels.cuda.support import capability, is_compiled, obstacle
+    from usdsplat.kernels.cuda.support import INSTALL, capability, is_compiled, obstacle
     from usdsplat.kernels.device import DEVICES
 
     if options.device not in ("auto", *DEVICES):
@@ -81,10 +88,11 @@ def _targets(options: Options) -> list[tuple[str, Capability | None]]:
     if options.device != "cuda":
         targets.append(("cpu", None))
     if options.capability is not None:
-        if options.device == "cpu" or not is_compiled():
-            missing = "--device cpu" if options.device == "cpu" else "no package numba-cuda"
-            raise UsageError("--capability", missing, "a device cuda that can be compiled for")
+        if options.device == "cpu":
+            raise UsageError("--capability", "--device cpu", "--device cuda or auto")
         targets += [("cuda", each) for each in _capabilities(options.capability)]
+        if not is_compiled():
+            raise BackendError("--capability", "no package numba-cuda", INSTALL)
     elif options.device == "cuda" or (options.device == "auto" and obstacle() is None):
         missing_here = obstacle()
         if missing_here is not None:

@@ -81,10 +81,12 @@ def run(options: Options) -> int:
     from usdsplat.interchange import import_capture
     from usdsplat.kernels import ahead, signatures
     from usdsplat.kernels.compiling import compile_time, on_compile
+    from usdsplat.kernels.device import checked_threads
 
     if not (1 <= options.frames <= 10_000 and 1_000 <= options.splats <= 20_000_000):
         found = f"{options.splats} splats, {options.frames} frames"
         raise UsageError("demo", found, "1000 to 20000000 splats and 1 to 10000 frames")
+    checked_threads(options.threads)
     folder = _made(options.output)
     results = Results(is_json=options.json)
     with (

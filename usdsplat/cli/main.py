@@ -121,7 +121,8 @@ def _say_what_is_not_kept() -> None:
     """Tell that the next command will compile again what this one has compiled."""
     store = sys.modules.get("usdsplat.kernels.store")
     if store is not None and store.refusal():
-        print(f"usdsplat: compiled kernels are not kept: {store.refusal()}", file=sys.stderr)
+        expected = "expected a folder that can be written"
+        print(f"usdsplat: compiled kernels: found {store.refusal()}, {expected}", file=sys.stderr)
 
 
 def _complain(message: str, status: int) -> int:

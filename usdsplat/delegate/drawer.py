@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ class Drawer:
         self._seconds: float | None = None
         self._opened: _Opened | None = None
         self._is_closed = False
+        self._opening = threading.Lock()
 
     def expect(self, work: Iterable[Work]) -> None:
         """Say what will be drawn of the scene as it is; it counts for a device that is not yet
@@ -61,10 +63,11 @@ class Drawer:
             self._opened.renderer.close()
 
     def _open(self) -> _Opened:
-        if self._opened is None:
-            if self._is_closed:
-                raise UsageError("engine", "a closed one", "an open one")
-            device = open_device(self._device, threads=self._threads, seconds=self._seconds)
-            renderer = Renderer(device, falls_back=self._device == "auto")
-            self._opened = _Opened(renderer, RenderPass(renderer, self._param))
-        return self._opened
+        with self._opening:
+            if self._opened is None:
+                if self._is_closed:
+                    raise UsageError("engine", "a closed one", "an open one")
+                device = open_device(self._device, threads=self._threads, seconds=self._seconds)
+                renderer = Renderer(device, falls_back=self._device == "auto")
+                self._opened = _Opened(renderer, RenderPass(renderer, self._param))
+            return self._opened

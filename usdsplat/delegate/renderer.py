@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,15 @@ MOTION = {"motionForward", "motionBackward"}
 """AOVs that look at the neighbouring frames."""
 ORDERED = ("zDepth", "rayHitDistance")
 """Orders in which a deep picture's samples can be kept: those of planar depths."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Desk:
+    """What one picture is drawn with, from its first band to its last."""
+
+    device: Device
+    surface_cache: SurfaceCache
+    scratch: Scratch
 
 
 class Renderer:
@@ -128,24 +137,24 @@ class Renderer:
                 raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
         screen = Screen.of(view)
         blend_space = blend_space_of(scene, settings)
-        self._output(settings, blend_space, view)  # refused now, not when the first band is taken
+        _output(self._device, settings, blend_space, view)  # refused now, not at the first band
 
         def still(_: float) -> Moment:
             return scene, view
 
-        def bands(scratch: Scratch) -> Iterator[Band]:
+        def bands(desk: _Desk) -> Iterator[Band]:
             stats = FrameStats()
-            output = self._output(settings, blend_space, view)
+            output = _output(desk.device, settings, blend_space, view)
             shot = Shot(
-                device=self._device,
-                surface_cache=self._surface_cache,
+                device=desk.device,
+                surface_cache=desk.surface_cache,
                 moments=moments or still,
                 settings=settings,
                 aovs=aovs,
                 blend_space=blend_space,
                 output=output,
                 holdout=None if holdout is None else remembering(holdout),
-                scratch=scratch,
+                scratch=desk.scratch,
                 stats=stats,
                 clock=Clock(stats),
             )
@@ -180,19 +189,19 @@ class Renderer:
         screen = Screen.of(view)
         blend_space = settings.working_space
 
-        def bands(scratch: Scratch) -> Iterator[tuple[int, int, DeepSamples]]:
+        def bands(desk: _Desk) -> Iterator[tuple[int, int, DeepSamples]]:
             stats = FrameStats()
-            output = self._output(settings, blend_space, view)
+            output = _output(desk.device, settings, blend_space, view)
             shot = Shot(
-                device=self._device,
-                surface_cache=self._surface_cache,
+                device=desk.device,
+                surface_cache=desk.surface_cache,
                 moments=lambda _: (scene, view),
                 settings=settings,
                 aovs=(),
                 blend_space=blend_space,
                 output=output,
                 holdout=None if holdout is None else remembering(holdout),
-                scratch=scratch,
+                scratch=desk.scratch,
                 stats=stats,
                 clock=Clock(stats),
             )
@@ -203,7 +212,7 @@ class Renderer:
                 if view.camera.exposure != 1.0:
                     samples.color[:, :3] *= np.float32(view.camera.exposure)
                 if drawn is not None:
-                    fetch = self._device.fetch
+                    fetch = desk.device.fetch
                     is_drawn = fetch(drawn.covered) == surface.DRAWN
                     color = fetch(output.surfaces(drawn.color))
                     samples = samples.with_surfaces(fetch(drawn.depth), is_drawn, color)
@@ -216,35 +225,37 @@ class Renderer:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _output(self, settings: RenderSettings, blend_space: str, view: View) -> Output:
-        return Output(self._device, settings, blend_space, view.camera.exposure)
-
-    def _borrowing(self, bands: Callable[[Scratch], Iterator[Any]]) -> Iterator[Any]:
+    def _borrowing(self, bands: Callable[[_Desk], Iterator[Any]]) -> Iterator[Any]:
         """Run a generator with buffers of its own, which others take over at its end. Where a GPU
         fails, and the CPU may go on, it draws the bands that are still to come."""
-        scratch = self._idle.pop() if self._idle else Scratch(self._device.resident)
+        desk = self._desk()
         taken = 0
         try:
-            for band in bands(scratch):
+            for band in bands(desk):
                 taken += 1
                 yield band
         except BackendError as error:
-            if not self._falls_back or self._device.name == "cpu":
+            if not self._falls_back or desk.device.name == "cpu":
                 raise
-            scratch = self._fall_back(error)
-            yield from itertools.islice(bands(scratch), taken, None)
+            self._fall_back(desk.device, error)
+            desk = self._desk()
+            yield from itertools.islice(bands(desk), taken, None)
         finally:
-            if not self._closed:
-                self._idle.append(scratch)
+            if not self._closed and desk.device is self._device:
+                self._idle.append(desk.scratch)
 
-    def _fall_back(self, error: BackendError) -> Scratch:
-        """Let the CPU draw from now on; returns buffers there."""
-        failed = self._device
+    def _desk(self) -> _Desk:
+        scratch = self._idle.pop() if self._idle else Scratch(self._device.resident)
+        return _Desk(self._device, self._surface_cache, scratch)
+
+    def _fall_back(self, failed: Device, error: BackendError) -> None:
+        """Let the CPU draw from now on, unless another picture had it do so already."""
+        if self._device is not failed:
+            return
         self._device = CpuDevice(threads=failed.threads, remark=f"{error}; the CPU does the work")
         self._idle.clear()
         self._surface_cache = SurfaceCache()
         failed.close()
-        return Scratch(self._device.resident)
 
     def _rows(
         self, shot: Shot, screen: Screen, view: View, band_pixels: int
@@ -257,7 +268,11 @@ class Renderer:
             prepared = shot.prepare(center, screen.window, shot.aovs)
             motion = self._motion(shot, prepared, center)
             for y0, y1 in screen.bands(band_pixels):
-                yield y0, y1, self._fetched(painter.draw(prepared, motion, y0, y1, shot.aovs))
+                yield (
+                    y0,
+                    y1,
+                    _fetched(shot.device, painter.draw(prepared, motion, y0, y1, shot.aovs)),
+                )
             return
         for y0, y1 in screen.bands(band_pixels):
             try:
@@ -285,23 +300,16 @@ class Renderer:
         if read:
             prepared = shot.prepare(center, window, read)
             motion = self._motion(shot, prepared, center)
-            arrays |= self._fetched(painter.draw(prepared, motion, y0, y1, read))
+            arrays |= _fetched(shot.device, painter.draw(prepared, motion, y0, y1, read))
         if averaged:
-            sums = Sums(self._device, shot.scratch, (y1 - y0, x1 - x0), averaged)
+            sums = Sums(shot.device, shot.scratch, (y1 - y0, x1 - x0), averaged)
             for sample in plan:
                 prepared = shot.prepare(sample, window, averaged)
                 arrays_of_one = painter.draw(prepared, None, y0, y1, averaged, raw=True)
                 sums.add(arrays_of_one, prepared.seen.layout.prims)
                 shot.clock.lap("sums")
-            arrays |= self._fetched(sums.finish())
+            arrays |= _fetched(shot.device, sums.finish())
         return arrays
-
-    def _fetched(self, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
-        """AOVs on the host."""
-        found = {name: self._device.fetch(array) for name, array in arrays.items()}
-        if "albedo" in found:
-            found["albedo"] = found["albedo"][..., :3]
-        return found
 
     def _motion(self, shot: Shot, prepared: Prepared, center: sampling.Sample) -> Motion | None:
         """Where everything is in the neighbouring frames, if somebody asks."""
@@ -325,3 +333,15 @@ def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
         return settings.working_space
     spaces = {field.spec.color_space for field in scene.visible_fields()}
     return spaces.pop() if len(spaces) == 1 else DISPLAY_SPACE
+
+
+def _output(device: Device, settings: RenderSettings, blend_space: str, view: View) -> Output:
+    return Output(device, settings, blend_space, view.camera.exposure)
+
+
+def _fetched(device: Device, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    """AOVs on the host."""
+    found = {name: device.fetch(array) for name, array in arrays.items()}
+    if "albedo" in found:
+        found["albedo"] = found["albedo"][..., :3]
+    return found

@@ -10,13 +10,17 @@ import functools
 import importlib
 import multiprocessing
 import os
+import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from usdsplat.core.errors import BackendError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.kernels import signatures, sources, store
 from usdsplat.kernels.cuda import support
@@ -86,7 +90,7 @@ def compile_task(task: Task) -> None:
 
     types = signatures.decode(task.types)
     _load_cuda_kernel(task.name)
-    if not store.has(jit.KERNELS[task.name]._cache.key(types, task.capability)):
+    if store.load(jit.KERNELS[task.name]._cache.key(types, task.capability)) is None:
         jit.assemble(task.name, types, task.capability)
 
 
@@ -99,17 +103,25 @@ def compile_all(
         jobs: How many; None for one for each core.
 
     Returns:
-        The tasks that failed, each with the first line of the reason.
+        The tasks that failed, or whose results could not be kept, each with a line that says why.
+
+    Raises:
+        BackendError: If one of the processes is ended by somebody else.
     """
     failed, done = [], 0
     for device in ("cpu", "cuda"):
         some = [task for task in tasks if task.device == device]
         if not some:
             continue
-        with _workers(device, min(jobs or os.cpu_count() or 1, len(some))) as pool:
+        with _workers(device, len(some), jobs) as pool:
             pending = {pool.submit(_problem_of, task): task for task in some}
             for future in as_completed(pending):
-                problem = future.result()
+                try:
+                    problem = future.result()
+                except BrokenProcessPool as error:
+                    found = "a process of it that was ended"
+                    expected = "enough memory for each, or fewer --jobs"
+                    raise BackendError("compile", found, expected) from error
                 if problem:
                     failed.append((pending[future], problem))
                 done += 1
@@ -120,7 +132,8 @@ def compile_all(
 @contextmanager
 def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) -> Iterator[None]:
     """While the context lasts, compile kernels of the CPU in other processes, the first one first;
-    who needs one that is still to come waits for it. What is not done in the end is left out.
+    who needs one that is still to come waits for it. What is not done in the end is left out, and
+    nothing is begun where nothing can be kept.
 
     Args:
         kernels: Names and types, in the order in which they are needed.
@@ -129,18 +142,17 @@ def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) ->
     from usdsplat.kernels import jit
 
     missing = _missing(kernels)
-    if not missing:
+    if not missing or not store.save(store.key_of("compile"), b""):
         yield
         return
-    pool = _workers("cpu", min(jobs or os.cpu_count() or 1, len(missing)))
-    coming = {key: pool.submit(_problem_of, task) for key, task in missing.items()}
-    jit.COMING.update(coming)
-    try:
-        yield
-    finally:
-        for key in coming:
-            del jit.COMING[key]
-        pool.shutdown(wait=False, cancel_futures=True)
+    with _workers("cpu", len(missing), jobs) as pool:
+        coming = {key: pool.submit(_problem_of, task) for key, task in missing.items()}
+        jit.COMING.update(coming)
+        try:
+            yield
+        finally:
+            for key in coming:
+                del jit.COMING[key]
 
 
 # --- private -------------------------------------------------------------------------------
@@ -172,13 +184,29 @@ def _missing(kernels: Sequence[tuple[str, str]]) -> dict[str, Task]:
     return missing
 
 
-def _workers(device: str, jobs: int) -> ProcessPoolExecutor:
-    """Return processes that compile for a device and keep what they make where this one does."""
+@contextmanager
+def _workers(device: str, tasks: int, jobs: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Processes that compile for a device and keep what they make where this one does. They end
+    with the context, whatever they are at."""
+    most = 61 if sys.platform == "win32" else tasks  # that Windows waits for
     context = multiprocessing.get_context("spawn")  # Numba's threads do not survive a fork
-    return ProcessPoolExecutor(jobs, context, _begin, (device, str(store.folder())))
+    pool = ProcessPoolExecutor(
+        min(jobs or os.cpu_count() or 1, tasks, most),
+        context,
+        _begin,
+        (device, str(store.folder())),
+    )
+    try:
+        yield pool
+    finally:
+        processes = list((pool._processes or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
 
 
 def _begin(device: str, folder: str) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who began it ends it
     store.use(Path(folder))
     if device == "cpu":
         from usdsplat.kernels.unloaded import compile_only
@@ -195,7 +223,7 @@ def _problem_of(task: Task) -> str:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         telling = [line for line in lines if "rror" in line]
         return " | ".join(dict.fromkeys([lines[0], *telling]))[:400]
-    return ""
+    return store.refusal()
 
 
 @functools.cache

@@ -204,7 +204,7 @@ def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
         seconds: About what the task takes on the CPU; None if nobody knows when it ends.
     """
     from usdsplat.kernels import ahead
-    from usdsplat.kernels.cuda.support import capability
+    from usdsplat.kernels.cuda.support import capability, obstacle
 
     here = capability() if task == "pictures" else None
     if here is None:
@@ -213,10 +213,8 @@ def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
     if seconds is None:
         if is_ready:
             return "cuda", ""
-        return (
-            "cpu",
-            "device cuda: found kernels not compiled yet, expected 'usdsplat compile' once",
-        )
+        found, expected = obstacle() or ("kernels not compiled yet", "'usdsplat compile' once")
+        return "cpu", f"device cuda: found {found}, expected {expected}"
     return ("cuda", "") if seconds > START + (0 if is_ready else COMPILING) else ("cpu", "")
 
 

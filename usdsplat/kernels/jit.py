@@ -53,9 +53,10 @@ class KernelCache:
         """Return what is kept of a signature, or None."""
         key = self._key(signature, context.codegen())
         data = store.load(key)
-        if data is None and key in COMING:
+        coming = COMING.get(key) if data is None else None
+        if coming is not None:
             with compiled(self._function.__name__):
-                wait([COMING[key]])
+                wait([coming])
             data = store.load(key)
         if data is None:
             return None

@@ -37,7 +37,7 @@ def digest(module: str) -> str:
     pending = [module]
     while pending:
         name = pending.pop()
-        if name not in found and name not in ASIDE:
+        if name not in found and (name == module or name not in ASIDE):
             found[name], imports = _read(name)
             pending += imports
     text = "".join(f"{name}={found[name]}\n" for name in sorted(found))
@@ -51,9 +51,10 @@ def _read(module: str) -> tuple[str, list[str]]:
     """The hash of one module, and the modules of the package that it imports. Parsing takes
     milliseconds, so what it gave is kept."""
     path = _file(module)
-    assert path is not None, module
+    if path is None:
+        raise FileNotFoundError(f"{module}: found no source, expected an installation with sources")
     source = path.read_bytes()
-    key = store.key_of("source", module, hashlib.sha256(source).hexdigest())
+    key = store.key_of("source", _own_hash(), module, hashlib.sha256(source).hexdigest())
     kept = store.load(key)
     if kept is not None:
         normal, imports = json.loads(kept)
@@ -67,6 +68,12 @@ def _read(module: str) -> tuple[str, list[str]]:
     normal = hashlib.sha256(ast.dump(tree).encode()).hexdigest()
     store.save(key, json.dumps([normal, imports]).encode())
     return normal, imports
+
+
+@functools.cache
+def _own_hash() -> str:
+    """What reads sources: what an older version read of them is not believed."""
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
 def _file(module: str) -> Path | None:

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import secrets
 import sys
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = "USDSPLAT_CACHE_DIR"
@@ -30,7 +31,7 @@ def folder() -> Path | None:
     if _chosen is not None:
         return _chosen
     if os.environ.get(VARIABLE):
-        return Path(os.environ[VARIABLE])
+        return Path(os.path.abspath(os.path.expanduser(os.environ[VARIABLE])))
     try:
         return _users_caches() / "usdsplat" / "kernels"
     except RuntimeError:  # no home directory at all
@@ -72,26 +73,24 @@ def save(key: str, data: bytes) -> bool:
     global _refusal
     path = _path(key)
     if path is None:
-        _refusal = f"no home directory, expected one or {VARIABLE}"
+        _refusal = f"no home directory and no {VARIABLE}"
         return False
-    temporary = None
+    temporary = path.with_name(f".new-{os.getpid()}-{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
-        with os.fdopen(handle, "wb") as file:
+        with open(temporary, "xb") as file:  # as others may read as the user's umask lets them
             file.write(hashlib.sha256(data).digest() + data)
         os.replace(temporary, path)
     except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        found = (error.strerror or str(error)).lower()
-        _refusal = f"{folder()}: found {found}, expected a folder that can be written"
+        with suppress(OSError):
+            temporary.unlink()
+        _refusal = f"{folder()}: {(error.strerror or str(error)).lower()}"
         return False
     return True
 
 
 def refusal() -> str:
-    """Return why something could not be kept in this process; "" where all was."""
+    """Return what was found where something could not be kept in this process; "" where all was."""
     return _refusal
 
 

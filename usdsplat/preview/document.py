@@ -16,7 +16,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
@@ -69,7 +69,7 @@ class Document:
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
-        display = Display(open_device(device, threads=threads))
+        display = Display(CpuDevice(threads=threads))  # what it shows is on the host already
         self._drawing = Drawing(self._scenes, display)
 
     @property

@@ -77,20 +77,21 @@ def form(function: Form) -> Form:
     return function
 
 
-def derived_kernel(host: Callable[..., Any], derived: Callable[..., None]) -> Any:
-    """What `derive` made of a kernel of the CPU's as one of the GPU's, under the same name."""
+def derived_kernel(host: Callable[..., Any], derived: Callable[..., None], kind: str) -> Any:
+    """What `derive` made of a kernel of the CPU's as one of the GPU's, under the same name; `kind`
+    says how, since modules that choose that are not what it is made of."""
     source = getattr(host, "py_func", host)
     return kernel(
         derived,
         name=f"{source.__module__.removeprefix(HOST + '.')}.{source.__name__}",
         made_of=(f"{HERE}.derive", f"{HERE}.exact"),
-        detail=f"blocks of {THREADS}",
+        detail=f"{kind}, blocks of {THREADS}",
     )
 
 
 def spread(kernel: Callable[..., Any]) -> Form:
     """The form of a kernel whose items are blocks of threads, see `derive`."""
-    threads_of = derived_kernel(kernel, derive(kernel, THREADS, spread=True))
+    threads_of = derived_kernel(kernel, derive(kernel, THREADS, spread=True), "spread")
 
     @form
     def launch(device: CudaDevice, *args: Any) -> None:
@@ -104,7 +105,7 @@ def _derived(kernel: Callable[..., Any]) -> Form | None:
         derived = derive(kernel, THREADS)
     except Underivable:
         return None
-    threads_of = derived_kernel(kernel, derived)
+    threads_of = derived_kernel(kernel, derived, "threads")
 
     def launch(device: CudaDevice, *args: Any) -> None:
         threads_of[BLOCKS, THREADS, device.stream](*args)

@@ -5,8 +5,9 @@ next kernel. Operations that say how they are rounded it leaves alone:
 
 - `uncontracted` kernels: what is `kernels.jit.exact` rounds each product and each sum, as on the
   CPU.
-- `contracted` functions: a product that is added to something is one operation with the sum; all
-  other products are rounded alone. As fast as what NVVM makes.
+- `contracted` functions: a product that is added to something, by `+` or `-`, is one operation with
+  the sum; all other products are rounded alone. As fast as what NVVM makes. `+=` and `*=` are left
+  to NVVM: none of these functions has one on floats.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def uncontracted(kernel: Callable[..., Any]) -> Form:
     def threads_of() -> Any:  # when it is launched: there need not be a compiler before
         source = getattr(kernel, "py_func", kernel)
         same = FunctionType(source.__code__, _with_exact(source), source.__name__)
-        return derived_kernel(kernel, derive(same, THREADS))
+        return derived_kernel(kernel, derive(same, THREADS), "uncontracted")
 
     if is_compiled():
         threads_of()  # for `usdsplat compile`, which looks through all there are
@@ -64,7 +65,8 @@ def contracted_spread(kernel: Callable[..., Any]) -> Form:
         return spread(kernel)
     names = {**_with_contracted(source), PRODUCT: _product(), FUSED: _fused()}
     same = FunctionType(source.__code__, names, source.__name__)
-    threads_of = derived_kernel(kernel, derive(same, THREADS, spread=True, change=_Contractions()))
+    derived = derive(same, THREADS, spread=True, change=_Contractions())
+    threads_of = derived_kernel(kernel, derived, "contracted, spread")
 
     @form
     def launch(device: CudaDevice, *args: Any) -> None:
