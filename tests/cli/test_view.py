@@ -156,7 +156,7 @@ def test_a_browser_is_led_to_the_page_by_a_file_that_nobody_else_reads(capture, 
     owner alone, and is gone in the end."""
     told = tmp_path / "told"
     browser = tmp_path / "browser"
-    browser.write_text(f'#!/bin/sh\necho "$1" > {told}.part\nmv {told}.part {told}\n')
+    browser.write_text(f'#!/bin/sh\necho "$1" > {told}.part\nmv {told}.part {told}\nsleep 2\n')
     browser.chmod(0o755)
     with viewing(str(capture), "--web", BROWSER=f"{browser} %s") as process:
         assert process.stdout is not None

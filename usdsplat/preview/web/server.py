@@ -207,7 +207,11 @@ def serve(
         camera=camera,
         time=time,
     )
-    ready(server.url)
+    try:
+        ready(server.url)
+    except BaseException:  # Ctrl-C while a browser starts
+        server.close()
+        raise
     return server
 
 
