@@ -14,6 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any
 
+import llvmlite
 import numba
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler import CompileResult
@@ -37,8 +38,9 @@ KEPT = "usdsplat.kernels."
 
 @functools.cache
 def versions() -> str:
-    """What compiles, as text."""
-    return f"python {sys.version_info[:2]} numba {numba.__version__}"
+    """What compiles, and how it was told to, as text."""
+    tools = f"python {sys.version_info[:2]} numba {numba.__version__} llvm {llvmlite.__version__}"
+    return f"{tools} opt {int(config.OPT)} bounds {config.BOUNDSCHECK} svml {config.USING_SVML}"
 
 
 class KernelCache:
