@@ -164,7 +164,7 @@ def drawn(device: Device, case: Case, *, size: tuple[int, int], splats: int) -> 
         name: np.concatenate([part[name] for part in parts]) for name in case.aovs
     }
     stats = renderer.stats
-    arrays["stats"] = np.array([stats.visible, stats.pairs, stats.rows], np.float64)
+    arrays["stats"] = np.array([stats.visible, stats.pairs], np.float64)
     return arrays
 
 

@@ -14,9 +14,8 @@ CLOSE = 1e-3
 FEW = 0.004
 """Part of the pixels where rounding may decide: whether a splat counts at its edge, or which of two
 is nearer."""
-COUNTS_APART = (0.05, 0.05, 0.5)
-"""By which what is seen, pairs and rows may differ: a GPU counts the rows of a tile that are alive
-when a batch of splats begins, the CPU when each splat does."""
+COUNTS_APART = 0.05
+"""By which the numbers of splats that are seen, and of their pairs with tiles, may differ."""
 IDS = ("primId", "instanceId", "elementId")
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.delegate import rendering, surface_scenes
 from tests.devices import NAMES, device_of
+from usdsplat.kernels import store
 from usdsplat.kernels.device import Device, open_device
 
 
@@ -32,3 +35,12 @@ def on_device(
         return device if threads is None else open_device(device.name, threads=threads)
 
     monkeypatch.setattr(request.module, "open_device", opened)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder for compiled kernels, of this test alone."""
+    monkeypatch.setattr(store, "_chosen", None)
+    monkeypatch.setattr(store, "_refusal", "")
+    monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kernels"))
+    return tmp_path / "kernels"

@@ -16,14 +16,7 @@ PATIENCE = 60.0
 """[s] For a machine with much else to do."""
 KERNELS = [("total.clear", "f4:3C"), ("total.add", "f4:3C f4:3C")]
 
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """One of the test's own."""
-    monkeypatch.setattr(store, "_chosen", None)
-    monkeypatch.setattr(store, "_refusal", "")
-    monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kernels"))
-    return tmp_path / "kernels"
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 @pytest.fixture
@@ -99,5 +92,5 @@ class Killer:
 def test_a_process_that_is_ended_is_one_sentence():
     """Oracle: the error's parts."""
     tasks = [task for task in ahead.tasks("cpu") if task.name.startswith("total.")]
-    with pytest.raises(BackendError, match="compile: found a process of it that was ended"):
+    with pytest.raises(BackendError, match="compile: found a process that was killed"):
         ahead.compile_all(tasks, jobs=1, progress=Killer())

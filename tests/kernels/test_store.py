@@ -10,14 +10,7 @@ import pytest
 from usdsplat.cli.main import main
 from usdsplat.kernels import store
 
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """One of the test's own."""
-    monkeypatch.setattr(store, "_chosen", None)
-    monkeypatch.setattr(store, "_refusal", "")
-    monkeypatch.setenv(store.VARIABLE, str(tmp_path / "kernels"))
-    return tmp_path / "kernels"
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def files(folder):

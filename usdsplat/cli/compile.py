@@ -27,8 +27,7 @@ from usdsplat.cli import console
 from usdsplat.cli.parsing import option
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.core.wording import counted
-
-Capability = tuple[int, int]
+from usdsplat.kernels.cuda.support import Capability
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +65,7 @@ def run(options: Options) -> int:
     for task, problem in failed:
         console.remark(f"{task.name} for {task.device}: {problem}")
     if failed:
-        found = f"{counted(len(failed), 'kernel')} of {len(tasks)} that do not compile"
+        found = f"{counted(len(failed), 'kernel')} of {len(tasks)} that failed"
         raise BackendError("compile", found, "none")
     for each in targets:
         ahead.note(*each)
@@ -78,7 +77,12 @@ def run(options: Options) -> int:
 
 
 def _targets(options: Options) -> list[tuple[str, Capability | None]]:
-    """Devices, each with the capability of its GPU."""
+    """Return (device, compute capability) pairs; the capability of the CPU is None.
+
+    Raises:
+        UsageError: If the options contradict each other or name no capability.
+        BackendError: If a GPU was asked for and neither it nor its compiler is here.
+    """
     from usdsplat.kernels.cuda.support import INSTALL, capability, is_compiled, obstacle
     from usdsplat.kernels.device import DEVICES
 

@@ -31,9 +31,10 @@ COARSE, GROWN = 50_000, 300_000
 BALL = "/World/Simulation/Ball"
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 KERNELS = Path(__file__).with_name("demo_kernels.txt")
-"""What is compiled for it all, in the order in which it is needed."""
+"""Every kernel that the demo runs, with argument types, in the order of first use."""
 QUICKER = ("sim:substeps=2", "rd:substeps=40")
-"""Than the preset: for a pattern that is seen to spread, in seconds."""
+"""Parameters below the preset's: the demo then simulates in seconds, and the pattern is still seen
+to spread."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

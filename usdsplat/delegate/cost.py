@@ -1,7 +1,7 @@
-"""About how long pictures take on a CPU, said before any is drawn.
+"""Estimate how long pictures take on the CPU, before any is drawn.
 
-The costs were measured (`benchmarks.frame`, `benchmarks.passes`; two threads, medians) and are good
-to a factor of two: enough to know whether a GPU is worth its start.
+The costs were measured by `benchmarks.frame` and `benchmarks.passes` (two threads, medians). They
+are right within a factor of two, which is enough to decide whether starting a GPU is worth it.
 """
 
 from __future__ import annotations
@@ -13,35 +13,39 @@ from dataclasses import dataclass
 from usdsplat.delegate.render_settings import RenderSettings
 
 PER_SPLAT = 70e-9
-"""[s] Of one thread, for a splat of a sample: projecting, shading, sorting."""
+"""Projecting, shading and sorting one splat in one sample [s of one thread]."""
 PER_PIXEL = 65e-9
-"""[s] Of one thread, for a pixel of a sample in which colour is blended."""
+"""Blending colour in one pixel of one sample [s of one thread]."""
 PASSES = {"color": 1.0, "cryptoObject": 11.0}
-"""How often a pixel is blended for an AOV, about; OTHER for those that are not here."""
+"""AOV -> its cost, in units of PER_PIXEL."""
 OTHER = 0.7
-BY_RAY, DEEP = 20.0, 6.0
-"""How much longer contributions take that each pixel sorts for itself, and that are kept."""
+"""Cost of an AOV that PASSES does not list, in units of PER_PIXEL."""
+BY_RAY = 20.0
+"""Factor on the cost of a pixel when each pixel sorts its own splats (rayHitDistance)."""
+DEEP = 6.0
+"""Cost of a deep picture, in units of PER_PIXEL."""
 SHARE = 0.7
-"""Fraction of each thread's time that is useful when several threads work [0..1]."""
+"""Parallel efficiency: speedup divided by the number of threads [0..1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Work:
-    """Some pictures of one kind."""
+    """Pictures that share their settings."""
 
     pixels: int
-    """Pixels of all pictures together."""
+    """Of all pictures together."""
     pictures: int
+    """How many."""
     settings: RenderSettings
     aovs: Collection[str] = ("color",)
     deep: bool = False
 
     def seconds(self, splats: int, threads: int | None = None) -> float:
-        """Return about how long they take on the CPU [s].
+        """Return the estimated time on the CPU [s].
 
         Args:
-            splats: That the scene draws.
-            threads: How many there are; None for all of this machine.
+            splats: Number of splats in the scene.
+            threads: Number of threads; None for all cores.
         """
         passes = sum(PASSES.get(name, OTHER) for name in self.aovs)
         if self.deep:

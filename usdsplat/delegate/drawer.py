@@ -1,4 +1,4 @@
-"""What draws for an engine, on a device that is chosen and opened when it is first needed."""
+"""The renderer of an engine. Its device is chosen and opened when it is first needed."""
 
 from __future__ import annotations
 
@@ -41,23 +41,22 @@ class Drawer:
         self._opening = threading.Lock()
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Say what will be drawn of the scene as it is; it counts for a device that is not yet
-        open."""
+        """Say what will be drawn. It has an effect only until the device is open."""
         splats = self._param.scene.draw_list().total
         self._seconds = sum(each.seconds(splats, self._threads) for each in work)
 
     @property
     def renderer(self) -> Renderer:
-        """What draws."""
+        """The renderer; opens the device."""
         return self._open().renderer
 
     @property
     def render_pass(self) -> RenderPass:
-        """What has it draw."""
+        """What redraws only stale pictures; opens the device."""
         return self._open().render_pass
 
     def close(self) -> None:
-        """Release what it has opened; nothing is opened any more."""
+        """Close the renderer; it cannot be opened again."""
         self._is_closed = True
         if self._opened is not None:
             self._opened.renderer.close()

@@ -88,8 +88,11 @@ class Engine:
         self._open().set_purposes(purposes)
 
     def set_refinement(self, levels: int) -> None:
-        """Refine subdivision surfaces as often as this, 0 to 5, else a UsageError; only meshes are
-        made anew."""
+        """Refine subdivision surfaces as often as this, 0 to 5; only meshes are made anew.
+
+        Raises:
+            UsageError: If it is out of range.
+        """
         self._open().set_refinement(levels)
 
     def sync(self) -> None:
@@ -104,8 +107,8 @@ class Engine:
 
     @property
     def remark(self) -> str:
-        """Why `device` is not the fastest that this machine could have; mostly empty. A GPU may
-        fail while a picture is drawn, and the CPU goes on."""
+        """Why `device` is not the fastest one of this machine; "" if it is. It changes when a GPU
+        fails while it draws and the CPU takes over."""
         return self._drawer.renderer.remark
 
     @property
@@ -164,12 +167,15 @@ class Engine:
         resolution: tuple[int, int] | None = None,
         framing: Framing | None = None,
     ) -> View:
-        """Return what a camera sees now, or raise a StageError if it cannot be used.
+        """Return what a camera sees now.
 
         Args:
             camera: Path of the prim; None for a camera that frames all that is visible.
             resolution: [pixel]; takes the place of the one of `framing`.
             framing: How the image samples the aperture.
+
+        Raises:
+            StageError: If there is no such camera, or it cannot be used.
         """
         self.sync()
         framing = framing or Framing()
@@ -227,8 +233,11 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Say what will be drawn, before anything is: "auto" is the device that is done first.
-        Who says nothing is expected to go on for long."""
+        """Say what will be drawn, so that "auto" can choose the device that finishes first.
+
+        Call it before the first picture: the device is chosen once. Without it a long session is
+        assumed.
+        """
         self.sync()
         self._drawer.expect(work)
 
@@ -327,16 +336,9 @@ class Engine:
         """Return about how much memory a picture takes; arguments as in `memory.estimate`."""
         self.sync()
         return estimate(
-            self._param.scene,
-            view,
-            self._resolved(settings),
-            aovs,
-            band_pixels=band_pixels,
-            holds_out=holds_out,
-            deep=deep,
-            baked=baked,
-            pictures=pictures,
-        )
+            self._param.scene, view, self._resolved(settings), aovs, band_pixels=band_pixels,
+            holds_out=holds_out, deep=deep, baked=baked, pictures=pictures,
+        )  # fmt: skip
 
     # --- the end ---------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ class FrameStats:
     pairs: int = 0
     """Splats times the tiles that each touches."""
     rows: int = 0
-    """Rows of 16 pixels that were blended; 0 of colour alone on a GPU, which counts none."""
+    """Rows of 16 pixels that were blended; 0 on a GPU, which does not count them."""
     failed: int = 0
     """Pixels that no view can show as they were captured; `inverseView` only."""
     asked: int = 0

@@ -80,7 +80,7 @@ class Renderer:
     """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes.
 
     Args:
-        falls_back: Whether the CPU goes on where a GPU fails.
+        falls_back: Whether the CPU draws the rest if a GPU fails.
     """
 
     def __init__(self, device: Device, *, falls_back: bool = False) -> None:
@@ -226,8 +226,8 @@ class Renderer:
     # --- private ---------------------------------------------------------------------------
 
     def _borrowing(self, bands: Callable[[_Desk], Iterator[Any]]) -> Iterator[Any]:
-        """Run a generator with buffers of its own, which others take over at its end. Where a GPU
-        fails, and the CPU may go on, it draws the bands that are still to come."""
+        """Run a generator with buffers of its own; the next picture uses them again. If a GPU fails
+        and the CPU may take over, the CPU draws the remaining bands."""
         desk = self._desk()
         taken = 0
         try:
@@ -249,7 +249,7 @@ class Renderer:
         return _Desk(self._device, self._surface_cache, scratch)
 
     def _fall_back(self, failed: Device, error: BackendError) -> None:
-        """Let the CPU draw from now on, unless another picture had it do so already."""
+        """Draw with the CPU from now on, unless another picture has switched already."""
         if self._device is not failed:
             return
         self._device = CpuDevice(threads=failed.threads, remark=f"{error}; the CPU does the work")
@@ -268,11 +268,8 @@ class Renderer:
             prepared = shot.prepare(center, screen.window, shot.aovs)
             motion = self._motion(shot, prepared, center)
             for y0, y1 in screen.bands(band_pixels):
-                yield (
-                    y0,
-                    y1,
-                    _fetched(shot.device, painter.draw(prepared, motion, y0, y1, shot.aovs)),
-                )
+                drawn = painter.draw(prepared, motion, y0, y1, shot.aovs)
+                yield y0, y1, _fetched(shot.device, drawn)
             return
         for y0, y1 in screen.bands(band_pixels):
             try:

@@ -1,7 +1,7 @@
-"""Everything compiled before it is needed: what the tables of launched kernels name.
+"""Compile kernels before they are needed, in several processes.
 
-What a device needs is a list of tasks, each of which any process can do: it leaves its result with
-the other kept kernels, see `store`.
+A task is one kernel with one combination of argument types, from the tables of `signatures`. Each
+process writes its results to the `store`.
 """
 
 from __future__ import annotations
@@ -24,21 +24,20 @@ from usdsplat.core.errors import BackendError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.kernels import signatures, sources, store
 from usdsplat.kernels.cuda import support
+from usdsplat.kernels.cuda.support import Capability
 
 HERE = "usdsplat.kernels"
 SORT, SUM = "sort", "sum"
 CUB = (
     (SORT, "u2 i4"), (SORT, "u4 i4"), (SUM, "i4 i4"), (SUM, "i8 i8"),
 )  # fmt: skip
-"""What is sorted and summed on a GPU: the algorithm, and the types of keys and values, or of what
-comes in and goes out. Built on that GPU only, see `cuda.cub`."""
-
-Capability = tuple[int, int]
+"""CUB algorithms: SORT with the types of keys and values, SUM with those of input and output. They
+can be built only on the GPU that runs them, see `cuda.cub`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One kernel with one set of types."""
+    """One kernel with one combination of argument types."""
 
     device: str
     capability: Capability | None
@@ -48,7 +47,7 @@ class Task:
 
 
 def tasks(device: str, capability: Capability | None = None) -> list[Task]:
-    """Return all that a device runs.
+    """Return the tasks of all kernels that a device launches.
 
     Args:
         device: "cpu" or "cuda".
@@ -61,18 +60,20 @@ def tasks(device: str, capability: Capability | None = None) -> list[Task]:
 
 
 def note(device: str, capability: Capability | None) -> None:
-    """Remember that all tasks of a device are done."""
+    """Store that all tasks of a device are done."""
     store.save(_note(device, capability), b"")
 
 
 def is_noted(device: str, capability: Capability | None) -> bool:
-    """Return whether all tasks of a device were done, of the sources and versions that are here
-    now. It takes a few milliseconds, and nothing of Numba's."""
+    """Return whether all tasks of a device were done with the present sources and versions.
+
+    It takes a few milliseconds and does not import Numba.
+    """
     return store.load(_note(device, capability)) is not None
 
 
 def compile_task(task: Task) -> None:
-    """Compile one kernel and keep it, unless it is kept.
+    """Compile one kernel and store it, unless the store has it already.
 
     Raises:
         Exception: Whatever the compiler raises.
@@ -103,10 +104,10 @@ def compile_all(
         jobs: How many; None for one for each core.
 
     Returns:
-        The tasks that failed, or whose results could not be kept, each with a line that says why.
+        The tasks that failed or could not be stored, each with one line that says why.
 
     Raises:
-        BackendError: If one of the processes is ended by somebody else.
+        BackendError: If one of the processes is killed, as by a system without memory.
     """
     failed, done = [], 0
     for device in ("cpu", "cuda"):
@@ -119,8 +120,8 @@ def compile_all(
                 try:
                     problem = future.result()
                 except BrokenProcessPool as error:
-                    found = "a process of it that was ended"
-                    expected = "enough memory for each, or fewer --jobs"
+                    found = "a process that was killed"
+                    expected = "more memory, or fewer --jobs"
                     raise BackendError("compile", found, expected) from error
                 if problem:
                     failed.append((pending[future], problem))
@@ -131,12 +132,13 @@ def compile_all(
 
 @contextmanager
 def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) -> Iterator[None]:
-    """While the context lasts, compile kernels of the CPU in other processes, the first one first;
-    who needs one that is still to come waits for it. What is not done in the end is left out, and
-    nothing is begun where nothing can be kept.
+    """Compile CPU kernels in other processes while the context lasts.
+
+    A launch of one of them waits until it is compiled. What is not compiled at the end is dropped.
+    If the store cannot be written, nothing is started.
 
     Args:
-        kernels: Names and types, in the order in which they are needed.
+        kernels: (kernel, argument types), in the order in which they will be needed.
         jobs: How many processes; None for one for each core.
     """
     from usdsplat.kernels import jit
@@ -170,7 +172,7 @@ def _module_of(name: str) -> str:
 
 
 def _missing(kernels: Sequence[tuple[str, str]]) -> dict[str, Task]:
-    """Return those for the CPU of which nothing is kept, by key."""
+    """Return the tasks of those CPU kernels that are not in the store, by store key."""
     from numba.core.registry import cpu_target
 
     from usdsplat.kernels.jit import cpu_key
@@ -186,16 +188,13 @@ def _missing(kernels: Sequence[tuple[str, str]]) -> dict[str, Task]:
 
 @contextmanager
 def _workers(device: str, tasks: int, jobs: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Processes that compile for a device and keep what they make where this one does. They end
-    with the context, whatever they are at."""
-    most = 61 if sys.platform == "win32" else tasks  # that Windows waits for
+    """Start processes that compile for a device and write to this process's store. They are
+    terminated at the end of the context, even in the middle of a task."""
+    count = min(jobs or os.cpu_count() or 1, tasks)
+    if sys.platform == "win32":
+        count = min(count, 61)  # Windows cannot wait for more
     context = multiprocessing.get_context("spawn")  # Numba's threads do not survive a fork
-    pool = ProcessPoolExecutor(
-        min(jobs or os.cpu_count() or 1, tasks, most),
-        context,
-        _begin,
-        (device, str(store.folder())),
-    )
+    pool = ProcessPoolExecutor(count, context, _begin, (device, str(store.folder())))
     try:
         yield pool
     finally:
@@ -206,7 +205,7 @@ def _workers(device: str, tasks: int, jobs: int | None) -> Iterator[ProcessPoolE
 
 
 def _begin(device: str, folder: str) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who began it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides
     store.use(Path(folder))
     if device == "cpu":
         from usdsplat.kernels.unloaded import compile_only
@@ -215,7 +214,7 @@ def _begin(device: str, folder: str) -> None:
 
 
 def _problem_of(task: Task) -> str:
-    """Compile, and say what went wrong."""
+    """Compile a task and return what went wrong; "" if nothing did."""
     try:
         compile_task(task)
     except Exception as error:
@@ -233,8 +232,7 @@ def _cpu_kernel(name: str) -> Any:
 
 
 def _load_cuda_kernel(name: str) -> None:
-    """Import what makes a kernel of the GPU: its module, or that of the CPU's from which it is
-    derived."""
+    """Import the module that defines a GPU kernel, or derive it from the CPU kernel."""
     from usdsplat.kernels.cuda.device import form_of
 
     if name.startswith("cuda."):

@@ -1,8 +1,8 @@
-"""How kernels are compiled for the CPU: flags, and what is kept of them between processes.
+"""Compile kernels for the CPU, and store them for later processes.
 
-Numba's own cache looks at the time of the file of the function that it caches, and not at the
-functions that this one calls. Here a kernel is kept under the hash of all modules that it is made
-of, see `sources`: edit one formula, and what may use it is compiled again, and nothing else.
+Numba's own cache checks the modification time of one file, and misses edits of functions in other
+files. Here the key of a kernel contains the hash of its module and of all modules that it imports,
+see `sources`: after an edit, exactly the kernels that may depend on it are compiled again.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}
 """No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,
 so a loop gives the same bits whether LLVM vectorises it or not."""
 ONLY: set[str] = set()
-"""Names below KEPT: all that this process keeps; everything where there is none."""
+"""The kernels that this process may store, as names relative to KEPT; empty: all."""
 COMING: dict[str, Future[Any]] = {}
-"""By key: what another process compiles or is going to compile, see `ahead.compiling`."""
+"""Key -> the compilation of that kernel in another process, waiting or running, see
+`ahead.compiling`."""
 KEPT = "usdsplat.kernels."
-"""Kernels of modules that begin so are kept; those that tests make are not."""
+"""Prefix of the modules whose kernels are stored; kernels that tests define are not."""
 
 
 @functools.cache
 def versions() -> str:
-    """What compiles, and how it was told to, as text."""
+    """Return the versions and options of the compiler, as one text."""
     tools = f"python {sys.version_info[:2]} numba {numba.__version__} llvm {llvmlite.__version__}"
     return f"{tools} opt {int(config.OPT)} bounds {config.BOUNDSCHECK} svml {config.USING_SVML}"
 
 
 class KernelCache:
-    """What Numba asks for compiled forms of one kernel, and gives those it has made."""
+    """The cache object that Numba's dispatcher of one kernel reads from and writes to."""
 
     cache_path = None
 
@@ -52,7 +53,7 @@ class KernelCache:
         self._function = function
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return what is kept of a signature, or None."""
+        """Return the stored form of a signature, or None; wait if another process compiles it."""
         key = self._key(signature, context.codegen())
         data = store.load(key)
         coming = COMING.get(key) if data is None else None
@@ -69,7 +70,7 @@ class KernelCache:
             return None
 
     def save_overload(self, signature: Any, made: Any) -> None:
-        """Keep what was compiled."""
+        """Store a form that Numba has compiled."""
         name = f"{self._function.__module__}.{self._function.__qualname__}"
         if ONLY and name.removeprefix(KEPT) not in ONLY:
             return
@@ -78,7 +79,7 @@ class KernelCache:
             store.save(self._key(signature, made.library.codegen), dumps(made._reduce()))
 
     def enable(self) -> None:
-        """Numba's word for what is always so."""
+        """Part of Numba's interface; this cache is always enabled."""
 
     disable = flush = enable
 
@@ -88,15 +89,20 @@ class KernelCache:
 
 
 def cpu_key(function: Callable[..., Any], types: str, processor: Any) -> str:
-    """Return the key of a kernel for the CPU, with the types of its arguments as `signatures` has
-    them and the processor as LLVM names it."""
+    """Return the store key of one form of a kernel.
+
+    Args:
+        function: The kernel in plain Python.
+        types: Its argument types, as `signatures.encode` writes them.
+        processor: As LLVM describes it, from `codegen.magic_tuple`.
+    """
     made_of = sources.digest(function.__module__)
     name = f"{function.__module__}.{function.__qualname__}"
     return store.key_of("cpu", name, types, repr(processor), versions(), made_of)
 
 
 def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """njit, kept between processes."""
+    """Return numba.njit of a kernel, with our cache."""
     kernel = numba.njit(**FLAGS, **options)(function)
     if not config.DISABLE_JIT and function.__module__.startswith(KEPT):
         kernel._cache = KernelCache(function)

@@ -1,4 +1,4 @@
-"""Types of a kernel's arguments as text, and the tables of those that kernels are launched with.
+"""Argument types as text, and the tables of all kernels that we launch.
 
     int64 float32 bool      numbers
     f4:2C                   an array of float32 with two axes, contiguous; `A` any strides, `F`
@@ -6,7 +6,8 @@
     <bins.GRID>:1C          an array of records
     (i4:1C,f4:2C)           a tuple
 
-A table has a line for each kernel and each set of types: what `usdsplat compile` compiles.
+A table has one line for each kernel and each combination of argument types with which it is
+launched. `usdsplat compile` compiles the tables.
 """
 
 from __future__ import annotations
@@ -23,33 +24,33 @@ RECORDS = (
     "bins.GRID", "crop.CROP", "position.VIEW", "project.CAMERA", "shade.MATERIAL", "texture.LEVEL",
     "triangles.APPEARANCE", "triangles.VIEW", "walk.WALK",
 )  # fmt: skip
-"""Types of records that kernels take, by module and name."""
+"""Record types of kernel arguments: module and name."""
 HERE = "usdsplat.kernels"
 TABLES = {"cpu": "launched.txt", "cuda": "cuda/launched.txt"}
-"""Device -> the table of its kernels, beside this module."""
+"""Device -> file of its table, relative to this module."""
 
 
 def table(device: str) -> list[tuple[str, str]]:
-    """Return the kernels of a device that are launched, each with the types of its arguments."""
+    """Return (kernel, argument types) of all kernels that a device launches."""
     return read(Path(__file__).parent / TABLES[device])
 
 
 def read(path: Path) -> list[tuple[str, str]]:
-    """Return the kernels of a file with one in a line: its name, and the types of its arguments."""
+    """Return (kernel, argument types) of each line of a file."""
     lines = path.read_text().splitlines()
     return [(name, types) for name, _, types in (line.partition(" ") for line in lines) if name]
 
 
 def encode(types: Iterable[Any]) -> str:
-    """Return Numba's types of all arguments as one text."""
+    """Return Numba argument types as text."""
     return " ".join(map(_text, types))
 
 
 def decode(text: str) -> tuple[Any, ...]:
-    """Return the types that `encode` made a text of.
+    """Return the Numba types of a text that `encode` returned.
 
     Raises:
-        ValueError: If it is no such text.
+        ValueError: If `text` is not of that form.
     """
     return tuple(map(_type, _parts(text, " ")))
 

@@ -23,12 +23,15 @@ ASIDE = frozenset(
         "cuda.transfers",
     )
 )  # fmt: skip
-"""Modules that launch and keep kernels, and of which no kernel is made."""
+"""Modules that only launch or store kernels: they do not change what a kernel computes."""
 
 
 @functools.cache
 def digest(module: str) -> str:
-    """Return the hash of a module of this package, by its full name, and of its imports.
+    """Return the hash of a module of this package and of all modules that it imports.
+
+    Args:
+        module: Full name. It counts even if it is one of ASIDE.
 
     Raises:
         OSError: If a source cannot be read.
@@ -48,8 +51,8 @@ def digest(module: str) -> str:
 
 
 def _read(module: str) -> tuple[str, list[str]]:
-    """The hash of one module, and the modules of the package that it imports. Parsing takes
-    milliseconds, so what it gave is kept."""
+    """Return the hash of one module, and the modules of the package that it imports. Parsing takes
+    milliseconds, so the result is stored."""
     path = _file(module)
     if path is None:
         raise FileNotFoundError(f"{module}: found no source, expected an installation with sources")
@@ -61,18 +64,14 @@ def _read(module: str) -> tuple[str, list[str]]:
         return normal, imports
     tree = ast.parse(source)
     imports = sorted(_imports(tree, module))
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [each for each in body if not _is_text(each)]  # type: ignore[attr-defined]
-    normal = hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+    normal = hashlib.sha256(ast.dump(_WithoutTexts().visit(tree)).encode()).hexdigest()
     store.save(key, json.dumps([normal, imports]).encode())
     return normal, imports
 
 
 @functools.cache
 def _own_hash() -> str:
-    """What reads sources: what an older version read of them is not believed."""
+    """Return the hash of this file: results of another version of it are not used."""
     return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
@@ -84,12 +83,12 @@ def _file(module: str) -> Path | None:
     return None
 
 
-def _is_text(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+class _WithoutTexts(ast.NodeTransformer):
+    """Removes docstrings, of whatever they are."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if is_text else node
 
 
 def _imports(tree: ast.Module, module: str) -> set[str]:

@@ -1,12 +1,12 @@
-"""Where compiled kernels are kept between processes: a folder of files, each named by its key.
+"""A folder of compiled kernels, shared by all processes: one file for each entry, named by its key.
 
-A key is the hash of all that an entry was made of, so an entry is never wrong, only missing. Files
-are written beside their place and renamed, so that processes which start together do not meet; each
-begins with the hash of the rest, so that a damaged one is missing too.
+A key is the hash of everything that an entry depends on, so an entry is never out of date. A file
+is written under a temporary name and renamed, so concurrent processes never see half of one. It
+begins with the hash of its contents: a damaged file counts as missing.
 
-The folder is USDSPLAT_CACHE_DIR, or `usdsplat` in the user's cache folder. It may be deleted at any
-time, and may be read-only: what it has is used, and what cannot be added to it is compiled again by
-the next process.
+The folder is USDSPLAT_CACHE_DIR, or `usdsplat/kernels` in the user's cache folder. It may be
+deleted at any time. It may be read-only: entries are read, and whatever is missing is compiled
+again by each process.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pathlib import Path
 
 VARIABLE = "USDSPLAT_CACHE_DIR"
 DIGEST = 32
-"""[byte] At the beginning of each file."""
+"""Size of the hash at the beginning of each file [byte]."""
 
 _chosen: Path | None = None
 _refusal = ""
 
 
 def folder() -> Path | None:
-    """Return the folder; None where the user has no home and names no folder."""
+    """Return the folder; None if the user has no home directory and VARIABLE is not set."""
     if _chosen is not None:
         return _chosen
     if os.environ.get(VARIABLE):
@@ -50,13 +50,13 @@ def key_of(*parts: str) -> str:
 
 
 def has(key: str) -> bool:
-    """Return whether an entry seems to be there; its contents are not read."""
+    """Return whether the file of an entry exists; it is not checked for damage."""
     path = _path(key)
     return path is not None and path.is_file()
 
 
 def load(key: str) -> bytes | None:
-    """Return the bytes kept under `key`; None where there are none, or damaged ones."""
+    """Return the bytes stored under `key`; None if they are missing, unreadable or damaged."""
     path = _path(key)
     if path is None:
         return None
@@ -69,7 +69,7 @@ def load(key: str) -> bytes | None:
 
 
 def save(key: str, data: bytes) -> bool:
-    """Keep `data` under `key`. Return False where it cannot be written; `refusal` then says why."""
+    """Store `data` under `key`. Return False if it cannot be written; `refusal` then says why."""
     global _refusal
     path = _path(key)
     if path is None:
@@ -90,7 +90,7 @@ def save(key: str, data: bytes) -> bool:
 
 
 def refusal() -> str:
-    """Return what was found where something could not be kept in this process; "" where all was."""
+    """Return why `save` last failed here, as the "found" part of an error; "" if it never did."""
     return _refusal
 
 

@@ -1,8 +1,8 @@
-"""A process that compiles kernels and runs none: machine code is made of what is kept, not of more.
+"""Make Numba compile without running: for processes that only fill the store of kernels.
 
-Numba makes everything that it compiles ready to run: each function that is inlined into others, and
-the body of each parallel loop, goes through LLVM's code generator and gets entries for Python and
-for C. That is a third of the time that our kernels take, and nothing is left of it in the end.
+Numba generates machine code, and wrappers for Python and for C, for every function that it
+compiles, also for helpers that are inlined and for the bodies of parallel loops. None of that is
+part of the stored kernel. Without it compiling takes about a quarter less time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from usdsplat.kernels import jit, signatures
 
 
 def compile_only() -> None:
-    """Run nothing that Numba compiles for the CPU in the rest of this process: it would crash."""
+    """Change Numba for the rest of this process. Calling a compiled CPU function crashes then."""
     jit.ONLY.update(name for name, _ in signatures.table("cpu"))
     context = cpu_target.target_context
     context.codegen().__class__ = _Codegen
@@ -28,18 +28,18 @@ def compile_only() -> None:
 
 
 class _Library(JITCodeLibrary):
-    """LLVM code of which machine code is made when it is asked for."""
+    """A library that generates machine code only when it is stored."""
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return what stands for a function that is nowhere; Numba asks as soon as it has one."""
+        """Return a null pointer: nothing is loaded. Numba asks after each compilation."""
         self._ensure_finalized()
         return 0
 
     def _finalize_specific(self) -> None:
-        """Numba generates code here."""
+        """Do nothing; Numba generates machine code here."""
 
     def _get_compiled_object(self) -> Any:
-        """Return the machine code."""
+        """Generate machine code and return it."""
         if not self._compiled:
             super(_Codegen, self._codegen)._add_module(self._final_module)
             super()._finalize_specific()
@@ -47,26 +47,26 @@ class _Library(JITCodeLibrary):
 
 
 class _Codegen(JITCPUCodegen):
-    """What makes such libraries."""
+    """Numba's code generator, which makes such libraries."""
 
     _library_class = _Library
 
     def _add_module(self, module: Any) -> None:
-        """Numba gives all modules to what generates code, once they are whole."""
+        """Do nothing; Numba loads each finished module here."""
 
     def set_env(self, name: str, env: Any) -> None:
-        """Numba leaves the constants of a loaded function where it finds them."""
+        """Do nothing; Numba writes into the memory of a loaded function here."""
 
 
 class _Context(CPUContext):
-    """What gives kernels an entry for Python."""
+    """Numba's target, which writes the wrappers."""
 
     def create_cpython_wrapper(
         self, library: Any, fndesc: Any, env: Any, call_helper: Any, release_gil: bool = False
     ) -> None:
-        """Make that entry for what is launched."""
+        """Write the wrapper for Python, only of kernels that are launched."""
         if f"{fndesc.modname}.{fndesc.qualname}".removeprefix(jit.KEPT) in jit.ONLY:
             super().create_cpython_wrapper(library, fndesc, env, call_helper, release_gil)
 
     def create_cfunc_wrapper(self, library: Any, fndesc: Any, env: Any, call_helper: Any) -> None:
-        """Nobody asks for a kernel's address."""
+        """Do nothing; no C code calls our kernels."""

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from usdsplat.kernels import signatures
 from usdsplat.kernels.cuda.written import written
@@ -81,7 +82,7 @@ def pytest_configure(config: Any) -> None:
             assert each.tobytes() == args[k].tobytes(), f"{name_of(kernel)} wrote argument {k}"
         return result
 
-    CpuDevice.run = held  # type: ignore[method-assign]
+    pytest.MonkeyPatch().setattr(CpuDevice, "run", held)
 
 
 def pytest_sessionfinish(session: Any) -> None:

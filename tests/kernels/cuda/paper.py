@@ -94,10 +94,9 @@ def device() -> Any:
 def compiling() -> Iterator[dict[str, bytes]]:
     """While the context lasts, a launch of a kernel of CUDA adds its machine code, by name and
     types, and nothing runs. What is not in the table of launches fails."""
-    from numba.cuda import dispatcher
-
     from usdsplat.kernels import signatures, store
     from usdsplat.kernels.cuda import jit
+    from usdsplat.kernels.cuda.launch import Kernel
 
     made: dict[str, bytes] = {}
     known = {f"{name} {types}" for name, types in signatures.table("cuda")}
@@ -105,8 +104,9 @@ def compiling() -> Iterator[dict[str, bytes]]:
 
     def launcher(self: Any, shape: Any) -> Callable[..., None]:
         def launch(*args: Any) -> None:
-            given = tuple(self.typeof_pyval(each) for each in args)
-            name = names.get(id(self)) or _name_of(self)
+            dispatcher = self.dispatcher
+            given = tuple(dispatcher.typeof_pyval(each) for each in args)
+            name = names.get(id(dispatcher)) or _name_of(dispatcher)
             line = f"{name} {signatures.encode(given)}"
             if line not in made:
                 key = jit.KERNELS[name]._cache.key(given, CAPABILITY)
@@ -121,5 +121,5 @@ def compiling() -> Iterator[dict[str, bytes]]:
         return names[id(kernel)]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dispatcher.CUDADispatcher, "__getitem__", launcher)
+        patch.setattr(Kernel, "__getitem__", launcher)
         yield made

@@ -109,9 +109,7 @@ def test_a_kernel_is_assembled(name: str, types: str, capability: tuple[int, int
     ahead.compile_task(ahead.Task(device="cuda", capability=capability, name=name, types=types))
     key = jit.KERNELS[name]._cache.key(signatures.decode(types), capability)
     kept = store.load(key)
-    if store.refusal():
-        pytest.skip(f"nothing is kept here: {store.refusal()}")
-    assert kept is not None and b"\x7fELF" in kept
+    assert kept is not None and b"\x7fELF" in kept, store.refusal()
     assert re.search(rb"nvptx|\.version \d", kept) is None, "its source is kept too"
 
 

@@ -1,8 +1,7 @@
-"""CUB's radix sort and running sum, built for the types that we sort and sum, and kept.
+"""CUB's radix sort and running sum, built for our types, and stored for later processes.
 
-A build takes NVIDIA's compiler seconds, so builds are kept between processes as kernels are. They
-need the GPU that they are for: a radix sort that `cuda.compute` 1.2 builds for a capability by its
-number, without a GPU, gives wrong results.
+A build takes seconds. It needs the GPU that it is for: a radix sort that `cuda.compute` 1.2 builds
+for another capability gives wrong results.
 
 Source: NVIDIA's CUB; its radix sort is stable.
 """
@@ -26,7 +25,7 @@ PACKAGES = ("cuda-cccl", "nvidia-cuda-nvrtc", "nvidia-nvjitlink")
 
 
 def build(algorithm: str, types: str) -> bytes:
-    """Build an algorithm for the GPU in use, unless it is kept, and keep it.
+    """Return an algorithm for the GPU in use: the stored build, or else a new one, which is stored.
 
     Args:
         algorithm: SORT or SUM.

@@ -23,6 +23,7 @@ if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cu
 from numba import cuda
 
 from usdsplat.core.errors import BackendError, UsdSplatError
+from usdsplat.kernels.cuda.arrays import with_views
 from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
 from usdsplat.kernels.cuda.jit import kernel
@@ -111,7 +112,8 @@ def _derived(kernel: Callable[..., Any]) -> Form | None:
         threads_of[BLOCKS, THREADS, device.stream](*args)
 
     def launch_and_count(device: CudaDevice, *args: Any) -> int:
-        counted = device.zeros(1, np.int64)
+        counted = device.borrow("counted", 1, np.int64)
+        _clear[1, 1, device.stream](counted)
         launch(device, *args, counted)
         return device.number(counted, 0)
 
@@ -156,9 +158,11 @@ class CudaDevice:
     def keep(self, array: npt.NDArray[Any]) -> Any:
         """`array` on the GPU, copied there once, for as long as it lives. It must never change."""
         found = self._kept.get(id(array))
-        if found is None or found[0]() is not array:
-            return self._remember(array, self.move(array))
-        return found[1]
+        if found is not None and found[0]() is array:
+            return found[1]
+        whole = np.require(array, requirements=["C", "A"])
+        is_small = whole.nbytes <= CONSTANT and not is_simulated()
+        return self._remember(array, self._constants.get(whole) if is_small else self._in(whole))
 
     def move(self, array: npt.NDArray[Any]) -> Any:
         """A buffer of the GPU that holds what `array` does, of which the host takes its leave."""
@@ -183,7 +187,7 @@ class CudaDevice:
             BackendError: If it has no room for it.
         """
         with in_words():
-            return cuda.device_array(shape, dtype, stream=self.stream)
+            return with_views(cuda.device_array(shape, dtype, stream=self.stream))
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
         """A buffer of the GPU for the time of one form, with undefined contents: kept for the next
@@ -194,12 +198,6 @@ class CudaDevice:
             self._lent.pop(key, None)
             found = self._lent[key] = self.resident(max(size, 1), dtype)
         return found
-
-    def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """A buffer of the GPU that holds zeros."""
-        out = self.resident(shape, dtype)
-        _clear[BLOCKS, THREADS, self.stream](out.reshape(-1).view(np.uint8))
-        return out
 
     def fetch(self, array: Any) -> npt.NDArray[Any]:
         """What an array of the GPU holds, for the host to read; a host's array as it is."""
@@ -294,7 +292,7 @@ class CudaDevice:
 
     def _in(self, array: npt.NDArray[Any]) -> Any:
         with in_words():
-            return cuda.to_device(np.ascontiguousarray(array), stream=self.stream)
+            return with_views(cuda.to_device(np.ascontiguousarray(array), stream=self.stream))
 
     def _out(self, copy: Any, original: npt.NDArray[Any]) -> None:
         if not original.flags.writeable:

@@ -157,8 +157,9 @@ class _Contractions(_Products):
 
 
 def _factors(node: ast.expr) -> list[ast.expr] | None:
-    is_product = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult)
-    return [node.left, node.right] if is_product else None  # type: ignore[attr-defined]
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        return [node.left, node.right]
+    return None
 
 
 @functools.cache

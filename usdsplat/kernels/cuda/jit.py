@@ -1,8 +1,8 @@
-"""How kernels are compiled for a GPU, and what is kept of them between processes.
+"""Compile kernels for a GPU, and store them for later processes.
 
-A kernel is kept as machine code, under the hash of the modules it is made of, the types of its
-arguments, the GPU's capability and the versions of what compiles. It can be assembled for a GPU
-that is not here: neither NVIDIA's compiler nor its assembler needs a driver.
+A kernel is stored as machine code. Its key contains the hash of its sources, its argument types,
+the GPU's compute capability and the versions of the compilers. It can be compiled for a GPU that is
+not here: neither NVIDIA's compiler nor its assembler needs a driver.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from typing import Any
 from numba import cuda
 
 from usdsplat.kernels import signatures, sources, store
-from usdsplat.kernels.cuda.support import is_compiled, versions
+from usdsplat.kernels.cuda.launch import Kernel
+from usdsplat.kernels.cuda.support import Capability, is_compiled, versions
 
 PREFIX = "usdsplat.kernels."
 KERNELS: dict[str, Any] = {}
-"""Name -> what Numba made of it, of the modules that are imported: a property of the sources."""
-
-Capability = tuple[int, int]
+"""Name -> Numba's dispatcher, of all kernels in modules that were imported."""
 
 
 def kernel(
@@ -34,12 +33,12 @@ def kernel(
     detail: str = "",
     **options: Any,
 ) -> Any:
-    """Make a kernel of a function that each thread runs, kept between processes.
+    """Return a kernel of a function, with our cache: a `launch.Kernel`, or the simulator's.
 
     Args:
-        name: Its own among all; None for that of the function behind its module's.
-        made_of: Modules by which it was made, besides its own and what that imports.
-        detail: What else it was made of, as text.
+        name: Unique name; None for that of the module and the function.
+        made_of: Further modules that the kernel depends on, besides its own and its imports.
+        detail: Whatever else it depends on, as text.
         options: Of `cuda.jit`.
     """
     if function is None:
@@ -51,20 +50,19 @@ def kernel(
             own, (function.__module__, *made_of), f"{sorted(options.items())} {detail}"
         )
         KERNELS[own] = made
-    return made
+    return Kernel(made) if is_compiled() else made
 
 
 def cuda_key(
     name: str, types: str, capability: Capability, modules: tuple[str, ...], options: str
 ) -> str:
-    """Return the key of a kernel for a GPU, with the types of its arguments as `signatures` has
-    them."""
+    """Return the store key of one form of a kernel; `types` as `signatures.encode` writes them."""
     made_of = " ".join(sources.digest(each) for each in modules)
     return store.key_of("cuda", name, types, repr(capability), options, versions(), made_of)
 
 
 class KernelCache:
-    """What numba-cuda asks for compiled forms of one kernel, and gives those it has made."""
+    """The cache object that numba-cuda's dispatcher of one kernel reads from and writes to."""
 
     cache_path = None
 
@@ -72,12 +70,12 @@ class KernelCache:
         self._name, self._modules, self._options = name, modules, options
 
     def key(self, types: tuple[Any, ...], capability: Capability) -> str:
-        """Return the key of one form."""
+        """Return the store key of one form."""
         text = signatures.encode(types)
         return cuda_key(self._name, text, capability, self._modules, self._options)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return what is kept of a signature for the GPU in use, or None."""
+        """Return the stored form of a signature for the GPU in use, or None."""
         from numba.cuda.dispatcher import _Kernel
 
         data = store.load(self.key(_types(signature), _capability_here()))
@@ -91,12 +89,11 @@ class KernelCache:
         return made
 
     def save_overload(self, signature: Any, made: Any) -> None:
-        """Keep what was compiled for the GPU in use."""
+        """Store a form for the GPU in use."""
         self.save(_types(signature), _capability_here(), made)
 
     def save(self, types: tuple[Any, ...], capability: Capability, made: Any) -> None:
-        """Keep what was compiled for a GPU of this capability: machine code, and no source of
-        it."""
+        """Store a form for a GPU of this capability: its machine code, without LLVM IR and PTX."""
         from numba.cuda.serialize import dumps
 
         state, library = made._reduce_states(), made._codelibrary
@@ -105,11 +102,11 @@ class KernelCache:
         store.save(self.key(types, capability), dumps(state))
 
     def flush(self) -> None:
-        """Forget nothing: what an entry was made of is in its key."""
+        """Part of numba-cuda's interface; nothing is buffered here."""
 
 
 def assemble(name: str, types: tuple[Any, ...], capability: Capability) -> bytes:
-    """Compile and assemble a kernel of KERNELS for any GPU, and keep it.
+    """Compile and assemble a kernel of KERNELS for any GPU, and store it.
 
     Args:
         types: Numba's, of its arguments.
@@ -145,7 +142,7 @@ def _capability_here() -> Capability:
 
 @contextmanager
 def _compiling_for(capability: Capability) -> Iterator[None]:
-    """Let numba-cuda, which asks the driver for the GPU in use, take it to be another one."""
+    """Make numba-cuda compile for this capability instead of that of the GPU in use."""
     from numba.cuda import codegen
 
     class Gpu:
@@ -154,7 +151,7 @@ def _compiling_for(capability: Capability) -> Iterator[None]:
     dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
     library: Any = codegen.CUDACodeLibrary
     before = dispatcher.get_current_device, library._ensure_cc
-    # of Hopper and later numba-cuda takes what is only theirs, as it would on such a GPU
+    # from Hopper on numba-cuda targets the exact architecture ("sm_90a"), as on such a GPU
     architecture = (*capability, "a" if capability >= (9, 0) else "")
     dispatcher.get_current_device = lambda: Gpu
     library._ensure_cc = lambda self, given: given or architecture

@@ -9,11 +9,13 @@ import importlib.util
 import os
 import sys
 
+Capability = tuple[int, int]
+"""Compute capability of a GPU: (major, minor)."""
 INSTALL = "pip install 'usdsplat[cuda]'"
 PACKAGES = ("numba-cuda", "numba", "nvidia-nvvm", "nvidia-nvjitlink", "cuda-core", "cuda-bindings")
-"""What compiles and assembles."""
+"""The packages that compile and assemble CUDA kernels."""
 CAPABILITY_MAJOR, CAPABILITY_MINOR = 75, 76
-"""What the driver calls these attributes of a device."""
+"""Numbers of these device attributes in the driver's API (CUdevice_attribute)."""
 
 
 def is_simulated() -> bool:
@@ -32,8 +34,8 @@ def has_gpu() -> bool:
 
 
 @functools.cache
-def capability() -> tuple[int, int] | None:
-    """That of the GPU which CUDA counts first; None where there is none to use."""
+def capability() -> Capability | None:
+    """Return the compute capability of the first GPU; None if there is no usable GPU."""
     name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     try:
         driver = ctypes.CDLL(name)
@@ -67,7 +69,7 @@ def obstacle() -> tuple[str, str] | None:
 
 @functools.cache
 def versions() -> str:
-    """What compiles and assembles kernels, as text."""
+    """Return the versions of Python and of PACKAGES, as one text."""
 
     def version(package: str) -> str:
         try:

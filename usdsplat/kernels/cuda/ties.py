@@ -1,8 +1,8 @@
-"""Runs of equal keys in a sorted list, put in order by what the keys leave undecided.
+"""Splats of equal sort keys, put in order.
 
-The order of memory means nothing: splats of one key go by their whole depth, and of one depth by
-who they are. In a short run each splat is compared with all others. A long one, as of a flat field
-that faces the camera, is listed, and a block of threads merges it.
+They are ordered by their whole depth, and those of one depth by instance and row, so that the order
+in memory does not matter. In a short run of equal keys each splat is compared with all others. A
+long run, as of a flat field that faces the camera, is merge-sorted by a block of threads.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What goes between the host and a GPU, through memory that the GPU reads and writes by itself.
+"""Copies between the host and a GPU, through pinned memory.
 
-Pageable memory goes through a buffer of the driver's at a fifth of the speed of the bus. Pinned
-memory does not, but takes long to allocate, so it is used again.
+From pageable memory the driver copies at a fifth of the speed of the bus. Pinned memory is slow to
+allocate, so it is used again.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import cuda
 
+from usdsplat.kernels.cuda.arrays import GpuArray
 from usdsplat.kernels.cuda.support import is_compiled
 
 if is_compiled():
-    from numba.cuda.cudadrv.devicearray import DeviceNDArray
     from numba.cuda.cudadrv.driver import host_to_device
 
 LEAST = 1 << 16
@@ -111,16 +111,7 @@ class Ring:
         self._next = -(-end // ALIGNED) * ALIGNED
         here = self._here[first:end]
         here[...] = array.reshape(-1).view(np.uint8)
-        # by itself: slices and views of numba-cuda's arrays take longer than the copy
-        there = DeviceNDArray(
-            array.shape,
-            array.strides,
-            array.dtype,
-            stream=self._stream,
-            gpu_data=self._there.gpu_data.view(first, end),
-        )
-        host_to_device(there, here, nbytes, self._stream)
-        return there
+        return _copied(array, here, self._there, first, self._stream)
 
 
 class Constants:
@@ -130,6 +121,7 @@ class Constants:
     def __init__(self, stream: Any) -> None:
         self._stream = stream
         self._known: dict[tuple[Any, ...], Any] = {}
+        self._memory: Any = None
 
     def get(self, array: npt.NDArray[Any]) -> Any:
         """Return a copy on the GPU of a contiguous array of at most CONSTANT bytes."""
@@ -137,13 +129,19 @@ class Constants:
         found = self._known.get(key)
         if found is None:
             if len(self._known) >= CONSTANTS:
-                self._known = {}
-            found = self._known[key] = cuda.to_device(array.copy(), stream=self._stream)
+                self.clear()
+            if self._memory is None:
+                self._memory = cuda.device_array(
+                    CONSTANTS * CONSTANT, np.uint8, stream=self._stream
+                )
+            first = len(self._known) * CONSTANT
+            found = _copied(array, array, self._memory, first, self._stream)
+            self._known[key] = found
         return found
 
     def clear(self) -> None:
-        """Release them."""
-        self._known = {}
+        """Release them; those that somebody holds stay."""
+        self._known, self._memory = {}, None
 
 
 class Rings:
@@ -163,3 +161,17 @@ class Rings:
     def clear(self) -> None:
         """Release them."""
         self._of.clear()
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+def _copied(
+    like: npt.NDArray[Any], source: npt.NDArray[Any], memory: Any, first: int, stream: Any
+) -> Any:
+    """The bytes of `source` at byte `first` of a GPU's memory, as an array like `like`."""
+    part = memory.gpu_data.view(first, first + like.nbytes)
+    there = GpuArray(like.shape, like.strides, like.dtype, stream, part)
+    if like.nbytes:
+        host_to_device(there, source, like.nbytes, stream)
+    return there

@@ -83,10 +83,3 @@ def test_what_is_published_need_not_go_back() -> None:
     here = device.publish(there)
     np.testing.assert_array_equal(here, values())
     assert device.keep(here) is there
-
-
-def test_zeros_are_zeros_of_any_type() -> None:
-    """Oracle: NumPy's."""
-    device = CudaDevice()
-    for kind in (np.uint8, np.int64, F, np.bool_):
-        np.testing.assert_array_equal(device.fetch(device.zeros((3, 5), kind)), np.zeros((3, 5)))

@@ -72,24 +72,26 @@ def load_packed(splats, i, rotation, scales):
 
 
 @cuda.jit(device=True, inline="always")
-def shade_packed(splats, i, sight, degree, color):
-    """Of the same."""
+def shade_packed_flat(splats, i, sight, degree, color):
+    """Of the same, at degree 0: without the memory of a thread's own, which slows all of them."""
     unpack_colors(splats[1][i], splats[3], color)
-    if degree == 0:  # no more than three numbers, and those in registers
-        least = cuda.local.array((1, 3), np.float32)
-        for c in range(3):
-            least[0, c] = color[c]
-        for c in range(3):
-            color[c] = harmonics(least, c, 0, float32(0), float32(0), float32(0))
-        return
-    sh = cuda.local.array((COEFFICIENTS, 3), np.float32)
+    least = cuda.local.array((1, 3), np.float32)
     for c in range(3):
-        sh[0, c] = color[c]
+        least[0, c] = color[c]
+    for c in range(3):
+        color[c] = harmonics(least, c, 0, float32(0), float32(0), float32(0))
+
+
+@cuda.jit(device=True, inline="always")
+def shade_packed(splats, i, sight, degree, color):
+    """Of the same, at degree 1 and above; a channel after the other, for a thread's memory."""
+    unpack_colors(splats[1][i], splats[3], color)
+    sh = cuda.local.array((COEFFICIENTS, 1), np.float32)
     x, y, z = direction(sight, splats[0][i])
     words = splats[2][row_of(splats, i)]
-    for band in range(1, degree + 1):
-        for k in range(band * band, (band + 1) * (band + 1)):
-            for c in range(3):
-                sh[k, c] = unpack_harmonic(words, 3 * (k - 1) + c, splats[4], band)
     for c in range(3):
-        color[c] = harmonics(sh, c, degree, x, y, z)
+        sh[0, 0] = color[c]
+        for band in range(1, degree + 1):
+            for k in range(band * band, (band + 1) * (band + 1)):
+                sh[k, 0] = unpack_harmonic(words, 3 * (k - 1) + c, splats[4], band)
+        color[c] = harmonics(sh, 0, degree, x, y, z)

@@ -1,10 +1,10 @@
 """The order of depth: keys are sorted, and what they leave undecided is settled.
 
-CUB sorts eight bits at a time, so of few splats three bytes of a key cost three quarters of four.
-The keys of a view lie close together: counted from the least, and cut to as many bits as the
-largest asks for, they differ but for splats of almost one depth. Those are put in order by their
-whole keys, and of one key by their rows: the order of memory means nothing. Of many splats more are
-that close, and settling costs more than a pass.
+CUB sorts eight bits at a time, so of few splats two bytes of a key cost half of four. The keys of a
+view lie close together: counted from the least, and cut to as many bits as the largest asks for,
+they differ but for splats of almost one depth. Those are put in order by their whole keys, and of
+one key by their rows: the order of memory means nothing. Of many splats more are that close, and
+settling costs more than a pass.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from usdsplat.kernels.cuda.ties import limit, merge_run, place_in_run
 from usdsplat.kernels.sort import ordered_bits
 
 LAST = np.uint32(0xFFFFFFFF)
-FEW = 1 << 18
-"""Splats up to which keys are cut."""
+CUT = ((1 << 17, 16), (1 << 18, 24))
+"""(Splats up to which keys are cut, bits that are left of them)."""
 
 
 def bits_of(count: int) -> int:
     """Bits of the keys by which so many splats are sorted."""
-    return 24 if count <= FEW else 32
+    return next((bits for most, bits in CUT if count <= most), 32)
 
 
 @kernel

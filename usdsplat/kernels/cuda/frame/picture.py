@@ -255,7 +255,8 @@ class FramePicture:
             first, instance, block = first + parts, instance + group.instances, block + blocks
         self._primitives.running_sum(b["found"], b["sums"], self._parts + 1)
         for number, group, instance, first in spans:
-            project.PLACE[group.is_packed][group.instances * group.parts, project.PART, stream](
+            place = project.PLACE[group.is_packed, group.degree > 0]
+            place[group.instances * group.parts, project.PART, stream](
                 cameras, matrices, sights, conversions, number, instance, first, group.parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"], b["names"],

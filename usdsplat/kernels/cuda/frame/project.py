@@ -22,6 +22,7 @@ from usdsplat.kernels.cuda.frame.load import (
     row_of,
     shade_floats,
     shade_packed,
+    shade_packed_flat,
 )
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.project import project_one, squared_distance
@@ -119,7 +120,7 @@ def make_place(load: Any, shade: Any) -> Any:
     number.
     """
 
-    @kernel(name=f"cuda.frame.project.place({load.__name__})")
+    @kernel(name=f"cuda.frame.project.place({shade.__name__})")
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
         marks, found, starts, room, records, keys, rows, names, span, totals,
@@ -185,8 +186,12 @@ def make_place(load: Any, shade: Any) -> Any:
 
 
 SEE = {False: make_see(load_floats), True: make_see(load_packed)}
+"""Whether splats are packed -> the kernel that reads them."""
+_FLOATS = make_place(load_floats, shade_floats)
 PLACE = {
-    False: make_place(load_floats, shade_floats),
-    True: make_place(load_packed, shade_packed),
+    (False, False): _FLOATS,
+    (False, True): _FLOATS,
+    (True, False): make_place(load_packed, shade_packed_flat),
+    (True, True): make_place(load_packed, shade_packed),
 }
-"""Whether splats are packed -> the kernels that read them."""
+"""Whether splats are packed, and have harmonics above degree 0 -> the kernel that writes them."""

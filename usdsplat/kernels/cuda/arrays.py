@@ -1,0 +1,56 @@
+"""Arrays on a GPU whose views cost little: numba-cuda takes 25 µs for each, a frame has many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from usdsplat.kernels.cuda.support import is_compiled
+
+VIEWS = 64
+"""Views of one array that are kept."""
+
+
+def _base() -> Any:
+    if not is_compiled():
+        return object
+    from numba.cuda.cudadrv.devicearray import DeviceNDArray
+
+    return DeviceNDArray
+
+
+_Base: Any = _base()
+
+
+class GpuArray(_Base):
+    """numba-cuda's array, which makes each of its views once.
+
+    A view holds the memory, not the array that it was made of, so there is no cycle.
+    """
+
+    def __getitem__(self, item: Any) -> Any:
+        """A view of a slice or a row; a single number is read by the host, which waits for it."""
+        if isinstance(item, slice):
+            return self._view((item.start, item.stop, item.step), super().__getitem__, item)
+        if isinstance(item, int) and self.ndim > 1:
+            return self._view(item, super().__getitem__, item)
+        return super().__getitem__(item)
+
+    def reshape(self, *shape: Any) -> Any:
+        """A view of a contiguous array in another shape."""
+        return self._view(("reshape", *shape), super().reshape, *shape)
+
+    def _view(self, key: Any, make: Any, *args: Any) -> Any:
+        views = self.__dict__.setdefault("_views", {})
+        found = views.get(key)
+        if found is None:
+            if len(views) >= VIEWS:
+                views.clear()
+            found = views[key] = make(*args)
+        return found
+
+
+def with_views(array: Any) -> Any:
+    """Return an array of numba-cuda's as a GpuArray on the same memory; a simulator's as it is."""
+    if not is_compiled():
+        return array
+    return GpuArray(array.shape, array.strides, array.dtype, array.stream, array.gpu_data)

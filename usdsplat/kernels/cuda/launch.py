@@ -1,0 +1,110 @@
+"""Launches of compiled kernels at little cost for the host.
+
+numba-cuda looks at each array of each launch anew, which takes longer than the small kernels do.
+Here, what a kernel is told of an array is worked out once for each array object.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from typing import Any
+
+from numba import cuda
+
+_KNOWN = "_usdsplat_launch"
+"""Attribute of a GPU array: its type, as text, and the numbers that a kernel is given for it."""
+
+
+class Kernel:
+    """A kernel, launched as `kernel[blocks, threads, stream](*args)`.
+
+    Arrays are numba-cuda's, on the GPU. Numbers are passed by their type: an `int` as int64, a
+    `float` as float64, NumPy's as themselves.
+
+    Args:
+        dispatcher: numba-cuda's, which compiles.
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        self.dispatcher = dispatcher
+        self._forms: dict[tuple[Any, ...], Any] = {}
+        """Types of arguments -> what the driver launches."""
+
+    def __getitem__(self, shape: tuple[Any, int, Any]) -> functools.partial[None]:
+        return functools.partial(self._launch, *shape)
+
+    def _launch(self, blocks: Any, threads: int, stream: Any, *args: Any) -> None:
+        from cuda.core import launch
+
+        keys: list[Any] = []
+        values: list[Any] = []
+        _describe(args, keys, values)
+        key = tuple(keys)
+        form = self._forms.get(key)
+        if form is None:
+            form = self._forms[key] = self._compiled(args)
+        _enter()
+        launch(_stream(int(stream.handle)), _config(blocks, threads), form, *values)
+
+    def _compiled(self, args: tuple[Any, ...]) -> Any:
+        """The form for arguments of these types, compiled or loaded."""
+        types = tuple(self.dispatcher.typeof_pyval(each) for each in args)
+        return self.dispatcher.compile(types)._codelibrary.get_cufunc().kernel
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+class _Thread(threading.local):
+    """Whether the GPU's context is the current one of this thread of the host."""
+
+    is_ready = False
+
+
+_THREAD = _Thread()
+
+
+def _enter() -> None:
+    if not _THREAD.is_ready:
+        cuda.current_context()
+        _THREAD.is_ready = True
+
+
+def _describe(args: tuple[Any, ...], keys: list[Any], values: list[Any]) -> None:
+    """Append what tells the types of arguments, and what the driver is given for them."""
+    for arg in args:
+        if isinstance(arg, tuple):
+            keys.append(len(arg))
+            _describe(arg, keys, values)
+        elif hasattr(arg, "gpu_data"):
+            known = arg.__dict__.get(_KNOWN)
+            if known is None:
+                known = arg.__dict__[_KNOWN] = _described(arg)
+            keys.append(known[0])
+            values += known[1]
+        else:
+            keys.append(type(arg))
+            values.append(arg)
+
+
+def _described(array: Any) -> tuple[str, tuple[int, ...]]:
+    """The type of an array, and its fields in the order that numba-cuda's kernels take them in:
+    two that are unused, elements, bytes of an element, address, shape, strides."""
+    address = array.device_ctypes_pointer.value or 0
+    fields = 0, 0, array.size, array.dtype.itemsize, address, *array.shape, *array.strides
+    return array._numba_type_.name, tuple(int(each) for each in fields)
+
+
+@functools.lru_cache(maxsize=1024)
+def _config(blocks: Any, threads: int) -> Any:
+    from cuda.core import LaunchConfig
+
+    return LaunchConfig(grid=blocks, block=threads)
+
+
+@functools.lru_cache(maxsize=64)
+def _stream(handle: int) -> Any:
+    from cuda.core import Stream
+
+    return Stream.from_handle(handle)
