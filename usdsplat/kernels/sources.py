@@ -20,7 +20,7 @@ ASIDE = frozenset(
     for name in (
         "store", "sources", "signatures", "ahead", "unloaded", "compiling", "device", "cuda.device",
         "cuda.written", "cuda.support", "cuda.primitives", "cuda.compiling", "cuda.cub",
-        "cuda.transfers",
+        "cuda.transfers", "cuda.launch", "cuda.arrays",
     )
 )  # fmt: skip
 """Modules that only launch or store kernels: they do not change what a kernel computes."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from usdsplat.kernels.cuda.support import is_compiled
 
 VIEWS = 64
@@ -22,7 +24,7 @@ _Base: Any = _base()
 
 
 class GpuArray(_Base):
-    """numba-cuda's array, which makes each of its views once.
+    """numba-cuda's array, which keeps its views: slices, rows, other shapes and types.
 
     A view holds the memory, not the array that it was made of, so there is no cycle.
     """
@@ -36,8 +38,12 @@ class GpuArray(_Base):
         return super().__getitem__(item)
 
     def reshape(self, *shape: Any) -> Any:
-        """A view of a contiguous array in another shape."""
+        """A view of a contiguous array in another shape, given as a tuple or one by one."""
         return self._view(("reshape", *shape), super().reshape, *shape)
+
+    def view(self, dtype: Any) -> Any:
+        """The same memory as another type."""
+        return self._view(np.dtype(dtype), lambda: with_views(super(GpuArray, self).view(dtype)))
 
     def _view(self, key: Any, make: Any, *args: Any) -> Any:
         views = self.__dict__.setdefault("_views", {})

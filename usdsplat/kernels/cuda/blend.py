@@ -83,5 +83,5 @@ def _blend(
 @form
 def blend(device: CudaDevice, *args: Any) -> None:
     """As `kernels.blend.blend`, but does not count the work: the host would wait for it."""
-    *rest, work = args
-    _blend[work.shape[0], THREADS, device.stream](*rest)
+    starts = args[3]
+    _blend[starts.shape[0] - 1, THREADS, device.stream](*args[:-1])

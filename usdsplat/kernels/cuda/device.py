@@ -156,13 +156,16 @@ class CudaDevice:
         return self._cpu.upload(array)
 
     def keep(self, array: npt.NDArray[Any]) -> Any:
-        """`array` on the GPU, copied there once, for as long as it lives. It must never change."""
+        """`array` on the GPU, copied there once, for as long as it lives. It must never change.
+        Small arrays of the same contents share their memory."""
         found = self._kept.get(id(array))
         if found is not None and found[0]() is array:
             return found[1]
         whole = np.require(array, requirements=["C", "A"])
-        is_small = whole.nbytes <= CONSTANT and not is_simulated()
-        return self._remember(array, self._constants.get(whole) if is_small else self._in(whole))
+        if whole.nbytes > CONSTANT or is_simulated():
+            return self._remember(array, self._in(whole))
+        with in_words():
+            return self._remember(array, self._constants.get(whole))
 
     def move(self, array: npt.NDArray[Any]) -> Any:
         """A buffer of the GPU that holds what `array` does, of which the host takes its leave."""

@@ -31,10 +31,10 @@ class Kernel:
         self._forms: dict[tuple[Any, ...], Any] = {}
         """Types of arguments -> what the driver launches."""
 
-    def __getitem__(self, shape: tuple[Any, int, Any]) -> functools.partial[None]:
+    def __getitem__(self, shape: tuple[int, int, Any]) -> functools.partial[None]:
         return functools.partial(self._launch, *shape)
 
-    def _launch(self, blocks: Any, threads: int, stream: Any, *args: Any) -> None:
+    def _launch(self, blocks: int, threads: int, stream: Any, *args: Any) -> None:
         from cuda.core import launch
 
         keys: list[Any] = []
@@ -45,7 +45,7 @@ class Kernel:
         if form is None:
             form = self._forms[key] = self._compiled(args)
         _enter()
-        launch(_stream(int(stream.handle)), _config(blocks, threads), form, *values)
+        launch(_stream(int(stream.handle)), _config(int(blocks), int(threads)), form, *values)
 
     def _compiled(self, args: tuple[Any, ...]) -> Any:
         """The form for arguments of these types, compiled or loaded."""
@@ -57,7 +57,7 @@ class Kernel:
 
 
 class _Thread(threading.local):
-    """Whether the GPU's context is the current one of this thread of the host."""
+    """Whether this thread of the host uses the GPU's context, of which a process has one."""
 
     is_ready = False
 
@@ -97,7 +97,7 @@ def _described(array: Any) -> tuple[str, tuple[int, ...]]:
 
 
 @functools.lru_cache(maxsize=1024)
-def _config(blocks: Any, threads: int) -> Any:
+def _config(blocks: int, threads: int) -> Any:
     from cuda.core import LaunchConfig
 
     return LaunchConfig(grid=blocks, block=threads)

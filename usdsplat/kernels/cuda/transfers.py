@@ -34,6 +34,8 @@ SMALL = 1 << 16
 """[byte] Of the largest of those."""
 CONSTANT, CONSTANTS = 2048, 256
 """[byte] Of the largest array that is looked up by what it holds, and how many are kept."""
+BLOCK = 1 << 16
+"""[byte] Of the memory that such arrays share; it is released with the last of them."""
 ALIGNED = 256
 """[byte] What each begins on."""
 
@@ -121,27 +123,33 @@ class Constants:
     def __init__(self, stream: Any) -> None:
         self._stream = stream
         self._known: dict[tuple[Any, ...], Any] = {}
-        self._memory: Any = None
+        self._block: Any = None
+        self._next = 0
+        self._adding = threading.Lock()
 
     def get(self, array: npt.NDArray[Any]) -> Any:
         """Return a copy on the GPU of a contiguous array of at most CONSTANT bytes."""
         key = array.tobytes(), array.shape, array.dtype
         found = self._known.get(key)
         if found is None:
-            if len(self._known) >= CONSTANTS:
-                self.clear()
-            if self._memory is None:
-                self._memory = cuda.device_array(
-                    CONSTANTS * CONSTANT, np.uint8, stream=self._stream
-                )
-            first = len(self._known) * CONSTANT
-            found = _copied(array, array, self._memory, first, self._stream)
-            self._known[key] = found
+            with self._adding:
+                found = self._known[key] = self._copy(array)
         return found
+
+    def _copy(self, array: npt.NDArray[Any]) -> Any:
+        if len(self._known) >= CONSTANTS:
+            self._known = {}
+        if self._block is None or self._next + array.nbytes > BLOCK:
+            self._block = cuda.device_array(BLOCK, np.uint8, stream=self._stream)
+            self._next = 0
+        first = self._next
+        self._next = -(-(first + array.nbytes) // ALIGNED) * ALIGNED
+        return _copied(array, array, self._block, first, self._stream)
 
     def clear(self) -> None:
         """Release them; those that somebody holds stay."""
-        self._known, self._memory = {}, None
+        with self._adding:
+            self._known, self._block = {}, None
 
 
 class Rings:
@@ -171,7 +179,10 @@ def _copied(
 ) -> Any:
     """The bytes of `source` at byte `first` of a GPU's memory, as an array like `like`."""
     part = memory.gpu_data.view(first, first + like.nbytes)
-    there = GpuArray(like.shape, like.strides, like.dtype, stream, part)
+    # NumPy gives an axis of length 1 any stride, by which numba-cuda would type the array
+    strides = np.empty(like.shape, np.uint8).strides
+    strides = tuple(like.dtype.itemsize * each for each in strides)
+    there = GpuArray(like.shape, strides, like.dtype, stream, part)
     if like.nbytes:
         host_to_device(there, source, like.nbytes, stream)
     return there

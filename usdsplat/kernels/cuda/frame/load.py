@@ -84,7 +84,7 @@ def shade_packed_flat(splats, i, sight, degree, color):
 
 @cuda.jit(device=True, inline="always")
 def shade_packed(splats, i, sight, degree, color):
-    """Of the same, at degree 1 and above; a channel after the other, for a thread's memory."""
+    """Of the same, of degree 1 and above; a channel at a time needs a third of the memory."""
     unpack_colors(splats[1][i], splats[3], color)
     sh = cuda.local.array((COEFFICIENTS, 1), np.float32)
     x, y, z = direction(sight, splats[0][i])
