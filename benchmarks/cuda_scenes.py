@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks.scenes import DATA, garden
 from usdsplat import formats
 from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.delegate import layout
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame.picture import FrameGroup, FrameView
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.project import CAMERA, LOW_PASS
+from usdsplat.render import spatial_order
 from usdsplat.schema import packing
 
 NEAR = 0.01
@@ -86,8 +86,8 @@ def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool) -> FrameGro
     """A cloud on the GPU, as floats or packed, in the order in which an engine lays it out."""
     turns = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
     cloud = replace(cloud, rotations=turns.astype(np.float32))
-    small = len(cloud) < layout.LEAST
-    laid = layout.as_it_is(cloud) if small else layout.laid_out(CpuDevice(), cloud)
+    small = len(cloud) < spatial_order.LEAST
+    laid = spatial_order.as_it_is(cloud) if small else spatial_order.laid_out(CpuDevice(), cloud)
     held: tuple[Any, ...]
     if packed:
         arrays = packing.pack(cloud)

@@ -26,11 +26,11 @@ from benchmarks.scenes import CAPTURES, DATA, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
-from usdsplat.delegate.specs import View
 from usdsplat.interchange.decimating import decimate
 from usdsplat.kernels.device import open_device
+from usdsplat.render.renderer import Renderer
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 PART = 0.25
 MILLION = 1_000_000

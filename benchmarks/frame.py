@@ -34,13 +34,13 @@ from benchmarks.scenes import (
     view_of,
 )
 from usdsplat.core.cloud import F32
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import FrameStats, Renderer
-from usdsplat.delegate.specs import View
 from usdsplat.kernels import bins, blend, peak, project, reference
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import Device, open_device
+from usdsplat.render.renderer import FrameStats, Renderer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 STAGES = ("project", "radiance", "sort", "bins", "blend")
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")

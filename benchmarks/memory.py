@@ -18,7 +18,7 @@ from rich.table import Table
 
 from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, capture, garden, lens_of, scaled, scene_of, view_of
-from usdsplat.delegate.memory import Estimate
+from usdsplat.render.memory import Estimate
 
 SIZES = ((1920, 1080), (3840, 2160), (7680, 4320))
 AOVS = ("color", "depth", "primId", "elementId")
@@ -35,11 +35,11 @@ def resident(kind: str) -> float:
 
 def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
-    from usdsplat.delegate.memory import estimate, fitting
-    from usdsplat.delegate.render_settings import RenderSettings
-    from usdsplat.delegate.renderer import BAND_PIXELS, Renderer
     from usdsplat.kernels.bins import TILE
     from usdsplat.kernels.device import open_device
+    from usdsplat.render.memory import estimate, fitting
+    from usdsplat.render.renderer import BAND_PIXELS, Renderer
+    from usdsplat.render.settings import RenderSettings
 
     if name in CAPTURES:
         scene, view_matrix, k = capture(name)

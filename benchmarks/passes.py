@@ -25,14 +25,14 @@ from rich.table import Table
 
 from benchmarks.scenes import DATA, afresh, capture, garden, scaled, scene_of, view_of
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import AOVS, Renderer
-from usdsplat.delegate.specs import InstanceSpec, MeshSpec, View
 from usdsplat.images import open_writer
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels.device import open_device
+from usdsplat.render.renderer import AOVS, Renderer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import InstanceSpec, MeshSpec, View
 
 SIZE = (1920, 1080)
 SCENES = ("garden", "statue_angel.sog", "playbot_lod2.sog")

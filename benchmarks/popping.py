@@ -28,10 +28,10 @@ from rich.table import Table
 
 from benchmarks.scenes import capture, scaled, view_of
 from usdsplat.core.cloud import F32, F64
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
 from usdsplat.kernels.device import open_device
+from usdsplat.render.renderer import Renderer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
 
 Mode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
 MODES: tuple[Mode, ...] = ("zDepth", "cameraDistance", "rayHitDistance")

@@ -29,7 +29,6 @@ from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, DATA, garden
 from usdsplat import schema
 from usdsplat.core import edit
-from usdsplat.delegate.memory import resident
 from usdsplat.images.aovs import AOVS
 from usdsplat.interchange import import_capture
 from usdsplat.preview.camera import FreeCamera
@@ -44,6 +43,7 @@ from usdsplat.preview.values import (
     Problem,
     ViewState,
 )
+from usdsplat.render.memory import resident
 
 SIZE = (960, 720)
 TICK = 1 / 60

@@ -31,11 +31,11 @@ from benchmarks.report import Report, spread
 from benchmarks.scenes import garden, lens_of, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.delegate.band import Band
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Renderer
 from usdsplat.kernels import reference
 from usdsplat.kernels.device import open_device
+from usdsplat.render.band import Band
+from usdsplat.render.renderer import Renderer
+from usdsplat.render.settings import RenderSettings
 
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")
 ROUNDS = 7

@@ -20,8 +20,8 @@ from rich.table import Table
 from benchmarks.frame import draw
 from benchmarks.report import Report, spread
 from benchmarks.scenes import afresh, garden, scene_of, view_of
-from usdsplat.delegate.renderer import FrameStats, Renderer
 from usdsplat.kernels.device import Device, open_device
+from usdsplat.render.renderer import FrameStats, Renderer
 
 SIZE = (1920, 1080)
 GRIDS = (1, 3, 5, 7, 9, 13)

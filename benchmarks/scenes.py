@@ -11,8 +11,8 @@ import numpy as np
 from usdsplat import formats
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.sh import rgb_to_dc
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 DATA = Path(os.environ.get("USDSPLAT_TEST_DATA") or SHARED / "data")

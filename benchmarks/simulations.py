@@ -21,7 +21,7 @@ from benchmarks.scenes import DATA
 from usdsplat import schema
 from usdsplat.cli.main import main as usdsplat
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.render.settings import RenderSettings
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.torus import author_torus
 

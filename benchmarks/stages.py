@@ -20,9 +20,9 @@ from pxr import Gf, Usd, UsdGeom
 
 from benchmarks.scenes import DATA
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import View
 from usdsplat.interchange import import_capture
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 SIZE = (480, 360)
 COLUMNS = 4

@@ -11,16 +11,14 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from usdsplat import formats
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.interchange import import_capture
-from usdsplat.interchange.procedural import capture
+from usdsplat import formats, import_capture, procedural_capture
+from usdsplat import main as usdsplat
 
 
 def main(folder: Path) -> Path:
     """Write capture.ply, capture.usdc and capture.exr; returns the picture."""
     scan, stage, picture = (folder / f"capture{suffix}" for suffix in (".ply", ".usdc", ".exr"))
-    formats.write(capture(20_000), scan)
+    formats.write(procedural_capture(20_000), scan)
     report = import_capture(scan, stage, frame="rub")  # y is up in this one, unlike most scans
     print(f"{report.splats} splats at {report.prim_path}")
     usdsplat(["render", str(stage), "-o", str(picture), "--resolution", "320x240"])

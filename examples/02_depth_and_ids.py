@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.delegate.engine import Engine
-from usdsplat.interchange.procedural import capture
+from usdsplat import Engine, procedural_capture, schema
 
 
 def main(folder: Path) -> Path:
     """Author a stage of two fields and save its picture's arrays; returns the file."""
     stage = Usd.Stage.CreateNew(str(folder / "pair.usda"))
-    cloud = capture(20_000)
+    cloud = procedural_capture(20_000)
     schema.author(stage, "/World/Left", cloud)
     right = UsdGeom.Xformable(stage.DefinePrim("/World/Right"))
     right.GetPrim().GetReferences().AddInternalReference("/World/Left")

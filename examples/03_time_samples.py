@@ -16,10 +16,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd
 
-from usdsplat import schema
-from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate.engine import Engine
-from usdsplat.interchange.procedural import capture
+from usdsplat import Engine, SplatCloud, procedural_capture, schema
 
 FRAMES = range(1, 9)
 
@@ -33,7 +30,7 @@ def wave(cloud: SplatCloud, frame: int) -> SplatCloud:
 
 def main(folder: Path) -> Path:
     """Write capture.usdc, wave.usdc and shot.usda, which puts one over the other; returns it."""
-    cloud = capture(20_000)
+    cloud = procedural_capture(20_000)
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(base, "/World/Capture", cloud)
     base.Save()

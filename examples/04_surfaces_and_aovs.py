@@ -13,9 +13,8 @@ import numpy as np
 import OpenImageIO as oiio
 from pxr import Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.interchange.procedural import capture
+from usdsplat import main as usdsplat
+from usdsplat import procedural_capture, schema
 
 AOVS = "color,Z,N,P,albedo,cryptoObject"
 BALL, FIELD = "/World/Ball", "/World/Capture"
@@ -24,7 +23,7 @@ BALL, FIELD = "/World/Ball", "/World/Capture"
 def main(folder: Path) -> Path:
     """Write ball.usda and ball.exr; returns the picture."""
     stage = Usd.Stage.CreateNew(str(folder / "ball.usda"))
-    schema.author(stage, FIELD, capture(20_000))
+    schema.author(stage, FIELD, procedural_capture(20_000))
     ball = UsdGeom.Sphere.Define(stage, BALL)
     ball.GetRadiusAttr().Set(0.25)
     # Its middle is on the ground, whose splats hide the lower half.

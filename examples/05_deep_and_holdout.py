@@ -16,10 +16,8 @@ import numpy as np
 import OpenImageIO as oiio
 from pxr import Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.images.deep_reader import DeepImage, read_deep
-from usdsplat.interchange.procedural import capture
+from usdsplat import DeepImage, procedural_capture, read_deep, schema
+from usdsplat import main as usdsplat
 
 COMMON = "--resolution 160x120 --camera /World/Camera"
 COMMANDS = (
@@ -35,7 +33,7 @@ COMMANDS = (
 def main(folder: Path) -> Path:
     """Write a stage and the pictures of `COMMANDS`; returns the folder."""
     stage = Usd.Stage.CreateNew(str(folder / "shot.usda"))
-    schema.author(stage, "/World/Capture", capture(20_000))
+    schema.author(stage, "/World/Capture", procedural_capture(20_000))
     ball = UsdGeom.Sphere.Define(stage, "/CG/Ball")
     ball.GetRadiusAttr().Set(0.3)
     ball.AddTranslateOp().Set((0.2, 0.3, 0.0))

@@ -11,10 +11,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.interchange.procedural import capture
+from usdsplat import Engine, RenderSettings, procedural_capture, schema
 
 STEP = 0.25
 """[scene unit] that the capture moves to the right from each frame to the next."""
@@ -25,7 +22,7 @@ PIXELS = 80
 def main(folder: Path) -> Path:
     """Author blur.usda and save pictures of its frame 2, sharp and blurred; returns the file."""
     stage = Usd.Stage.CreateNew(str(folder / "blur.usda"))
-    field = schema.author(stage, "/World/Capture", capture(20_000))
+    field = schema.author(stage, "/World/Capture", procedural_capture(20_000))
     move = UsdGeom.Xformable(field).AddTranslateOp()
     for frame in (1, 4):
         move.Set((STEP * (frame - 2), 0.0, 0.0), frame)

@@ -11,10 +11,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf, Usd
 
-from usdsplat import schema
-from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.interchange.procedural import capture
+from usdsplat import Engine, RenderSettings, procedural_capture, schema
 
 RADIUS = 0.6
 LOOK = f"""#usda 1.0
@@ -37,7 +34,7 @@ LINEAR = RenderSettings(blend_space="linear", color_mode="scene")
 def main(folder: Path) -> Path:
     """Write capture.usdc, look.usda and shot.usda, which puts one over the other; returns it."""
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(base, "/World/Capture", capture(20_000))
+    schema.author(base, "/World/Capture", procedural_capture(20_000))
     base.Save()
     look = Sdf.Layer.CreateNew(str(folder / "look.usda"))
     look.ImportFromString(LOOK)

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.interchange.procedural import capture
+from usdsplat import main as usdsplat
+from usdsplat import procedural_capture, schema
 
 FIELD = "/World/Capture"
 FRAMES = (1, 16)
@@ -30,7 +29,7 @@ SETTINGS = (
 def main(folder: Path) -> Path:
     """Write capture.usdc, grow.usda, which says what is to happen, and grown.usda."""
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(stage, FIELD, capture(4_000))
+    schema.author(stage, FIELD, procedural_capture(4_000))
     stage.Save()
     made, grown = folder / "grow.usda", folder / "grown.usda"
     assert usdsplat(f"simulate --preset grow {folder}/capture.usdc -o {made}".split()) == 0

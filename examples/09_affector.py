@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.interchange.procedural import capture
-from usdsplat.sim.stage.authoring import author
+from usdsplat import author_parameters, procedural_capture, schema
+from usdsplat import main as usdsplat
 
 FIELD, ROD = "/World/Capture", "/World/Rod"
 RADIUS, HALF = 0.12, 0.25
@@ -25,7 +23,7 @@ PASS, LAST = 16, 30
 def main(folder: Path) -> Path:
     """Write capture.usdc, rod.usda, which says what is to happen, and pushed.usda."""
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(base, FIELD, capture(10_000))
+    schema.author(base, FIELD, procedural_capture(10_000))
     base.Save()
     stage = Usd.Stage.CreateNew(str(folder / "rod.usda"))
     stage.GetRootLayer().subLayerPaths = ["capture.usdc"]
@@ -37,11 +35,11 @@ def main(folder: Path) -> Path:
     for frame, x, angle in ((1, -1.5, 0.0), (PASS, 1.5, 360.0)):
         move.Set(Gf.Vec3d(x, 0.3, 0.1), frame)
         turn.Set(angle, frame)
-    author(rod.GetPrim(), {"affector:role": "collide", "affector:friction": 0.1})
+    author_parameters(rod.GetPrim(), {"affector:role": "collide", "affector:friction": 0.1})
     for frame, enabled in ((1, True), (PASS + 1, False)):  # what it took along may go home
-        author(rod.GetPrim(), {"affector:enabled": enabled}, time=frame)
+        author_parameters(rod.GetPrim(), {"affector:enabled": enabled}, time=frame)
     sim = stage.DefinePrim("/World/Sim", "SplatSim")
-    author(sim, {"settle:omega": 12.0})
+    author_parameters(sim, {"settle:omega": 12.0})
     stage.Save()
     baked = folder / "pushed.usda"
     command = f"simulate {folder}/rod.usda -o {baked} --frames 1:{LAST}"

@@ -14,11 +14,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, UsdSkel
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.core.cloud import F64
-from usdsplat.interchange.procedural import capture
-from usdsplat.sim.stage.authoring import author
+from usdsplat import author_parameters, procedural_capture, schema
+from usdsplat import main as usdsplat
 
 DATA = os.environ.get("USDSPLAT_TEST_DATA") or Path(__file__).parents[2] / "shared" / "data"
 WALKER = Path(DATA) / "usd" / "usdwg" / "CesiumMan.usdz"
@@ -82,7 +79,7 @@ def SkelRoot "Figure"
 def main(folder: Path) -> Path:
     """Write capture.usdc, walk.usda, which says what is to happen, and walked.usda."""
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(base, FIELD, capture(10_000))
+    schema.author(base, FIELD, procedural_capture(10_000))
     base.Save()
     stage = Usd.Stage.CreateNew(str(folder / "walk.usda"))
     stage.GetRootLayer().subLayerPaths = ["capture.usdc"]
@@ -99,8 +96,8 @@ def main(folder: Path) -> Path:
     for frame, z in ((1, -0.9), (LAST, 0.5)):
         move.Set(Gf.Vec3d(0.45, 0, z), frame)
     place.AddScaleOp().Set(Gf.Vec3f(SCALE))
-    author(skeleton_of(stage).GetPrim(), {"affector:jointRadius": RADIUS})
-    author(stage.DefinePrim("/World/Sim", "SplatSim"), {"settle:omega": 6.0})
+    author_parameters(skeleton_of(stage).GetPrim(), {"affector:jointRadius": RADIUS})
+    author_parameters(stage.DefinePrim("/World/Sim", "SplatSim"), {"settle:omega": 6.0})
     stage.Save()
     baked = folder / "walked.usda"
     assert usdsplat(f"simulate {folder}/walk.usda -o {baked} --frames 1:{LAST}".split()) == 0
@@ -138,7 +135,7 @@ def skeleton_of(stage: Usd.Stage) -> UsdSkel.Skeleton:
     return next(UsdSkel.Skeleton(prim) for prim in every if prim.IsA(UsdSkel.Skeleton))
 
 
-def bones_of(stage: Usd.Stage, frame: int) -> F64:
+def bones_of(stage: Usd.Stage, frame: int) -> np.ndarray:
     """Ends of each bone in the stage's space, shape (b, 2, 3); a leaf's goes on as far again."""
     skeleton = skeleton_of(stage)
     cache = UsdSkel.Cache()
@@ -160,7 +157,7 @@ def bones_of(stage: Usd.Stage, frame: int) -> F64:
     return np.array(bones)
 
 
-def distance(points: np.ndarray, bones: F64) -> F64:
+def distance(points: np.ndarray, bones: np.ndarray) -> np.ndarray:
     """Of each point from the nearest bone, shape (n,)."""
     found = np.full(len(points), np.inf)
     for first, second in bones:

@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.core.cloud import F64
-from usdsplat.interchange.procedural import capture
+from usdsplat import main as usdsplat
+from usdsplat import procedural_capture, schema
 
 FIELD, RING = "/World/Capture", "/World/Simulation/Ring"
 LAST = 24
@@ -24,7 +22,7 @@ SETTINGS = ("conform:start=0", "conform:duration=0.5", "conform:stagger=0.25", "
 def main(folder: Path) -> Path:
     """Write capture.usdc, conform.usda, which says what is to happen, and conformed.usda."""
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(stage, FIELD, capture(6_000))
+    schema.author(stage, FIELD, procedural_capture(6_000))
     stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
     stage.Save()
     made, baked = folder / "conform.usda", folder / "conformed.usda"
@@ -69,7 +67,7 @@ def check(path: Path) -> None:
     assert lying.min() > 0.998
 
 
-def smallest_axes(rotations: np.ndarray, scales: np.ndarray) -> F64:
+def smallest_axes(rotations: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Where the shortest axis of each ellipsoid points, shape (n, 3)."""
     w, x, y, z = rotations.astype(np.float64).T
     columns = np.array(

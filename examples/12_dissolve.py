@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.core.cloud import SplatCloud
-from usdsplat.interchange.procedural import capture
+from usdsplat import SplatCloud, procedural_capture, schema
+from usdsplat import main as usdsplat
 
 FIELD = "/World/Capture"
 LAST = 19
@@ -31,7 +29,7 @@ come together must begin a quarter of a second later to be the same backwards.""
 def main(folder: Path) -> Path:
     """Write capture.usdc, scene.usda, and a bake of each mode; returns the folder."""
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(stage, FIELD, capture(5_000))
+    schema.author(stage, FIELD, procedural_capture(5_000))
     stage.Save()
     scene = folder / "scene.usda"
     assert usdsplat(f"simulate --preset dissolve {folder}/capture.usdc -o {scene}".split()) == 0

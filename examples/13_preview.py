@@ -16,14 +16,19 @@ import numpy as np
 import OpenImageIO as oiio
 from pxr import Usd
 
-from usdsplat import schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.interchange.procedural import capture
-from usdsplat.preview.opening import open_document
-from usdsplat.preview.picking import pick
-from usdsplat.preview.saving import save_view
-from usdsplat.preview.session import Session
-from usdsplat.preview.values import Opened, Picture, SimulationStatus, ViewState
+from usdsplat import (
+    Opened,
+    Picture,
+    Session,
+    SimulationStatus,
+    ViewState,
+    open_document,
+    pick,
+    procedural_capture,
+    save_view,
+    schema,
+)
+from usdsplat import main as usdsplat
 
 FRAMES = 4
 """That are simulated."""
@@ -32,7 +37,7 @@ FRAMES = 4
 def main(folder: Path) -> Path:
     """Write capture.usdc, push.usda, and a picture of it before and after; returns the folder."""
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
-    schema.author(stage, "/World/Capture", capture(4_000))
+    schema.author(stage, "/World/Capture", procedural_capture(4_000))
     stage.Save()
     scene = folder / "push.usda"
     assert usdsplat(f"simulate --preset push {folder}/capture.usdc -o {scene}".split()) == 0

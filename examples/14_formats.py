@@ -12,11 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Gf, Usd, UsdGeom
 
-from usdsplat import formats, schema
-from usdsplat.cli.main import main as usdsplat
-from usdsplat.core import edit
-from usdsplat.core.cloud import SplatCloud
-from usdsplat.interchange.procedural import capture
+from usdsplat import SplatCloud, edit, formats, procedural_capture, schema
+from usdsplat import main as usdsplat
 
 EDITS = ["--rotate", "0,0,90", "--crop-sphere", "0,0,0,0.8", "--sh-degree", "1", "--morton"]
 """Turned, then cut, then what is left of the harmonics; done in this order."""
@@ -45,7 +42,9 @@ FRAMES = (1, 2, 3)
 
 def main(folder: Path) -> Path:
     """Write edited.* in each format, a stage of two fields and a sequence; returns the folder."""
-    formats.write(edit.take(capture(20_000), slice(None, None, 20)), folder / "capture.ply")
+    formats.write(
+        edit.take(procedural_capture(20_000), slice(None, None, 20)), folder / "capture.ply"
+    )
 
     def convert(*words: str) -> None:
         assert usdsplat(["convert", *words]) == 0

@@ -11,8 +11,8 @@ from usdsplat import schema
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.science import colour_science
+from usdsplat.render.settings import RenderSettings
 
 COLUMNS, ROWS = 6, 4
 PITCH = 16

@@ -10,14 +10,14 @@ import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
 from tests.delegate.stages import random_cloud
-from tests.delegate.test_sampling import psnr
+from tests.render.test_sampling import psnr
 from tests.sim.stage.bakes import PATH, Shot, save_stage, shot
 from usdsplat import schema
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate import sampling
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.render import sampling
+from usdsplat.render.settings import RenderSettings
 from usdsplat.sim.stage.epochs import UNBORN_SCALE
 from usdsplat.sim.state import Frame
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 import subprocess
 import sys
@@ -24,6 +26,39 @@ def loaded_by(statement):
 def test_importing_the_package_loads_neither_pxr_nor_numba():
     """Oracle: sys.modules of a fresh interpreter."""
     assert not loaded_by("import usdsplat") & {"pxr", "numba", "numpy"}
+
+
+@pytest.mark.parametrize("name", usdsplat.__all__)
+def test_a_public_name_is_there_and_typed(name):
+    """Oracle: the import system; and the stub that type checkers read."""
+    found = getattr(usdsplat, name)
+    assert inspect.ismodule(found) == (name in {"edit", "formats", "schema"})
+    stub = (ROOT / "usdsplat" / "__init__.pyi").read_text()
+    assert re.search(rf"^(from [\w.]+ import \w+ as {name}|{name} = \w+)$", stub, re.MULTILINE)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    """Oracle: Python's own modules."""
+    with pytest.raises(AttributeError, match="no attribute 'Motor'"):
+        _ = usdsplat.Motor
+
+
+def test_readme_and_examples_import_public_names_alone():
+    """Oracle: the syntax trees of what users copy."""
+    codes = {path.name: path.read_text() for path in (ROOT / "examples").glob("*.py")}
+    readme = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    codes |= {f"README {k}": code for k, code in enumerate(readme)}
+    imported = [
+        (where, node.module, alias.name)
+        for where, code in codes.items()
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("usdsplat")
+        for alias in node.names
+    ]
+    assert len(imported) > 20
+    assert [
+        each for each in imported if each[1] != "usdsplat" or each[2] not in usdsplat.__all__
+    ] == []
 
 
 def test_formats_work_without_pxr_and_numba():

@@ -12,8 +12,8 @@ from tests.renders import psnr
 from tests.test_oracle_pictures import add_camera
 from usdsplat.cli.main import main
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.interchange.opening import open_capture
+from usdsplat.render.settings import RenderSettings
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 90), (90, 0, 0), (10, 20, 30)])

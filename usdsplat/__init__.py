@@ -1,6 +1,92 @@
 """Gaussian splats as ordinary citizens of a USD pipeline.
 
-Importing this package loads neither `pxr` nor `numba`; each subpackage says what it needs.
+The names in `__all__` are the public interface. Each is imported when it is first used: importing
+this package loads neither `pxr` nor `numba`.
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
 __version__ = "0.6.0"
+
+_MODULES = {
+    "DeepImage": "images.deep_reader",
+    "Engine": "delegate.engine",
+    "Opened": "preview.values",
+    "Picture": "preview.values",
+    "RenderSettings": "render.settings",
+    "Session": "preview.session",
+    "Simulation": "sim.stage.simulating",
+    "SimulationStatus": "preview.values",
+    "SplatCloud": "core.cloud",
+    "UsdSplatError": "core.errors",
+    "ViewState": "preview.values",
+    "author_parameters": "sim.stage.authoring:author",
+    "convert": "interchange",
+    "edit": "core.edit",
+    "export_capture": "interchange",
+    "formats": "formats",
+    "import_capture": "interchange",
+    "main": "cli.main:main",
+    "open_device": "kernels.device",
+    "open_document": "preview.opening",
+    "pick": "preview.picking",
+    "procedural_capture": "interchange.procedural:capture",
+    "read_deep": "images.deep_reader",
+    "save_view": "preview.saving",
+    "schema": "schema",
+}
+"""Public name -> the module that has it, or that it is; after a colon, its name there."""
+
+__all__ = [
+    "DeepImage",
+    "Engine",
+    "Opened",
+    "Picture",
+    "RenderSettings",
+    "Session",
+    "Simulation",
+    "SimulationStatus",
+    "SplatCloud",
+    "UsdSplatError",
+    "ViewState",
+    "author_parameters",
+    "convert",
+    "edit",
+    "export_capture",
+    "formats",
+    "import_capture",
+    "main",
+    "open_device",
+    "open_document",
+    "pick",
+    "procedural_capture",
+    "read_deep",
+    "save_view",
+    "schema",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name.
+
+    Raises:
+        AttributeError: If it is none.
+    """
+    place = _MODULES.get(name)
+    if place is None:
+        raise AttributeError(f"module 'usdsplat' has no attribute {name!r}")
+    path, _, there = place.partition(":")
+    module = importlib.import_module(f"usdsplat.{path}")
+    if there:
+        found = getattr(module, there)
+    else:
+        found = module if path.rpartition(".")[2] == name else getattr(module, name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

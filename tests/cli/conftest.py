@@ -12,10 +12,10 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import formats, schema
 from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate import memory
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import AOVS
+from usdsplat.render import memory
+from usdsplat.render.renderer import AOVS
+from usdsplat.render.settings import RenderSettings
 
 SCENE = RenderSettings(color_mode="scene")
 

@@ -11,8 +11,8 @@ from pxr import Usd, UsdRender
 
 from tests.cli.test_render import SMALL, header, read
 from usdsplat.cli.deep import DeepReport, flattened
-from usdsplat.delegate.layer import DeepSamples
 from usdsplat.images.deep_reader import read_deep
+from usdsplat.render.tile_lists import DeepSamples
 
 pytestmark = pytest.mark.usefixtures("compiled")
 

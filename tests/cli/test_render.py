@@ -13,8 +13,8 @@ from tests.cli.conftest import ball
 from tests.cli.test_main import shell
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.color import convert
+from usdsplat.render.settings import RenderSettings
 
 SMALL = ("--resolution", "48x32")
 

@@ -15,7 +15,7 @@ from usdsplat.cli.render_options import ColorFlags, DrawingFlags, FileOptions, S
 from usdsplat.cli.request import Request
 from usdsplat.core.knobs import knobs
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.render.settings import RenderSettings
 
 pytestmark = pytest.mark.usefixtures("compiled")
 

@@ -8,7 +8,7 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.specs import FieldSpec
+from usdsplat.render.specs import FieldSpec
 
 
 def random_cloud(seed: int = 0, *, n: int = 12, degree: int = 1, spread: float = 1.0) -> SplatCloud:

@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdSkel, Vt
 
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.specs import MaterialSpec, MeshSpec
+from usdsplat.render.specs import MaterialSpec, MeshSpec
 
 
 def add_mesh(

@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.delegate.rendering import (
+from tests.render.rendering import (
     lens,
     picture,
     random_cloud,
@@ -17,11 +17,11 @@ from tests.delegate.rendering import (
     view_of,
 )
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate.crop_volumes import volumes
-from usdsplat.delegate.cropping import inside
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.specs import CropShape, CropSpec, FieldSpec, InstanceSpec
 from usdsplat.kernels import crop
+from usdsplat.render.crop_volumes import volumes
+from usdsplat.render.cropping import inside
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.specs import CropShape, CropSpec, FieldSpec, InstanceSpec
 
 SHAPES = get_args(CropShape)
 SURFACES = {

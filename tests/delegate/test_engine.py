@@ -14,8 +14,8 @@ from tests.delegate.stages import add_camera, random_cloud, two_fields
 from usdsplat import schema
 from usdsplat.core.errors import BackendError, StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, Framing, View
 
 SIZE = (32, 24)
 
@@ -199,7 +199,8 @@ def test_the_renderer_and_the_prims_do_without_usd():
     code = """
 import sys
 from usdsplat.delegate import (
-    default_camera, framing, instancing, product, render_index, render_pass, renderer, splat_field)
+    default_camera, instancing, product, render_index, render_pass, splat_field)
+from usdsplat.render import framing, renderer
 assert "pxr" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -11,9 +11,9 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.grade import Grade
 from usdsplat.core.sh import C0
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.color import convert
 from usdsplat.images.grade import grade_matrix
+from usdsplat.render.settings import RenderSettings
 
 GREY = (0.5, 0.4, 0.3)
 

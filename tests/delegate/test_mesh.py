@@ -13,8 +13,8 @@ from usdsplat.delegate.light import Light
 from usdsplat.delegate.mesh import Mesh
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.specs import LightSpec, MeshSpec
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.specs import LightSpec, MeshSpec
 
 
 def triangle() -> MeshSpec:

@@ -12,9 +12,9 @@ from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import formats, schema
 from usdsplat.core import edit
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.framing import data_window
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
+from usdsplat.render.framing import data_window
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 SIZE = (160, 120)
 

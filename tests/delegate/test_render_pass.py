@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usdsplat.delegate.band import Band
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.render.band import Band
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, Framing, View
 
 VIEW = View(camera=CameraSpec(), framing=Framing(resolution=(4, 6), data_window=(1, -1, 5, 5)))
 
@@ -25,7 +25,7 @@ class CountingRenderer:
         self.drawn = 0
         self.fails = False
 
-    def render(self, scene, view, settings, aovs, *, moments):
+    def render(self, scene, view, settings, aovs, *, sampler):
         self.drawn += 1
         x0, y0, x1, y1 = view.framing.window
         color, depth = np.empty((2, x1 - x0, 4), np.float32), np.empty((2, x1 - x0), np.float32)

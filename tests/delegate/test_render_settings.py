@@ -5,7 +5,7 @@ from pxr import Usd
 
 from usdsplat import schema
 from usdsplat.core.knobs import knobs
-from usdsplat.delegate.render_settings import RenderSettings, usd_names
+from usdsplat.render.settings import RenderSettings, usd_names
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from usdsplat.delegate.instancer import Instancer
 from usdsplat.delegate.instancing import NO_INSTANCES, Placement
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import IDENTITY, CameraSpec, CropSpec, FieldSpec
 from usdsplat.delegate.splat_field import SplatField
+from usdsplat.render.specs import IDENTITY, CameraSpec, CropSpec, FieldSpec
 
 
 class Recorder:

@@ -22,11 +22,11 @@ from usdsplat.core import edit, quaternion
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
 from usdsplat.formats.cameras.lens import lens
 from usdsplat.interchange import import_capture
 from usdsplat.interchange.cameras import import_cameras
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 SCALE_AND_TURN = np.array([[0, -2, 0, 1], [2, 0, 0, -3], [0, 0, 2, 0.5], [0, 0, 0, 1.0]])
 

@@ -13,9 +13,9 @@ from tests.interchange.samples import assert_same
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.renderer import Renderer
 from usdsplat.interchange.decimating import decimate
 from usdsplat.kernels.device import open_device
+from usdsplat.render.renderer import Renderer
 
 
 def named(count, degree=1, seed=0):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.delegate import rendering, surface_scenes
 from tests.devices import NAMES, device_of
+from tests.render import rendering, surface_scenes
 from usdsplat.kernels import store
 from usdsplat.kernels.device import Device, open_device
 

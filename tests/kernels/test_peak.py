@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.delegate.rendering import (
+from tests.render.rendering import (
     lens,
     random_cloud,
     random_transform,
@@ -16,14 +16,13 @@ from tests.delegate.rendering import (
     view_of,
 )
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.delegate.frame_stats import Clock, FrameStats
-from usdsplat.delegate.scratch import Scratch
-from usdsplat.delegate.screen import Screen
-from usdsplat.delegate.visible import Look, Visible, Wanted
 from usdsplat.kernels import reference, reference_rays
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
 from usdsplat.kernels.project import U, V
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.screen import Screen
 
 MODELS = ["perspective", "tangential", "orthographic"]
 KINDS = {
@@ -35,7 +34,7 @@ KINDS = {
 }
 """Standard deviations, times 0.5 to 2."""
 ARRAYS = ("records", "order", "sources", "peaks")
-"""What is looked at of a `Visible`."""
+"""What is looked at of a `ProjectedSplats`."""
 PIXELS = 24
 """Rays that are tried for each splat."""
 
@@ -48,14 +47,19 @@ def cloud_of(kind: str, seed: int, n: int = 60) -> SplatCloud:
     return replace(cloud, scales=scales.astype(np.float32), opacities=opacities)
 
 
-def look(device: Device, cloud: SplatCloud, matrix: np.ndarray, eye: reference.Lens) -> Visible:
+def look(
+    device: Device, cloud: SplatCloud, matrix: np.ndarray, eye: reference.Lens
+) -> ProjectedSplats:
     """What the kernels know of a cloud."""
     mode = "tangential" if eye.model == "tangential" else "perspective"
     scene = scene_of((cloud, matrix), projection_mode=mode)
-    screen, stats = Screen.of(view_of(eye)), FrameStats()
-    space = "srgb_rec709_scene"
-    seen = Look(device, Scratch(device.resident), scene, screen, settings_of(), space)
-    found = seen.take(Wanted(peaks=True), (), stats, Clock(stats))
+    screen, space = Screen.of(view_of(eye)), "srgb_rec709_scene"
+    buffers = FrameBuffers(device.resident)
+    projector = Projector(device, buffers, scene, screen, settings_of(), space)
+    projector.project()
+    projector.shade()
+    projector.find_ray_hits()
+    found = projector.sort((), labels=False)
     on_host = {name: device.fetch(getattr(found, name)) for name in ARRAYS}
     return replace(found, **on_host)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.delegate.surface_scenes import screen_of, sheet
-from usdsplat.delegate.surfaces import view_record
+from tests.render.surface_scenes import screen_of, sheet
 from usdsplat.kernels import bins, raster, triangles
+from usdsplat.render.surfaces import view_record
 
 
 def set_up(device, screen, points, corners):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.delegate.surface_scenes import add, draw, mesh, screen_of, sheet, sphere
 from tests.kernels.ray_caster import rays
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.specs import LightSpec, MaterialSpec, TextureSpec
+from tests.render.surface_scenes import add, draw, mesh, screen_of, sheet, sphere
 from usdsplat.kernels import texture
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.specs import LightSpec, MaterialSpec, TextureSpec
 
 pytestmark = pytest.mark.usefixtures("scenes_on_device")
 

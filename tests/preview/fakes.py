@@ -10,11 +10,11 @@ from pxr import Usd, UsdGeom
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.default_camera import Box, frame_subject
-from usdsplat.delegate.specs import Matrix
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Opened, Picture, ViewState
 from usdsplat.preview.viewer import Viewer
+from usdsplat.render.specs import Matrix
 
 BOX = (np.array((-1.0, -1.0, -1.0)), np.array((1.0, 2.0, 1.0)))
 OPENED = Opened(

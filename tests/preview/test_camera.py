@@ -10,9 +10,9 @@ import pytest
 
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.default_camera import frame_subject
-from usdsplat.delegate.screen import Screen
-from usdsplat.delegate.specs import CameraSpec, Framing, View
 from usdsplat.preview.camera import MARGIN, FreeCamera, UpAxis, Vector
+from usdsplat.render.screen import Screen
+from usdsplat.render.specs import CameraSpec, Framing, View
 
 CAMERA = FreeCamera(eye=(3.0, 2.0, 5.0), target=(0.5, -0.25, 1.0), field_of_view=35.0)
 BOX = (np.array((-1.0, -2.0, 0.5)), np.array((3.0, 0.25, 4.0)))

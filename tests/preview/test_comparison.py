@@ -10,10 +10,10 @@ import pytest
 from tests.preview.documents import STATE, alone, drawn_by
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.document import Document
 from usdsplat.preview.probe import probe
 from usdsplat.preview.values import Look
+from usdsplat.render.settings import RenderSettings
 
 
 def test_a_comparison_is_cut_at_the_wipe(document, events, stage):

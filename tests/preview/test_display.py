@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import hash_bits
 from usdsplat.images.png import quantized
@@ -17,6 +16,7 @@ from usdsplat.images.view import open_view
 from usdsplat.kernels.device import open_device
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.values import DisplaySettings, Look
+from usdsplat.render.settings import RenderSettings
 
 BLACK = DisplaySettings(background="black")
 INF = np.float32(np.inf)

@@ -12,12 +12,12 @@ from pxr import Gf, UsdGeom
 from tests.preview.documents import BLACK, STATE, alone, drawn_by
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.pacing import Quality
 from usdsplat.preview.values import Look, StageChanged
+from usdsplat.render.settings import RenderSettings
 
 # --- one picture -----------------------------------------------------------------------
 

@@ -11,9 +11,9 @@ import pytest
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import knob, knobs
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview.knob_model import editors_of, label, with_value
 from usdsplat.preview.values import DisplaySettings
+from usdsplat.render.settings import RenderSettings
 from usdsplat.sim.parameters import GROUPS, INSTANCED
 
 SETTINGS = (RenderSettings, DisplaySettings)

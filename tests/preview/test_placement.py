@@ -6,9 +6,9 @@ import pytest
 
 from tests.preview.fakes import FakeSession, begun
 from usdsplat.core.errors import StageError
-from usdsplat.delegate.specs import IDENTITY, Matrix
 from usdsplat.preview.values import StageChanged
 from usdsplat.preview.viewer import Viewer
+from usdsplat.render.specs import IDENTITY, Matrix
 
 
 def at(x: float) -> Matrix:

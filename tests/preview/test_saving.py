@@ -14,11 +14,11 @@ from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import schema
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.preview import movie
 from usdsplat.preview.document import Document
 from usdsplat.preview.saving import Flipbook, flipbook, save_image, save_view
 from usdsplat.preview.values import DisplaySettings, Look, ViewState
+from usdsplat.render.settings import RenderSettings
 
 SIZE = (40, 30)
 STATE = ViewState(size=SIZE, camera="/Camera", display=DisplaySettings(background="black"))

@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import (
     Busy,
@@ -19,6 +18,7 @@ from usdsplat.preview.values import (
     ViewState,
     as_json,
 )
+from usdsplat.render.specs import CameraSpec
 
 
 def test_a_picture_crosses_a_socket_without_its_image():

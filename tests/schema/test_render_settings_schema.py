@@ -8,7 +8,7 @@ import pytest
 from pxr import Usd
 
 from usdsplat.core.knobs import Knob, knobs
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.render.settings import RenderSettings
 from usdsplat.schema import tokens
 
 USD_TYPES = {int: "int", float: "float", bool: "bool", str: "string"}

@@ -9,11 +9,11 @@ from usdsplat.cli.values import said_bytes
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.memory import Estimate, fitting
-from usdsplat.delegate.renderer import BAND_PIXELS
-from usdsplat.delegate.specs import View
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
+from usdsplat.render.memory import Estimate, fitting
+from usdsplat.render.renderer import BAND_PIXELS
+from usdsplat.render.specs import View
 
 DEEP_PIXELS = 1 << 17
 """[pixel] of a band of a deep picture, whose pixels hold any number of samples."""

@@ -12,11 +12,11 @@ import numpy as np
 from usdsplat.cli.request import Picture
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.layer import DeepSamples
-from usdsplat.delegate.shot import Holdout
-from usdsplat.delegate.specs import View
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.specs import View
+from usdsplat.render.tile_lists import DeepSamples
 
 
 @dataclass(slots=True)
@@ -51,7 +51,7 @@ def draw_deep(
     view: View,
     layout: ImageLayout,
     *,
-    holdout: Holdout | None,
+    holdout: ReadHoldout | None,
     band_pixels: int,
     finished: Callable[[int], None],
 ) -> DeepReport:

@@ -17,11 +17,11 @@ from usdsplat.cli.request import Picture
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
-from usdsplat.delegate.cost import Work
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.shot import Holdout
-from usdsplat.delegate.specs import CameraSpec, View
 from usdsplat.images.frames import frame_path, frame_paths
+from usdsplat.render.cost import Work
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.specs import CameraSpec, View
 
 Remark = Callable[[str], None]
 Job = tuple[Picture, float, Path]
@@ -208,7 +208,7 @@ def _once(remark: Remark) -> Callable[..., None]:
     return tell
 
 
-def _holdout(picture: Picture, frame: float) -> Holdout | None:
+def _holdout(picture: Picture, frame: float) -> ReadHoldout | None:
     """What hides from elsewhere at a frame."""
     if picture.holdout is None:
         return None

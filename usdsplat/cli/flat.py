@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.output import view_of
-from usdsplat.delegate.shot import Holdout
-from usdsplat.delegate.specs import View
 from usdsplat.images import open_writer
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.layout import ImageLayout
 from usdsplat.images.view import ViewTransform
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.output import view_of
+from usdsplat.render.specs import View
 
 
 def draw_flat(
@@ -27,7 +27,7 @@ def draw_flat(
     view: View,
     layout: ImageLayout,
     *,
-    holdout: Holdout | None,
+    holdout: ReadHoldout | None,
     band_pixels: int,
     finished: Callable[[int], None],
 ) -> None:

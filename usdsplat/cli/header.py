@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.framing import conform
-from usdsplat.delegate.output import view_of
-from usdsplat.delegate.renderer import blend_space_of
-from usdsplat.delegate.specs import View
 from usdsplat.images import cryptomatte
 from usdsplat.images.camera import camera_metadata
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.render.framing import conform
+from usdsplat.render.output import view_of
+from usdsplat.render.renderer import blend_space_of
+from usdsplat.render.specs import View
 
 DISPLAY = "srgb_rec709_display"
 UNKNOWN = "unknown"

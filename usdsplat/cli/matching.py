@@ -19,13 +19,13 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.grade import Grade
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import View
 from usdsplat.images.color import convert
 from usdsplat.images.match import fit_grade, in_primaries
 from usdsplat.images.plate import read_plate
 from usdsplat.images.science import chart, delta_e
 from usdsplat.interchange.files import save
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 OPAQUE = 0.99
 """Coverage from which on a pixel shows nothing but splats."""

@@ -10,14 +10,14 @@ from usdsplat.cli.values import MOST_PIXELS
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
-from usdsplat.delegate.framing import CONFORM
-from usdsplat.delegate.output import view_of
 from usdsplat.delegate.product import ProductSpec
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frames import frame_path
+from usdsplat.render.framing import CONFORM
+from usdsplat.render.output import view_of
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")

@@ -8,9 +8,9 @@ from usdsplat.cli.deep import DeepReport
 from usdsplat.cli.request import Picture
 from usdsplat.cli.values import said_bytes
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.frame_stats import FrameStats
-from usdsplat.delegate.sampling import has_lens
-from usdsplat.delegate.specs import CameraSpec
+from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.sampling import has_lens
+from usdsplat.render.specs import CameraSpec
 
 
 def why_nothing(engine: Engine, stats: FrameStats) -> str:

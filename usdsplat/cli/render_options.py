@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from tyro.conf import create_mutex_group
 
 from usdsplat.cli.parsing import flags_of, option
-from usdsplat.delegate.render_settings import RenderSettings
+from usdsplat.render.settings import RenderSettings
 
 EXR_PIXELS = create_mutex_group(required=False, title="precision")
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
 from usdsplat.images.layout import PixelType
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 Window = tuple[int, int, int, int]
 

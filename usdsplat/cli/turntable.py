@@ -13,9 +13,9 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.output import atomic_path
 from usdsplat.delegate.default_camera import MARGIN, NEAREST
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_scene import RenderScene, matrix
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.interchange.files import open_stage
+from usdsplat.render.scene import RenderScene, matrix
+from usdsplat.render.specs import CameraSpec
 
 FOCAL_LENGTH = 50.0
 """[tenth of a scene unit]; a camera prim says its field of view by this and its aperture."""

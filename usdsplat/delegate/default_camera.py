@@ -9,7 +9,7 @@ import numpy as np
 
 from usdsplat.core.axes import UP_AXIS_FRAME, change
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.specs import CameraSpec
+from usdsplat.render.specs import CameraSpec
 
 FIELD_OF_VIEW = math.radians(45)
 """Of the shorter side of the picture."""

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.cost import Work
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
-from usdsplat.delegate.renderer import Renderer
 from usdsplat.kernels.device import checked_name, checked_threads, open_device
+from usdsplat.render.cost import Work
+from usdsplat.render.renderer import Renderer
 
 
 @dataclass(frozen=True, slots=True, eq=False)

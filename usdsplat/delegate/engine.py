@@ -14,23 +14,23 @@ from dataclasses import replace
 from typing import Any
 
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.band import Band
-from usdsplat.delegate.cost import Work
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.drawer import Drawer
-from usdsplat.delegate.frame_stats import FrameStats
-from usdsplat.delegate.layer import DeepSamples
-from usdsplat.delegate.memory import Estimate, estimate
-from usdsplat.delegate.moments import other_times
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.render_scene import RenderScene
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import BAND_PIXELS, Holdout, Moments, depends_on_time
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
-from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.delegate.time_sampler import other_times
+from usdsplat.render.band import Band
+from usdsplat.render.cost import Work
+from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.memory import Estimate, estimate
+from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, Framing, View
+from usdsplat.render.tile_lists import DeepSamples
 
 PURPOSES = ("default", "render")
 
@@ -247,7 +247,7 @@ class Engine:
         settings: RenderSettings | None = None,
         aovs: tuple[str, ...] = ("color",),
         *,
-        holdout: Holdout | None = None,
+        holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[Band]:
         """Return the bands of a picture, top to bottom; memory is the splats and one band.
@@ -264,9 +264,9 @@ class Engine:
         """
         self.sync()
         how = self._resolved(settings)
-        moments = self._moments(view, how, aovs)
+        sampler = self._times(view, how, aovs)
         return self._drawer.renderer.render(
-            self._param.scene, view, how, aovs, moments=moments, holdout=holdout,
+            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
             band_pixels=band_pixels,
         )  # fmt: skip
 
@@ -275,7 +275,7 @@ class Engine:
         view: View,
         settings: RenderSettings | None = None,
         *,
-        holdout: Holdout | None = None,
+        holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
         """Return all contributions to every pixel, band after band: (y0, y1, samples).
@@ -317,8 +317,8 @@ class Engine:
         self._open()
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
-        moments = self._moments(view, settings, aovs)
-        self._drawer.render_pass.execute(view, settings, aovs, buffers, moments=moments)
+        sampler = self._times(view, settings, aovs)
+        self._drawer.render_pass.execute(view, settings, aovs, buffers, sampler=sampler)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(
@@ -360,7 +360,7 @@ class Engine:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _moments(self, view: View, how: RenderSettings, aovs: tuple[str, ...]) -> Moments | None:
+    def _times(self, view: View, how: RenderSettings, aovs: tuple[str, ...]) -> TimeSampler | None:
         """The scene and what `view` sees at other times, if any are shown."""
         if not depends_on_time(how, view.camera, aovs):
             return None

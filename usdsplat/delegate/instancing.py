@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F64, I64
-from usdsplat.delegate.specs import InstanceSpec
+from usdsplat.render.specs import InstanceSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.prim import SceneDelegate, Sprim
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import LightSpec
+from usdsplat.render.specs import LightSpec
 
 
 class Light(Sprim):

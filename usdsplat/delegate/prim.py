@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import InstancerSpec, Placement
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 
 class SceneDelegate(Protocol):

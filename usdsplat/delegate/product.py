@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import Framing
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ from usdsplat.delegate.mesh import Mesh
 from usdsplat.delegate.prim import Prim, SceneDelegate
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import SortingMode
 from usdsplat.delegate.splat_field import SplatField
+from usdsplat.render.specs import SortingMode
 
 P = TypeVar("P", bound=Prim)
 

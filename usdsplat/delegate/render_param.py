@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from usdsplat.delegate.render_scene import RenderScene
+from usdsplat.render.scene import RenderScene
 
 
 class RenderParam:

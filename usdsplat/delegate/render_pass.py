@@ -7,9 +7,9 @@ from typing import Any
 
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import Moments, Renderer
-from usdsplat.delegate.specs import View
+from usdsplat.render.renderer import Renderer, TimeSampler
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 
 class RenderPass:
@@ -27,20 +27,20 @@ class RenderPass:
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
         *,
-        moments: Moments | None = None,
+        sampler: TimeSampler | None = None,
     ) -> bool:
         """Draw if the buffers hold anything but this picture; return whether it was drawn.
 
         Everything a picture depends on is a frozen value or the scene's version, so "stale" is one
-        comparison and there is no flag to forget. What shows other times too, by `moments`, is
+        comparison and there is no flag to forget. What shows other times too, by `sampler`, is
         always drawn: an edit there need not change anything now.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:
             return False
         self._drawn = None
-        self._draw(view, settings, aovs, buffers, moments)
-        if moments is None:
+        self._draw(view, settings, aovs, buffers, sampler)
+        if sampler is None:
             self._drawn = wanted
         return True
 
@@ -50,12 +50,12 @@ class RenderPass:
         settings: RenderSettings,
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
-        moments: Moments | None,
+        sampler: TimeSampler | None,
     ) -> None:
         _, top, _, bottom = view.framing.window
         first = True
         scene = self._param.scene
-        for band in self._renderer.render(scene, view, settings, aovs, moments=moments):
+        for band in self._renderer.render(scene, view, settings, aovs, sampler=sampler):
             for name in aovs:
                 pixels = band.arrays[name]
                 if first:

@@ -10,7 +10,7 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import Placement, Scatter, expand
 from usdsplat.delegate.prim import Prim, SceneDelegate
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.specs import InstanceSpec
+from usdsplat.render.specs import InstanceSpec
 
 
 class Rprim(Prim):

@@ -9,7 +9,7 @@ from usdsplat.delegate.instancing import Scatter
 from usdsplat.delegate.prim import SceneDelegate
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.rprim import Rprim
-from usdsplat.delegate.specs import CropSpec, InstanceSpec, SortingMode
+from usdsplat.render.specs import CropSpec, InstanceSpec, SortingMode
 
 
 class SplatField(Rprim):

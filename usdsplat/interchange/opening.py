@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeAlias
 
 from pxr import Sdf, Usd
 
@@ -13,7 +14,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.files import open_layer, quiet
 from usdsplat.interchange.importing import import_capture
 
-Stage = Usd.Stage
+Stage: TypeAlias = Usd.Stage
 
 _VARIANT = re.compile(r"(/[^:{}]*):([^=]+)=(.*)")
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.delegate.default_camera import Box
-from usdsplat.delegate.render_scene import Drawn, DrawnMesh, RenderScene, matrix
-from usdsplat.delegate.specs import FieldSpec, MeshSpec
+from usdsplat.render.scene import Drawn, DrawnMesh, RenderScene, matrix
+from usdsplat.render.specs import FieldSpec, MeshSpec
 
 Point = tuple[float, float, float]
 Corners = tuple[Point, ...]

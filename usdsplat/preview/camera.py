@@ -14,8 +14,8 @@ import numpy as np
 
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.default_camera import Box
-from usdsplat.delegate.framing import conform
-from usdsplat.delegate.specs import CameraSpec, Framing
+from usdsplat.render.framing import conform
+from usdsplat.render.specs import CameraSpec, Framing
 
 Vector = tuple[float, float, float]
 UpAxis = Literal["Y", "Z"]

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.specs import Matrix
 from usdsplat.preview.manipulator import (
     AXES,
     EDGE_ON,
@@ -29,6 +28,7 @@ from usdsplat.preview.manipulator import (
     across,
 )
 from usdsplat.preview.projection import Pixel, Projection
+from usdsplat.render.specs import Matrix
 
 TURN = 15.0
 """What a snapping turn goes in [degree]."""

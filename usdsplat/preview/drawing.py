@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.frame_stats import FrameStats
-from usdsplat.delegate.framing import conform
-from usdsplat.delegate.memory import resident
 from usdsplat.delegate.render_buffer import Pixels
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.renderer import depends_on_time
-from usdsplat.delegate.specs import Framing, View
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.values import Image, Look, Picture, ViewState
+from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.framing import conform
+from usdsplat.render.memory import resident
+from usdsplat.render.renderer import depends_on_time
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing, View
 
 FIXED = ("project", "radiance", "peaks", "features", "sort")
 """Stages of a picture that are done once for each splat, whatever the resolution."""

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from usdsplat.core.sh import dc_to_rgb
-from usdsplat.delegate.render_scene import RenderScene, matrix
 from usdsplat.preview.document import Document
 from usdsplat.preview.reading import Reading, Vector, read, vector
+from usdsplat.render.scene import RenderScene, matrix
 
 REACH = 3
 """How far from the pointer something may be [pixel]."""

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from usdsplat.delegate.specs import Matrix
 from usdsplat.preview.newest import Asks, Newest
 from usdsplat.preview.stage_model.placing import transform
+from usdsplat.render.specs import Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.framing import conform
-from usdsplat.delegate.specs import CameraSpec, Framing
+from usdsplat.render.framing import conform
+from usdsplat.render.specs import CameraSpec, Framing
 
 Pixel = tuple[float, float]
 Ray = tuple[F64, F64]

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usdsplat.delegate.render_buffer import Pixels
-from usdsplat.delegate.specs import Framing, View
 from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Side
+from usdsplat.render.specs import Framing, View
 
 Vector = tuple[float, float, float]
 

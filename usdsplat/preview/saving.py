@@ -17,7 +17,6 @@ import numpy as np
 from usdsplat.core.errors import UnknownFormatError, UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.progress import Progress, silent
-from usdsplat.delegate.framing import conform
 from usdsplat.images import cryptomatte, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.camera import camera_metadata
@@ -30,6 +29,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Shown, Side
 from usdsplat.preview.sources import files_of_capture
 from usdsplat.preview.values import Image, ViewState
+from usdsplat.render.framing import conform
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Suffix -> Pillow's name, of pictures as a screen shows them."""

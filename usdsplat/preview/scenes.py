@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 from usdsplat.delegate.default_camera import Box, frame_subject
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.boxes import Reach
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, ViewState
+from usdsplat.render.specs import CameraSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

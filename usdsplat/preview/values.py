@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.knobs import knob
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec
 
 Image = npt.NDArray[np.uint8]
 

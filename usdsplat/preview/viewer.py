@@ -13,8 +13,6 @@ from typing import Any
 
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.default_camera import Box
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec, Matrix
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
 from usdsplat.preview.newest import Asks
@@ -29,6 +27,8 @@ from usdsplat.preview.values import (
     StageChanged,
     ViewState,
 )
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, Matrix
 
 FLIGHT = 0.5
 """How much of the way to the target a flight covers in a second, at speed 1."""

@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
-from usdsplat.delegate.output import view_of
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.color import conversion, convert, is_identity
 from usdsplat.images.view import CAPTURE_SPACE, ViewTransform
+from usdsplat.render.output import view_of
+from usdsplat.render.settings import RenderSettings
 
 STEPS = 16384
 """Entries of a curve."""

@@ -12,9 +12,9 @@ from tests.delegate.scene_delegate.test_changes import pulled
 from tests.delegate.stages import contents, random_cloud, two_fields
 from tests.delegate.surface_stages import surfaces
 from usdsplat import schema
-from usdsplat.delegate.cropping import inside
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate.population import populate
+from usdsplat.render.cropping import inside
 
 
 def crop(stage, path, *targets, name="cropInclude"):

@@ -7,9 +7,9 @@ import pytest
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.render_scene import RenderScene
 from usdsplat.delegate.scene_delegate.population import Population, RprimEntry
 from usdsplat.delegate.scene_delegate.reconcile import SEEN, reconcile
+from usdsplat.render.scene import RenderScene
 
 
 def population(*signature):

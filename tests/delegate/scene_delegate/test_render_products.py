@@ -8,10 +8,10 @@ from pxr import Gf, Sdf, Usd, UsdRender
 from tests.delegate.stages import two_fields
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.delegate.scene_delegate.render_products import AOVS
-from usdsplat.delegate.specs import Framing
 from usdsplat.images.aovs import AOVS as FILE_AOVS
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
 
 
 @pytest.fixture

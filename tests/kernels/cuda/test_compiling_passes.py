@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.delegate.everything import CASES, DEEP, drawn, drawn_deep
+from tests.render.everything import CASES, DEEP, drawn, drawn_deep
 from usdsplat.kernels.cuda.device import form_of
 from usdsplat.kernels.device import CpuDevice
 

@@ -11,10 +11,10 @@ from PySide6.QtWidgets import QApplication
 
 from tests.preview.qt.conftest import wait_until
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Event, Opened, Picture, Problem, ViewState
+from usdsplat.render.specs import CameraSpec
 
 OPENED = Opened(
     name="a.usda", start=0, end=0, rate=24, up_axis="Y", cameras=(), has_simulation=False

@@ -12,9 +12,9 @@ from pxr import Gf, Usd, UsdGeom
 from tests.preview.stage_model.stages import rich, spinning
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.stage_model.cameras import cameras, save_camera
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.render.specs import CameraSpec
 
 FIELDS = ("world_to_camera", "window", "clipping_range", "exposure", "lens_radius", "shutter")
 

@@ -9,9 +9,9 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.preview.stage_model.stages import rich
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.saving import save_camera_layer, save_session
+from usdsplat.render.specs import CameraSpec
 
 
 @pytest.fixture

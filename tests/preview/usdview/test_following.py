@@ -16,9 +16,9 @@ from pxr import Gf, Usd
 from tests.delegate.stages import add_camera, two_fields
 from tests.preview.fakes import begun, camera_of
 from tests.preview.usdview.usdviewq import Api, DataModel
-from usdsplat.delegate.framing import conform
-from usdsplat.delegate.specs import Framing
 from usdsplat.preview.usdview.following import Following, free_camera
+from usdsplat.render.framing import conform
+from usdsplat.render.specs import Framing
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Picture, ViewState
+from usdsplat.render.specs import CameraSpec
 
 
 def camera() -> CameraSpec:

@@ -10,8 +10,8 @@ from usdsplat.cli.report.values import Picture, round_down
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.render_settings import RenderSettings
-from usdsplat.delegate.specs import CameraSpec, Framing, View
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, Framing, View
 
 SIDE = 480
 """[pixel] of each picture."""

@@ -6,11 +6,13 @@ bits.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from pxr import Usd
 
 from usdsplat.delegate.scene_delegate.delegate import UsdSceneDelegate
 from usdsplat.delegate.scene_delegate.render_products import find_products
 
-Stage = Usd.Stage
+Stage: TypeAlias = Usd.Stage
 
 __all__ = ["Stage", "UsdSceneDelegate", "find_products"]

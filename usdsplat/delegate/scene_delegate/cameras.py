@@ -9,7 +9,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
-from usdsplat.delegate.specs import CameraSpec, Matrix
+from usdsplat.render.specs import CameraSpec, Matrix
 
 UNIT = 0.1
 """Apertures, their offsets and focal lengths are authored in tenths of a scene unit."""

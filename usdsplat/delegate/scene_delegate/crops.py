@@ -11,7 +11,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
-from usdsplat.delegate.specs import CropShape, CropSpec, Matrix
+from usdsplat.render.specs import CropShape, CropSpec, Matrix
 
 NOWHERE: Matrix = (0.0, 0.0, 0.0, 2.0) * 3 + (0.0, 0.0, 0.0, 1.0)
 """Takes the whole world to a point outside of every canonical shape."""

@@ -32,7 +32,7 @@ from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.variability import varying_bits
-from usdsplat.delegate.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 T = TypeVar("T")
 

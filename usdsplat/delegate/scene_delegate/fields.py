@@ -8,15 +8,15 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat import schema
-from usdsplat.delegate.specs import (
+from usdsplat.images.color import color_space
+from usdsplat.images.grade import grade_matrix
+from usdsplat.render.specs import (
     FieldSpec,
     PackedSpec,
     ProjectionMode,
     RasterizeMode,
     SortingMode,
 )
-from usdsplat.images.color import color_space
-from usdsplat.images.grade import grade_matrix
 
 
 def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom, UsdLux
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
-from usdsplat.delegate.specs import LightSpec
+from usdsplat.render.specs import LightSpec
 
 
 def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:

@@ -17,8 +17,8 @@ from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
-from usdsplat.delegate.specs import MaterialSpec, TextureSpec, Wrap
 from usdsplat.images.texture import Encoding
+from usdsplat.render.specs import MaterialSpec, TextureSpec, Wrap
 from usdsplat.schema.values import value
 
 DISPLAY_COLOR = "displayColor"

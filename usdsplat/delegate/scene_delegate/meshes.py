@@ -25,7 +25,7 @@ from usdsplat.delegate.scene_delegate.materials import (
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.shapes import ShapeGeometry
 from usdsplat.delegate.scene_delegate.textures import Textures
-from usdsplat.delegate.specs import MaterialSpec, MeshSpec
+from usdsplat.render.specs import MaterialSpec, MeshSpec
 from usdsplat.schema.values import integers, value, vectors
 
 

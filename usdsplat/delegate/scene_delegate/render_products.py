@@ -14,11 +14,11 @@ from pxr import Sdf, Usd, UsdRender
 
 from usdsplat.core.errors import StageError
 from usdsplat.core.knobs import checked
-from usdsplat.delegate.framing import data_window
 from usdsplat.delegate.product import ProductSpec
-from usdsplat.delegate.render_settings import RenderSettings, usd_names
 from usdsplat.delegate.scene_delegate import collections
-from usdsplat.delegate.specs import Framing
+from usdsplat.render.framing import data_window
+from usdsplat.render.settings import RenderSettings, usd_names
+from usdsplat.render.specs import Framing
 
 AOVS = {
     "color": "color",

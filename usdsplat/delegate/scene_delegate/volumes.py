@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
-from usdsplat.delegate.specs import CropShape
+from usdsplat.render.specs import CropShape
 from usdsplat.schema import tokens
 
 SHAPES: dict[str, CropShape] = {

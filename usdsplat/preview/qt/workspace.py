@@ -9,7 +9,6 @@ from functools import partial
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.picking import Picked, pick
@@ -27,6 +26,7 @@ from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.stage_model import cameras
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Opened, Problem
+from usdsplat.render.specs import CameraSpec
 
 LOOK_AT_FILES = 2000
 """How often files are looked at for changes [ms]."""

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat import schema
-from usdsplat.delegate.memory import free
+from usdsplat.render.memory import free
 from usdsplat.schema import tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.parameters import BakeParameters

@@ -8,9 +8,9 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import UsageError
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.placing import code_of
+from usdsplat.render.specs import CameraSpec
 
 FOCAL_LENGTH = 50.0
 """Of every camera made here: a view says what it sees, not by which lens [tenth of a unit]."""

@@ -17,11 +17,11 @@ from typing import Any
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.delegate.specs import Matrix
 from usdsplat.preview.knob_model import typed
 from usdsplat.preview.stage_model.attribute_values import parameter_of, taken
 from usdsplat.preview.stage_model.history import History, Snapshot, Step
 from usdsplat.preview.stage_model.placing import EDIT, author_edit, code_of, edit_of
+from usdsplat.render.specs import Matrix
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.authoring import declare, usd_value
 

@@ -15,7 +15,7 @@ import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.delegate.specs import Matrix
+from usdsplat.render.specs import Matrix
 
 EDIT = "xformOp:transform:edit"
 _SUFFIX = "edit"

@@ -8,9 +8,9 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
-from usdsplat.delegate.specs import CameraSpec
 from usdsplat.interchange.files import check_not_input, check_suffix, layer_files, save
 from usdsplat.preview.stage_model.cameras import author_camera, camera_path, check_camera
+from usdsplat.render.specs import CameraSpec
 
 _FRAME = (
     "upAxis",

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
-from usdsplat.delegate.render_settings import RenderSettings
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
@@ -35,6 +34,7 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.bridge import Bridge
 from usdsplat.preview.web.pages import Pages
+from usdsplat.render.settings import RenderSettings
 
 GLIDE = 0.25
 """How long the way to what was framed takes [s]."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.delegate.everything import CASES, drawn, drawn_deep
+from tests.render.everything import CASES, drawn, drawn_deep
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.device import CpuDevice
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.delegate import plain_pictures
 from tests.kernels.cuda.simulated.passes import PythonDevice
+from tests.render import color_pictures
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import picture, tiles
 
@@ -22,9 +22,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("name", ["tangential", "budget", "samples"])
 def test_colour_alone_is_drawn_whole(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Oracle: the CPU's loops, in Python here as the kernels are."""
-    made = plain_pictures.count_plain(monkeypatch)
+    made = color_pictures.count_fused(monkeypatch)
     device = PythonDevice(threads=1)
-    plain_pictures.check_plain(CudaDevice(), device, name, SIZE, SPLATS, 1e-4)
+    color_pictures.check_fused(CudaDevice(), device, name, SIZE, SPLATS, 1e-4)
     assert made
 
 
@@ -34,10 +34,10 @@ def test_what_touches_too_many_tiles_goes_band_by_band(monkeypatch: pytest.Monke
     finished = []
     monkeypatch.setattr(picture.FramePicture, "_finish", finished.append)
     device = PythonDevice(threads=1)
-    plain_pictures.check_plain(CudaDevice(), device, "splats alone", SIZE, SPLATS, 1e-4)
+    color_pictures.check_fused(CudaDevice(), device, "splats alone", SIZE, SPLATS, 1e-4)
     assert not finished
 
 
 def test_packed_fields_are_drawn_as_they_are() -> None:
     """Oracle: what they unpack to."""
-    plain_pictures.check_packed(CudaDevice(), SIZE, SPLATS)
+    color_pictures.check_packed(CudaDevice(), SIZE, SPLATS)

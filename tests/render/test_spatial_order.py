@@ -1,0 +1,79 @@
+"""How a field's splats lie in memory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.render.rendering import random_cloud
+from usdsplat.core import morton
+from usdsplat.kernels import curve, sort
+from usdsplat.kernels.device import open_device
+from usdsplat.kernels.project import BLOCK
+from usdsplat.render.spatial_order import LEAST, SpatialOrder, laid_out
+
+
+def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
+    """Oracle: written down by hand."""
+    device, cloud = open_device("cpu"), random_cloud(1, n=LEAST)
+    laying = SpatialOrder()
+    first, second, third = (laying.of(device, cloud) for _ in range(3))
+    assert first.rows.size == first.boxes.size == 0 and first.positions is cloud.positions
+    assert second is third and laying.is_made
+    other = replace(cloud, positions=cloud.positions.copy())
+    assert laying.of(device, other).positions is other.positions
+    few = random_cloud(2, n=LEAST - 1)
+    assert [laying.of(device, few).rows.size for _ in range(3)] == [0, 0, 0]
+
+
+def test_rows_say_where_each_splat_was():
+    """Oracle: NumPy's own indexing; strays and what is nowhere are there too."""
+    cloud = random_cloud(3, n=LEAST + 77)
+    cloud.positions[5], cloud.positions[9] = 1e30, np.nan
+    laid = laid_out(open_device("cpu"), cloud)
+    np.testing.assert_array_equal(np.sort(laid.rows), np.arange(len(cloud)))
+    for name in ("positions", "rotations", "scales", "opacities"):
+        np.testing.assert_array_equal(getattr(laid, name), getattr(cloud, name)[laid.rows])
+
+
+def test_blocks_are_small():
+    """Oracle: splats that fill a cube evenly: a block of n of m has about n / m of it."""
+    rng = np.random.default_rng(4)
+    cloud = random_cloud(4, n=64 * BLOCK)
+    cloud.positions[:] = rng.uniform(-1, 1, cloud.positions.shape)
+    boxes = laid_out(open_device("cpu"), cloud).boxes
+    assert np.median(np.prod(2 * boxes[:, 3:6], axis=1)) < 3 * 8 / 64
+
+
+def test_codes_are_those_of_the_core():
+    """Oracle: `core.morton`, which spreads 64 bits; cells are whole numbers here."""
+    rng = np.random.default_rng(5)
+    cells = rng.integers(0, curve.CELLS, (500, 3))
+    cells[0], cells[1] = 0, curve.CELLS - 1
+    out = np.zeros(len(cells), np.uint32)
+    positions = np.float32(cells + 0.5)
+    open_device("cpu").run(curve.codes, positions, np.zeros(3), np.ones(3), out)
+    order = np.argsort(out, kind="stable")
+    exact = np.float32(cells * ((1 << morton.BITS) // curve.CELLS))
+    np.testing.assert_array_equal(order, morton.order(exact))
+
+
+@pytest.mark.parametrize("equal", [1, 3, 1000])
+def test_ties_go_by_appearance_and_row(equal):
+    """Oracle: np.lexsort."""
+    rng = np.random.default_rng(6)
+    n = 3000
+    first_slots = np.int64([0, 1000, 2500])
+    sources = np.concatenate([rng.permutation(k) for k in (1000, 1500, 500)]).astype(np.int32)
+    keys = np.float32(np.arange(n) // equal)[rng.permutation(n)]
+    device, visible = open_device("cpu"), np.arange(n, dtype=np.int32)
+    work = np.zeros((2, n), np.uint32), np.zeros((2, n), np.int32)
+    half = device.run(
+        sort.depth_order, visible, n, keys, 3, work, np.zeros((3, sort.DIGITS), np.int64)
+    )
+    order = work[1][half]
+    device.run(sort.settle, work[0][half], order, n, sources, first_slots, np.zeros(n, np.int64))
+    appearance = np.searchsorted(first_slots, visible, side="right")
+    np.testing.assert_array_equal(order, np.lexsort([sources, appearance, keys]))

@@ -1,0 +1,77 @@
+"""Average the samples of a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.images.cryptomatte import object_hash
+from usdsplat.kernels import cryptomatte, total, walk
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+
+CHANNELS = {"color": 4, "albedo": 3}
+
+
+class SampleAccumulator:
+    """Sums of the samples of one band.
+
+    Args:
+        shape: Rows and columns.
+        names: The AOVs to average: color, albedo, cryptoObject.
+    """
+
+    def __init__(
+        self, device: Device, buffers: FrameBuffers, shape: tuple[int, int], names: Sequence[str]
+    ) -> None:
+        self._device = device
+        self._names = names
+        self._count = 0
+        self._prims: dict[str, int] = {}
+        """Paths of the prims of all samples, numbered as they come."""
+        self._sums: dict[str, npt.NDArray[Any]] = {}
+        for name in names:
+            if name in CHANNELS:
+                self._sums[name] = buffers.get(f"sum {name}", (*shape, CHANNELS[name]), np.float32)
+                device.run(total.clear, self._sums[name])
+        if "cryptoObject" in names:
+            slots = (*shape, cryptomatte.SLOTS)
+            self._ids = buffers.get("sum prims", slots, np.int32)
+            self._weights = buffers.get("sum weights", slots, np.float32)
+            device.run(cryptomatte.begin, self._ids, self._weights)
+            self._mattes = buffers.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
+
+    def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
+        """Add one sample.
+
+        Args:
+            arrays: AOV -> pixels; cryptoObject is a list of (prims, weights).
+            prims: Paths that its numbers of prims stand for.
+        """
+        self._count += 1
+        run = self._device.run
+        table = [self._prims.setdefault(path, len(self._prims)) for path in prims]
+        numbers = self._device.upload(np.array(table, np.int32))
+        for name in self._names:
+            if name in CHANNELS:
+                run(total.add, self._sums[name], arrays[name])
+            else:
+                for ids, weights in arrays[name]:
+                    run(cryptomatte.gather, ids, weights, numbers, self._ids, self._weights)
+
+    def finish(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the averages, of the device."""
+        run, scale = self._device.run, np.float32(1 / self._count)
+        for each in self._sums.values():
+            run(total.scale, each, scale)
+        if "cryptoObject" not in self._names:
+            return dict(self._sums)
+        hashes = np.array([object_hash(path) for path in self._prims], np.float32)
+        run(
+            cryptomatte.finish, self._ids, self._weights, scale, self._device.upload(hashes),
+            self._mattes,
+        )  # fmt: skip
+        return {**self._sums, "cryptoObject": self._mattes}

@@ -1,0 +1,183 @@
+"""The AOVs of one band of one sample, from its tile lists and surfaces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels import feature, position, surface
+from usdsplat.render.accumulator import SampleAccumulator
+from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.motion import Motion
+from usdsplat.render.occluders import Occluders
+from usdsplat.render.surfaces import SurfaceBand
+from usdsplat.render.tile_lists import TileLists
+
+AVERAGED = ("color", "albedo", "cryptoObject")
+"""AOVs that are averaged over samples; nothing else may be mixed."""
+SUMMED = {"Neye", "depthExpected", "albedo"}
+"""AOVs that are sums of a feature over all contributions of a pixel."""
+
+
+class AovResolver:
+    """Rasterizes the splats of one band, and composites them over its surfaces.
+
+    Args:
+        surfaces: The band's surfaces; None without any.
+    """
+
+    def __init__(
+        self,
+        frame: FrameContext,
+        sample: FrameSample,
+        tiles: TileLists,
+        occluders: Occluders,
+        surfaces: SurfaceBand | None,
+    ) -> None:
+        self._frame, self._sample = frame, sample
+        self._tiles, self._occluders, self._surfaces = tiles, occluders, surfaces
+        self._run, self._get = frame.device.run, frame.buffers.get
+
+    def resolve(
+        self, aovs: tuple[str, ...], motion: Motion | None, y0: int, *, raw: bool
+    ) -> dict[str, Any]:
+        """Return AOVs, arrays of the device.
+
+        Args:
+            motion: How things move to the neighbouring frames; None if no AOV asks.
+            y0: First row of the band.
+            raw: Whether mattes are returned as (ids, weights), to be accumulated.
+        """
+        wanted, surfaces = set(aovs), self._surfaces
+        color, through = self._tiles.color()
+        self._frame.clock.lap("blend")
+        left = None if surfaces is None else self._left(color, through)
+        arrays: dict[str, Any] = {}
+        if wanted - set(AVERAGED) - SUMMED - {"depthFront"}:
+            arrays |= self._nearest("median", 0.5)
+            arrays |= self._places(arrays, motion, y0, wanted)
+        if "depthFront" in wanted:
+            arrays["depthFront"] = self._nearest("front", 0.0)["depth"]
+        if wanted & SUMMED:
+            arrays |= self._features(left, wanted)
+        if "cryptoObject" in wanted:
+            arrays["cryptoObject"] = self._mattes(left, raw=raw)
+        if "color" in wanted:
+            behind = None if surfaces is None else surfaces.color
+            arrays["color"] = composited(self._frame, color, left, behind)
+        return arrays
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _left(self, color: F32, through: F32 | None) -> F32:
+        """The transmittance of the splats to the surfaces behind them, shape (h, w)."""
+        left: F32 = self._get("left", color.shape[:2], np.float32)
+        nothing = np.empty((0, 0), np.float32)
+        self._run(
+            surface.show_through, color, nothing if through is None else through,
+            self._occluders.covered, self._occluders.depth, self._occluders.holdout, left,
+        )  # fmt: skip
+        return left
+
+    def _nearest(self, name: str, part: float) -> dict[str, Any]:
+        """Depth and ids of what passes a part of the coverage, surfaces included."""
+        depth, ids = self._tiles.median(name, part)
+        if self._surfaces is not None:
+            occluders = self._occluders
+            self._run(
+                surface.nearest, depth, ids, occluders.depth, occluders.covered, self._surfaces.ids
+            )
+        self._frame.clock.lap("median")
+        return {
+            "depth": depth,
+            "primId": ids[0],
+            "instanceId": ids[1],
+            "elementId": ids[2],
+            "row": ids[3],
+        }
+
+    def _places(
+        self, median: dict[str, Any], motion: Motion | None, y0: int, wanted: set[str]
+    ) -> dict[str, Any]:
+        """Positions and motion of what is at the median depth."""
+        arrays: dict[str, Any] = {}
+        depth, screen = median["depth"], self._sample.screen
+        x0 = screen.window[0]
+        if "P" in wanted:
+            arrays["P"] = self._get("P", (*depth.shape, 3), np.float32)
+            to_world = np.ascontiguousarray(np.linalg.inv(screen.world_to_camera)[:3])
+            self._run(
+                position.positions, screen.view_record(), to_world, depth, x0, y0, arrays["P"]
+            )
+        if motion is not None:
+            arrays |= motion.draw(
+                self._frame.device, self._frame.buffers, median, self._surfaces, (x0, y0), wanted
+            )
+        self._frame.clock.lap("places")
+        return arrays
+
+    def _features(self, left: F32 | None, wanted: set[str]) -> dict[str, Any]:
+        """Sums of features over all contributions of a pixel."""
+        arrays: dict[str, Any] = {}
+        surfaces, nothing = self._surfaces, np.empty((0, 0), np.float32)
+        if "albedo" in wanted:
+            image = self._tiles.paint("albedo", feature.ALBEDO)
+            behind = None if surfaces is None else surfaces.albedo
+            arrays["albedo"] = composited(self._frame, image, left, behind, counts=False)
+        if "Neye" in wanted:
+            sums = self._tiles.paint("normals", feature.NORMAL)
+            arrays["Neye"] = self._get("Neye", (*sums.shape[:2], 3), np.float32)
+            none = np.empty((0, 0, 3), np.float32)
+            self._run(
+                feature.unit, sums, none if surfaces is None else surfaces.normal,
+                none[..., 0] if left is None else left, arrays["Neye"],
+            )  # fmt: skip
+        if "depthExpected" in wanted:
+            sums = self._tiles.depths()
+            arrays["depthExpected"] = self._get("Zexp", sums.shape[:2], np.float32)
+            self._run(
+                feature.expected, sums, nothing if left is None else left,
+                nothing if surfaces is None else surfaces.depth, arrays["depthExpected"],
+            )  # fmt: skip
+        self._frame.clock.lap("features")
+        return arrays
+
+    def _mattes(self, left: F32 | None, *, raw: bool) -> Any:
+        """How much each prim covers of each pixel."""
+        found = [self._tiles.weigh()]
+        if left is not None and self._surfaces is not None:
+            prims = self._get("shown", left.shape, np.int32)
+            self._run(surface.shown, left, self._surfaces.ids, prims)
+            found.append((prims.reshape((*left.shape, 1)), left.reshape((*left.shape, 1))))
+        self._frame.clock.lap("mattes")
+        if raw:
+            return found
+        frame, names = self._frame, ("cryptoObject",)
+        sums = SampleAccumulator(frame.device, frame.buffers, self._tiles.shape, names)
+        sums.add({"cryptoObject": found}, self._sample.splats.layout.prims)
+        return sums.finish()["cryptoObject"]
+
+
+def composited(
+    frame: FrameContext,
+    splats: F32,
+    left: F32 | None,
+    behind: F32 | None,
+    *,
+    counts: bool = True,
+) -> F32:
+    """Return a splat layer in the picture's space, composited over surfaces.
+
+    Args:
+        splats: Premultiplied RGBA in the blend space, shape (h, w, 4). It may be changed.
+        left: Transmittance to the surfaces, shape (h, w); None without any.
+        behind: Their colours, linear Rec.709, shape (h, w, 3); None without any.
+        counts: Whether pixels count in `Output.failed` and `Output.covered`.
+    """
+    image = frame.output.splats(splats, counts=counts)
+    if left is not None and behind is not None:
+        frame.device.run(surface.over, image, left, frame.output.surfaces(behind))
+    frame.clock.lap("output")
+    return image

@@ -1,0 +1,40 @@
+"""The rasterizer of the CPU: each step by itself, band after band."""
+
+from __future__ import annotations
+
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.occluders import Occluders
+from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.rasterizer import WholeImage
+from usdsplat.render.tile_lists import TileLists
+
+
+class CpuRasterizer:
+    """Takes the steps of a frame one by one."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    def draw_color(
+        self,
+        projector: Projector,
+        matte: tuple[tuple[str, bool], ...],
+        buffers: FrameBuffers,
+        stats: FrameStats,
+    ) -> WholeImage | None:
+        """Return None: the steps are not fused."""
+        return None
+
+    def bin(
+        self,
+        splats: ProjectedSplats,
+        window: tuple[int, int, int, int],
+        occluders: Occluders,
+        buffers: FrameBuffers,
+        *,
+        by_ray_hit: bool,
+    ) -> TileLists:
+        """As `Rasterizer.bin`."""
+        return TileLists(self.device, buffers, splats, window, occluders, by_ray=by_ray_hit)

@@ -1,0 +1,34 @@
+"""Garbage mattes as the kernels take them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64
+from usdsplat.kernels import crop
+from usdsplat.render.specs import CropSpec
+
+SHAPES = {
+    "sphere": crop.SPHERE,
+    "cube": crop.CUBE,
+    "cylinder": crop.CYLINDER,
+    "cone": crop.CONE,
+    "capsule": crop.CAPSULE,
+    "plane": crop.PLANE,
+}
+
+
+def volumes(crops: tuple[CropSpec, ...], transforms: F64) -> tuple[npt.NDArray[Any], F64]:
+    """Return the CROP records of volumes, shape (k,), and the matrices that take the own space of
+    each of m appearances to theirs, shape (m, k, 3, 4).
+
+    Args:
+        crops: Of one field.
+        transforms: Local to world of its appearances, shape (m, 4, 4).
+    """
+    records = np.array([(SHAPES[c.shape], c.keeps, c.length) for c in crops], crop.CROP)
+    to_shapes = np.array([c.world_to_shape for c in crops], np.float64).reshape(-1, 4, 4)
+    return records, np.ascontiguousarray((to_shapes[None] @ transforms[:, None])[:, :, :3])

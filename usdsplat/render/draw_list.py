@@ -1,0 +1,145 @@
+"""The splats of a render scene in drawing order, as kernels take them. It depends on no view.
+
+Consecutive instances of the same field form one group, which one launch draws.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64, I32, I64, SplatCloud
+from usdsplat.kernels import project
+from usdsplat.render.splat_budget import SplatSubset, shares
+
+if TYPE_CHECKING:
+    from usdsplat.render.scene import Drawn, Field
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Instances of one field, next to each other in the drawing order."""
+
+    field: Field
+    cloud: SplatCloud
+    """The field's splats, or those that a budget lets it keep."""
+    rows: I32 | None
+    """Where they are in the field's arrays; None where they are those."""
+    transforms: F64
+    """Local to world, shape (m, 4, 4)."""
+    turns: F64
+    """Orthogonal factors Q of the transforms' 3x3, reflections included, shape (m, 3, 3)."""
+    stretches: F64
+    """Symmetric factors P: the transforms' 3x3 is Q P, shape (m, 3, 3)."""
+    block: int
+    """Slots of a block."""
+    blocks: int
+    """Blocks of one instance."""
+    slot: int
+    """First slot of the group."""
+
+    @property
+    def all_blocks(self) -> int:
+        """Blocks of all instances."""
+        return len(self.transforms) * self.blocks
+
+    @property
+    def slots(self) -> int:
+        """Slots of all instances."""
+        return self.all_blocks * self.block
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawList:
+    """All groups, and where each appearance has its slots."""
+
+    groups: tuple[Group, ...]
+    first_slots: I64
+    """First slot of each appearance, ascending, shape (n,)."""
+    labels: npt.NDArray[np.int32]
+    """(number of the prim, index of the instance) of each appearance, shape (n, 2)."""
+    block_starts: I64
+    """First slot of each block."""
+    prims: tuple[str, ...]
+    """Paths of all prims that are drawn, surfaces too, sorted; a prim's number is its place."""
+    splats: int
+    """Splats that are drawn, instances counted each."""
+    total: int
+    """Splats that would be drawn without a budget."""
+
+    @property
+    def slots(self) -> int:
+        """Slots of all groups."""
+        return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
+
+
+def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:
+    """Lay out `drawn`, which is in drawing order.
+
+    Args:
+        others: The prims that are not splats.
+        budget: Most splats, instances counted each; 0 for all.
+    """
+    parts = _parts(drawn, budget)
+    groups: list[Group] = []
+    labels: list[tuple[int, int]] = []
+    first_slots: list[I64] = []
+    paths = sorted({*others, *(instance.path for _, _, instance in drawn)})
+    prims = {path: number for number, path in enumerate(paths)}
+    slot, begin = 0, 0
+    for i, (_, field, instance) in enumerate(drawn):
+        labels.append((prims[instance.path], instance.index))
+        if i + 1 == len(drawn) or drawn[i + 1][1] is not field:
+            transforms = np.array([each[2].transform for each in drawn[begin : i + 1]])
+            groups.append(_group(field, parts.get(id(field)), transforms.reshape(-1, 4, 4), slot))
+            span = groups[-1].blocks * groups[-1].block
+            first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
+            slot += groups[-1].slots
+            begin = i + 1
+    starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
+    nothing = np.empty(0, np.int64)
+    return DrawList(
+        groups=tuple(groups),
+        first_slots=np.concatenate([*first_slots, nothing]),
+        labels=np.array(labels, np.int32).reshape(-1, 2),
+        block_starts=np.concatenate([*starts, nothing]),
+        prims=tuple(prims),
+        splats=sum(len(g.transforms) * len(g.cloud) for g in groups),
+        total=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
+    )
+
+
+def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
+    """What each field keeps, by its id; nothing where all is drawn."""
+    fields = {id(field): field for _, field, _ in drawn}
+    instances = Counter(id(field) for _, field, _ in drawn)
+    sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]
+    if budget == 0 or sum(count * times for count, times in sizes) <= budget:
+        return {}
+    kept = shares(sizes, budget)
+    return {
+        key: field.thinned(count) for (key, field), count in zip(fields.items(), kept, strict=True)
+    }
+
+
+def _group(field: Field, part: SplatSubset | None, transforms: F64, slot: int) -> Group:
+    cloud = field.spec.cloud if part is None else part.cloud
+    n = len(cloud)
+    block = max(1, min(n, project.BLOCK))
+    u, s, vt = np.linalg.svd(transforms[:, :3, :3])
+    return Group(
+        field=field,
+        cloud=cloud,
+        rows=None if part is None else part.rows,
+        transforms=transforms,
+        turns=u @ vt,
+        stretches=vt.transpose(0, 2, 1) @ (s[:, :, None] * vt),
+        block=block,
+        blocks=-(-n // block),
+        slot=slot,
+    )

@@ -1,0 +1,235 @@
+"""A frame: from a scene and a view to bands of pixels.
+
+    place surfaces, project, shade, sort          once for each sample
+    rasterize surfaces, bin, rasterize, resolve   for each band of the sample
+    accumulate                                    over the samples of the band
+
+A sample is a sharp picture at one time through one point of the lens. Colour, albedo and mattes are
+averaged over all samples. Every other AOV is read from the sample in the middle and never mixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.kernels import surface
+from usdsplat.kernels.device import Device
+from usdsplat.render import sampling
+from usdsplat.render.accumulator import SampleAccumulator
+from usdsplat.render.aov_resolver import AVERAGED, SUMMED, AovResolver, composited
+from usdsplat.render.band import Band
+from usdsplat.render.display import displayed
+from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.motion import Motion
+from usdsplat.render.occluders import Occluders, with_holdout
+from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.rasterizer import WholeImage
+from usdsplat.render.screen import Screen
+from usdsplat.render.specs import CameraSpec
+from usdsplat.render.surfaces import SurfaceBand, Surfaces
+from usdsplat.render.tile_lists import DeepSamples, TileLists
+
+MOTION = {"motionForward", "motionBackward"}
+"""AOVs that look at the neighbouring frames."""
+
+
+def render_frame(
+    frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
+) -> Iterator[Band]:
+    """Draw a picture, band by band from the top."""
+    plan = sampling.samples(frame.settings, camera)
+    center = sampling.center(frame.settings, camera)
+    if len(plan) == 1:
+        sample = prepare(frame, center, screen.window, frame.aovs)
+        motion = find_motion(frame, sample, center)
+        for y0, y1 in screen.bands(band_pixels):
+            arrays = draw_band(frame, sample, (y0, y1), frame.aovs, motion)
+            yield Band(y0, y1, fetched(frame.device, arrays))
+        return
+    for y0, y1 in screen.bands(band_pixels):
+        try:
+            arrays = average_band(frame, plan, center, screen, (y0, y1))
+        finally:  # also from a time at which something cannot be drawn
+            frame.sampler(0.0)
+        yield Band(y0, y1, arrays)
+
+
+def average_band(
+    frame: FrameContext,
+    plan: tuple[sampling.Sample, ...],
+    center: sampling.Sample,
+    screen: Screen,
+    rows: tuple[int, int],
+) -> dict[str, npt.NDArray[Any]]:
+    """Draw one band of many samples, on the host. The scene is left at the last sample's time."""
+    (x0, _, x1, _), (y0, y1) = screen.window, rows
+    window = x0, y0, x1, y1
+    averaged = tuple(name for name in frame.aovs if name in AVERAGED)
+    read = tuple(name for name in frame.aovs if name not in AVERAGED)
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    if read:
+        sample = prepare(frame, center, window, read)
+        motion = find_motion(frame, sample, center)
+        arrays |= fetched(frame.device, draw_band(frame, sample, rows, read, motion))
+    if averaged:
+        sums = SampleAccumulator(frame.device, frame.buffers, (y1 - y0, x1 - x0), averaged)
+        for each in plan:
+            sample = prepare(frame, each, window, averaged)
+            drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
+            sums.add(drawn, sample.splats.layout.prims)
+            frame.clock.lap("sums")
+        arrays |= fetched(frame.device, sums.finish())
+    return arrays
+
+
+def render_deep(
+    frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
+) -> Iterator[tuple[int, int, DeepSamples]]:
+    """Return all contributions to each pixel, band by band: (y0, y1, samples)."""
+    sample = prepare(frame, sampling.Sample(), screen.window, ())
+    for y0, y1 in screen.bands(band_pixels):
+        tiles, _, surfaces = bin_band(frame, sample, (y0, y1))
+        samples = tiles.deep(frame.settings.deep_error)
+        if camera.exposure != 1.0:
+            samples.color[:, :3] *= np.float32(camera.exposure)
+        if surfaces is not None:
+            fetch = frame.device.fetch
+            is_drawn = fetch(surfaces.covered) == surface.DRAWN
+            color = fetch(frame.output.surfaces(surfaces.color))
+            samples = samples.with_surfaces(fetch(surfaces.depth), is_drawn, color)
+        frame.clock.lap("deep")
+        yield y0, y1, samples
+
+
+def prepare(
+    frame: FrameContext,
+    sample: sampling.Sample,
+    window: tuple[int, int, int, int],
+    aovs: tuple[str, ...],
+) -> FrameSample:
+    """Take the steps of a sample that come before any pixel.
+
+    Args:
+        window: Pixels x0, y0, x1, y1 that will be drawn, end exclusive.
+        aovs: What will be drawn.
+    """
+    scene, view = frame.sampler(sample.time)
+    screen = replace(Screen.of(view), window=window).through(
+        sample.lens, view.camera.focus_distance, sample.offset
+    )
+    surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
+    frame.clock.lap("surfaces")
+    projector = Projector(
+        frame.device, frame.buffers, scene, screen, frame.settings, frame.blend_space
+    )
+    occludes = surfaces is not None or frame.holdout is not None
+    if set(aovs) == {"color"} and not occludes:
+        whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
+        if whole is not None:
+            frame.clock.lap("frame")
+            return FrameSample(screen, whole, None)
+    splats = _projected(frame, projector, view.matte, aovs, occludes=occludes)
+    mode = frame.settings.display_mode
+    if mode != "splats":
+        splats = displayed(frame.device, frame.buffers, splats, mode, view.framing.pixel_scale)
+        if mode == "ellipses":  # each is there twice, once as its rim
+            frame.stats.visible = splats.order.shape[0] // 2
+        frame.clock.lap("display")
+    return FrameSample(screen, splats, surfaces)
+
+
+def _projected(
+    frame: FrameContext,
+    projector: Projector,
+    matte: tuple[tuple[str, bool], ...],
+    aovs: tuple[str, ...],
+    *,
+    occludes: bool,
+) -> ProjectedSplats:
+    """Project, shade and sort the splats of a sample."""
+    lap, stats = frame.clock.lap, frame.stats
+    projector.project()
+    lap("project")
+    projector.shade()
+    lap("radiance")
+    if occludes or frame.sorts_by_ray_hit:
+        projector.find_ray_hits()
+        lap("peaks")
+    if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
+        projector.find_features()
+        lap("features")
+    splats = projector.sort(matte, labels="cryptoObject" in aovs)
+    lap("sort")
+    stats.splats, stats.total = splats.layout.splats, splats.layout.total
+    stats.visible = splats.order.shape[0]
+    return splats
+
+
+def draw_band(
+    frame: FrameContext,
+    sample: FrameSample,
+    rows: tuple[int, int],
+    aovs: tuple[str, ...],
+    motion: Motion | None,
+    *,
+    raw: bool = False,
+) -> dict[str, Any]:
+    """Draw one band of one sample; arrays of the device.
+
+    Args:
+        rows: First row of the band, and the row after its last.
+        motion: How things move to the neighbouring frames; None if no AOV asks.
+        raw: Whether mattes are left as (ids, weights), to be accumulated.
+    """
+    if isinstance(sample.splats, WholeImage):
+        return {"color": composited(frame, sample.splats.rows(*rows), None, None)}
+    tiles, occluders, surfaces = bin_band(frame, sample, rows)
+    resolver = AovResolver(frame, sample, tiles, occluders, surfaces)
+    arrays = resolver.resolve(aovs, motion, rows[0], raw=raw)
+    frame.stats.rows += tiles.rows
+    return arrays
+
+
+def bin_band(
+    frame: FrameContext, sample: FrameSample, rows: tuple[int, int]
+) -> tuple[TileLists, Occluders, SurfaceBand | None]:
+    """Rasterize the surfaces of a band, and list its splats by tile."""
+    assert isinstance(sample.splats, ProjectedSplats)
+    (x0, _, x1, _), (y0, y1) = sample.screen.window, rows
+    surfaces, occluders = None, Occluders()
+    if sample.surfaces is not None:
+        surfaces = sample.surfaces.draw(y0, y1, frame.buffers)
+        occluders = Occluders(surfaces.depth, surfaces.covered)
+        frame.clock.lap("surfaces")
+    if frame.holdout is not None:
+        held = frame.holdout(x0, y0, x1, y1)
+        shape = y1 - y0, x1 - x0
+        occluders = with_holdout(frame.device, frame.buffers, occluders, held, shape)
+    tiles = frame.rasterizer.bin(
+        sample.splats, (x0, y0, x1, y1), occluders, frame.buffers, by_ray_hit=frame.sorts_by_ray_hit
+    )
+    frame.stats.pairs += tiles.pairs
+    frame.clock.lap("bins")
+    return tiles, occluders, surfaces
+
+
+def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sample) -> Motion | None:
+    """Find where everything is in the neighbouring frames, if an AOV asks."""
+    if not MOTION & set(frame.aovs):
+        return None
+    motion = Motion.between(frame.sampler, center.time, sample.screen)
+    frame.clock.lap("motion")
+    return motion
+
+
+def fetched(device: Device, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    """Return AOVs on the host."""
+    found = {name: device.fetch(array) for name, array in arrays.items()}
+    if "albedo" in found:
+        found["albedo"] = found["albedo"][..., :3]
+    return found

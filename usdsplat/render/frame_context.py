@@ -1,0 +1,63 @@
+"""What all bands and samples of one picture share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.output import Output
+from usdsplat.render.projector import ProjectedSplats
+from usdsplat.render.rasterizer import Rasterizer, WholeImage
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.screen import Screen
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
+from usdsplat.render.surface_cache import SurfaceCache
+from usdsplat.render.surfaces import Surfaces
+
+Moment = tuple[RenderScene, View]
+TimeSampler = Callable[[float], Moment]
+"""Return the scene and the view at a time [time code] relative to the frame; 0 returns to it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameSample:
+    """One sample of a picture, ready to be rasterized."""
+
+    screen: Screen
+    splats: ProjectedSplats | WholeImage
+    """The splats in order of depth; or their whole picture, if a device has drawn it at once."""
+    surfaces: Surfaces | None
+    """The scene's meshes; None without any."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FrameContext:
+    """What all bands and samples of one picture share."""
+
+    rasterizer: Rasterizer
+    surface_cache: SurfaceCache
+    sampler: TimeSampler
+    settings: RenderSettings
+    aovs: tuple[str, ...]
+    blend_space: str
+    """Colour space in which splats are blended."""
+    output: Output
+    holdout: ReadHoldout | None
+    buffers: FrameBuffers
+    stats: FrameStats
+    clock: Clock
+
+    @property
+    def device(self) -> Device:
+        """The device that draws."""
+        return self.rasterizer.device
+
+    @property
+    def sorts_by_ray_hit(self) -> bool:
+        """Whether the splats of each pixel are sorted by their ray hits."""
+        return self.settings.sorting == "rayHitDistance"

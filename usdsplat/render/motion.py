@@ -1,0 +1,187 @@
+"""Motion vectors to the next frame and from the previous one, in pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, I64, SplatCloud
+from usdsplat.kernels import position
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.scene import RenderScene, matrix
+from usdsplat.render.screen import Screen
+from usdsplat.render.specs import InstanceSpec, MeshSpec, View
+from usdsplat.render.surfaces import SurfaceBand
+
+FRAMES = {"motionForward": 1, "motionBackward": -1}
+"""Which frame each AOV is about; both say how far things move as time goes on."""
+
+Thing = SplatCloud | MeshSpec
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pose:
+    """Where everything is at one time: splats, then surfaces, in drawing order."""
+
+    screen: Screen
+    things: dict[tuple[str, int], tuple[F64, Thing]]
+
+    @classmethod
+    def of(cls, scene: RenderScene, view: View) -> _Pose:
+        things: dict[tuple[str, int], tuple[F64, Thing]] = {}
+
+        def put(instance: InstanceSpec, thing: Thing) -> None:
+            things[instance.path, instance.index] = matrix(instance.transform), thing
+
+        for _, field, instance in scene.drawn():
+            put(instance, field.spec.cloud)
+        for _, mesh, instance in scene.drawn_meshes():
+            put(instance, mesh.spec)
+        return cls(Screen.of(view), things)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FrameMotion:
+    """From one frame to another, as the kernel takes it."""
+
+    views: npt.NDArray[Any]
+    moves: F64
+    turns: F64
+    first: I64
+    deltas: F32
+
+    @property
+    def arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        """All of it, in the kernel's order."""
+        return self.views, self.moves, self.turns, self.first, self.deltas
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What moves how between a frame and its neighbours."""
+
+    splats: int
+    """Appearances of splats; those of surfaces follow."""
+    motions: dict[str, _FrameMotion]
+    """By AOV."""
+
+    @classmethod
+    def between(
+        cls, sampler: Callable[[float], tuple[RenderScene, View]], time: float, screen: Screen
+    ) -> Motion:
+        """Look at a frame and at both of its neighbours.
+
+        Args:
+            sampler: As the renderer takes it; left at `time`, also where another cannot be seen.
+            time: Of the frame [time code], relative to that of the picture.
+            screen: Of the frame.
+        """
+        try:
+            others = {name: _Pose.of(*sampler(time + step)) for name, step in FRAMES.items()}
+        finally:
+            scene, view = sampler(time)
+        here = _Pose.of(scene, view)
+        return cls(
+            splats=len(scene.drawn()),
+            motions={name: _frame_motion(here, other, screen) for name, other in others.items()},
+        )
+
+    def draw(
+        self,
+        device: Device,
+        buffers: FrameBuffers,
+        median: Mapping[str, npt.NDArray[Any]],
+        drawn: SurfaceBand | None,
+        corner: tuple[int, int],
+        wanted: set[str],
+    ) -> dict[str, F32]:
+        """Return the motion AOVs of one band, (right, up) [pixel], shape (h, w, 2), of the device.
+
+        Args:
+            median: Depth, primId, elementId and row of the appearance of what is seen.
+            drawn: The surfaces of the band.
+            corner: Its first pixel, x and y.
+            wanted: The AOVs.
+        """
+        rows, elements = median["row"], median["elementId"]
+        weights: F32 = np.empty((0, 0, 2), np.float32)
+        if drawn is not None:
+            all_rows = buffers.get("seen rows", rows.shape, np.int32)
+            all_elements = buffers.get("seen elements", rows.shape, np.int32)
+            weights = buffers.get("seen weights", (*rows.shape, 2), np.float32)
+            device.run(
+                position.seen, median["primId"], rows, elements, drawn.hit, drawn.bary, self.splats,
+                (all_rows, all_elements, weights),
+            )  # fmt: skip
+            rows, elements = all_rows, all_elements
+        arrays = {}
+        for name in sorted(wanted & set(self.motions)):
+            motion = self.motions[name]
+            arrays[name] = buffers.get(name, (*rows.shape, 2), np.float32)
+            device.run(
+                position.motion, *map(device.keep, motion.arrays),
+                median["depth"], rows, elements, weights, *corner, FRAMES[name], arrays[name],
+            )  # fmt: skip
+        return arrays
+
+
+def _frame_motion(here: _Pose, other: _Pose, screen: Screen) -> _FrameMotion:
+    """What was here goes there; what is not there stays where it is."""
+    n = len(here.things)
+    moves, turns = np.empty((n, 3, 4)), np.empty((n, 3, 3))
+    first = np.full(n, position.STILL, np.int64)
+    deltas: list[F32] = [np.empty((0, 3), np.float32)]
+    count = 0
+    known: dict[tuple[int, int], int] = {}
+    back = np.linalg.inv(screen.world_to_camera)
+    for row, (key, (transform, thing)) in enumerate(here.things.items()):
+        to, later = other.things.get(key, (transform, thing))
+        move = other.screen.world_to_camera @ to @ np.linalg.pinv(transform) @ back
+        moves[row] = move[:3]
+        turns[row] = (other.screen.world_to_camera @ to)[:3, :3]
+        pair = id(thing), id(later)
+        if pair not in known:
+            delta = _delta(thing, later)
+            known[pair] = position.STILL if delta is None else count
+            if delta is not None:
+                deltas.append(delta)
+                count += len(delta)
+        first[row] = known[pair]
+    views = np.concatenate([screen.view_record(), other.screen.view_record()])
+    return _FrameMotion(views, moves, turns, first, np.concatenate(deltas))
+
+
+def _delta(thing: Thing, later: Thing) -> F32 | None:
+    """How points move by themselves, one row for each splat or each corner of each triangle; None
+    where they do not, or it cannot be said which is which."""
+    if thing is later:
+        return None
+    if isinstance(thing, SplatCloud) and isinstance(later, SplatCloud):
+        return _splat_delta(thing, later)
+    if not isinstance(thing, MeshSpec) or not isinstance(later, MeshSpec):
+        return None
+    if thing.points is later.points or len(thing.points) != len(later.points):
+        return None
+    if not np.array_equal(thing.triangles, later.triangles):
+        return None
+    return np.asarray((later.points - thing.points)[thing.triangles.ravel()], np.float32)
+
+
+def _splat_delta(thing: SplatCloud, later: SplatCloud) -> F32 | None:
+    """By identity where splats have one, else by place."""
+    if thing.ids is not None and later.ids is not None:
+        if not np.array_equal(thing.ids, later.ids):
+            order = np.argsort(later.ids, kind="stable")
+            at = np.searchsorted(later.ids, thing.ids, sorter=order)
+            found = order[np.minimum(at, len(order) - 1)]
+            same = later.ids[found] == thing.ids
+            moved = later.positions[found] - thing.positions
+            return np.where(same[:, None], moved, 0).astype(np.float32)
+    elif len(thing) != len(later):
+        return None
+    return np.asarray(later.positions - thing.positions)

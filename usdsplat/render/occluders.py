@@ -1,0 +1,105 @@
+"""What hides splats of a band: surfaces of the scene, and a holdout from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I64
+from usdsplat.core.errors import UsageError
+from usdsplat.kernels import surface
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+
+DeepHoldout = tuple[I64, F32, F32]
+"""A deep holdout: first sample of each pixel, depths, transmittances, as `kernels.walk` has it."""
+NO_HOLDOUT: DeepHoldout = (
+    np.empty(0, np.int64),
+    np.empty(0, np.float32),
+    np.empty(0, np.float32),
+)
+for _each in NO_HOLDOUT:
+    _each.flags.writeable = False  # as those are that a device keeps: kernels are compiled once
+NO_DEPTH = np.empty((0, 0), np.float32)
+NO_COVER = np.empty((0, 0), np.uint8)
+
+HoldoutRows = F32 | DeepHoldout
+"""Of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
+
+
+ReadHoldout = Callable[[int, int, int, int], HoldoutRows]
+"""Read an external holdout in the pixels x0, y0, x1, y1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occluders:
+    """What is behind, or between, the splats of a band. Arrays are the device's."""
+
+    depth: F32 = field(default_factory=lambda: NO_DEPTH)
+    """Planar depth of surfaces, +inf where there is none, shape (h, w); of no size without any."""
+    covered: npt.NDArray[np.uint8] = field(default_factory=lambda: NO_COVER)
+    """What they are, see `kernels.surface`, shape (h, w); of no size without any."""
+    holdout: DeepHoldout = NO_HOLDOUT
+
+
+def with_holdout(
+    device: Device,
+    buffers: FrameBuffers,
+    occluders: Occluders,
+    rows: HoldoutRows,
+    shape: tuple[int, int],
+) -> Occluders:
+    """Return the occluders of a band with a holdout added.
+
+    A flat holdout hides everything behind it, a deep one as much as its samples cover.
+
+    Args:
+        shape: Rows and columns of the band.
+
+    Raises:
+        UsageError: If the holdout has another shape.
+    """
+    _check(rows, shape)
+    if isinstance(rows, tuple):
+        offsets, depths, through = rows
+        kept = device.keep(offsets), device.keep(depths), device.keep(through)
+        return Occluders(occluders.depth, occluders.covered, kept)
+    if occluders.depth.size == 0:
+        depth = buffers.get("holdout depth", shape, np.float32)
+        occluders = Occluders(depth, buffers.get("holdout covered", shape, np.uint8))
+        device.run(surface.clear, occluders.depth, occluders.covered)
+    device.run(surface.hold_back, occluders.depth, occluders.covered, device.upload(rows))
+    return occluders
+
+
+def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
+    """Reject a holdout beyond whose end kernels would read."""
+    if not isinstance(rows, tuple):
+        if rows.shape != shape:
+            raise UsageError("holdout", f"depths of shape {rows.shape}", str(shape))
+        return
+    offsets, depths, through = rows
+    pixels = shape[0] * shape[1]
+    if len(offsets) != pixels + 1:
+        raise UsageError("holdout", f"{len(offsets)} offsets", f"{pixels + 1}")
+    if offsets[0] != 0 or (np.diff(offsets) < 0).any() or offsets[-1] != len(depths):
+        raise UsageError("holdout", "offsets of other samples", f"0 to {len(depths)}, ascending")
+    if len(through) != len(depths):
+        raise UsageError("holdout", f"{len(through)} transmittances", f"{len(depths)}")
+
+
+def remembering(read: ReadHoldout) -> ReadHoldout:
+    """Return `read` with its last result cached: all samples of a band ask for the same rows."""
+    last: dict[tuple[int, int, int, int], HoldoutRows] = {}
+
+    def rows(x0: int, y0: int, x1: int, y1: int) -> HoldoutRows:
+        window = x0, y0, x1, y1
+        if window not in last:
+            last.clear()
+            last[window] = read(*window)
+        return last[window]
+
+    return rows

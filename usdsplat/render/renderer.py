@@ -1,0 +1,259 @@
+"""Pictures of render scenes on one device: checks, buffers between pictures, and a fallback."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.kernels.device import CpuDevice, Device
+from usdsplat.render.aov_resolver import AVERAGED
+from usdsplat.render.band import Band
+from usdsplat.render.frame import MOTION, render_deep, render_frame
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
+from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.occluders import ReadHoldout, remembering
+from usdsplat.render.output import DISPLAY_SPACE, Output
+from usdsplat.render.rasterizer import Rasterizer, open_rasterizer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.screen import Screen
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, View
+from usdsplat.render.surface_cache import SurfaceCache
+from usdsplat.render.tile_lists import DeepSamples
+
+AOVS = (
+    *AVERAGED,
+    "depth",
+    "depthFront",
+    "depthExpected",
+    "Neye",
+    "P",
+    "primId",
+    "instanceId",
+    "elementId",
+    "motionForward",
+    "motionBackward",
+)
+"""What can be rendered, in Hydra's words where it has one; `images.aovs` says what each means.
+
+`color` is premultiplied RGBA in the output space. `depth` is the planar camera depth at which half
+of the pixel's own coverage, surfaces included, is passed; the ids are those of what passes it, -1
+where nothing is: `primId` counts the drawn prims in the order of their paths, `instanceId` is the
+number within a point instancer, `elementId` a splat's row in its prim's arrays or a mesh's face."""
+
+BAND_PIXELS = 1 << 21
+"""[pixel] of a band: a 1920x1080 picture is one band, a 3840x2160 one four."""
+ORDERED = ("zDepth", "rayHitDistance")
+"""Orders in which a deep picture's samples can be kept: those of planar depths."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Workspace:
+    """The rasterizer and buffers of one picture, from its first band to its last."""
+
+    rasterizer: Rasterizer
+    surface_cache: SurfaceCache
+    buffers: FrameBuffers
+
+    @property
+    def device(self) -> Device:
+        return self.rasterizer.device
+
+    def frame(
+        self,
+        sampler: TimeSampler,
+        settings: RenderSettings,
+        aovs: tuple[str, ...],
+        blend_space: str,
+        output: Output,
+        holdout: ReadHoldout | None,
+    ) -> FrameContext:
+        """Return the context of a new picture."""
+        stats = FrameStats()
+        return FrameContext(
+            rasterizer=self.rasterizer,
+            surface_cache=self.surface_cache,
+            sampler=sampler,
+            settings=settings,
+            aovs=aovs,
+            blend_space=blend_space,
+            output=output,
+            holdout=None if holdout is None else remembering(holdout),
+            buffers=self.buffers,
+            stats=stats,
+            clock=Clock(stats),
+        )
+
+
+class Renderer:
+    """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes.
+
+    Args:
+        falls_back: Whether the CPU draws the rest if a GPU fails.
+    """
+
+    def __init__(self, device: Device, *, falls_back: bool = False) -> None:
+        self._rasterizer = open_rasterizer(device)
+        self._falls_back = falls_back
+        self._idle: list[FrameBuffers] = []
+        self._closed = False
+        self._surface_cache = SurfaceCache()
+        self.stats = FrameStats()
+        """Of the last picture."""
+
+    @property
+    def _device(self) -> Device:
+        return self._rasterizer.device
+
+    @property
+    def device(self) -> str:
+        """Name of the device that draws."""
+        return self._device.name
+
+    @property
+    def remark(self) -> str:
+        """Why it is not the fastest that this machine could have; mostly empty."""
+        return self._device.remark
+
+    def close(self) -> None:
+        """Release the buffers; those of a picture that is being drawn go with its last band."""
+        self._closed = True
+        self._idle.clear()
+        self._surface_cache = SurfaceCache()
+        self._device.close()
+
+    def render(
+        self,
+        scene: RenderScene,
+        view: View,
+        settings: RenderSettings,
+        aovs: tuple[str, ...],
+        *,
+        sampler: TimeSampler | None = None,
+        holdout: ReadHoldout | None = None,
+        band_pixels: int = BAND_PIXELS,
+    ) -> Iterator[Band]:
+        """Draw the data window of `view`, band after band from the top.
+
+        Args:
+            settings: With nothing left on auto but `rasterize_mode`.
+            aovs: Which of AOVS.
+            sampler: Scene and view at other times, for motion; None for a scene that stands still.
+            holdout: What else hides splats and surfaces, and is not in the picture.
+            band_pixels: About how many pixels to draw at a time.
+
+        Raises:
+            UsageError: If an AOV is unknown, the view has no area, or there is no such OCIO view.
+        """
+        for name in aovs:
+            if name not in AOVS:
+                raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
+        screen = Screen.of(view)
+        blend_space = blend_space_of(scene, settings)
+        _output(self._device, settings, blend_space, view)  # refused now, not at the first band
+
+        def still(_: float) -> Moment:
+            return scene, view
+
+        def bands(workspace: _Workspace) -> Iterator[Band]:
+            output = _output(workspace.device, settings, blend_space, view)
+            frame = workspace.frame(sampler or still, settings, aovs, blend_space, output, holdout)
+            for band in render_frame(frame, view.camera, screen, band_pixels):
+                frame.stats.failed, frame.stats.asked = output.failed, output.covered
+                self.stats = frame.stats
+                yield replace(band, arrays={name: band.arrays[name] for name in aovs})
+                frame.clock.resume()
+
+        return self._borrowing(bands)
+
+    def render_deep(
+        self,
+        scene: RenderScene,
+        view: View,
+        settings: RenderSettings,
+        *,
+        holdout: ReadHoldout | None = None,
+        band_pixels: int = BAND_PIXELS,
+    ) -> Iterator[tuple[int, int, DeepSamples]]:
+        """Return the contributions to every pixel, band after band: (y0, y1, samples).
+
+        Blended in the working space, one sharp sample. Surfaces are samples that hide all behind.
+
+        Raises:
+            UsageError: If the order of splats is not one of planar depths.
+        """
+        if settings.sorting not in ORDERED:
+            expected = f"{' or '.join(ORDERED)} for a deep picture"
+            raise UsageError("sorting", settings.sorting, expected)
+        settings = replace(settings, samples=1, blend_space="linear", color_mode="scene")
+        screen = Screen.of(view)
+        blend_space = settings.working_space
+
+        def bands(workspace: _Workspace) -> Iterator[tuple[int, int, DeepSamples]]:
+            output = _output(workspace.device, settings, blend_space, view)
+            still = (scene, view)
+            frame = workspace.frame(lambda _: still, settings, (), blend_space, output, holdout)
+            for each in render_deep(frame, view.camera, screen, band_pixels):
+                self.stats = frame.stats
+                yield each
+                frame.clock.resume()
+
+        return self._borrowing(bands)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _borrowing(self, bands: Callable[[_Workspace], Iterator[Any]]) -> Iterator[Any]:
+        """Run a generator with buffers of its own; the next picture uses them again. If a GPU fails
+        and the CPU may take over, the CPU draws the remaining bands."""
+        workspace = self._take_workspace()
+        taken = 0
+        try:
+            for band in bands(workspace):
+                taken += 1
+                yield band
+        except BackendError as error:
+            if not self._falls_back or workspace.device.name == "cpu":
+                raise
+            self._fall_back(workspace.device, error)
+            workspace = self._take_workspace()
+            yield from itertools.islice(bands(workspace), taken, None)
+        finally:
+            if not self._closed and workspace.device is self._device:
+                self._idle.append(workspace.buffers)
+
+    def _take_workspace(self) -> _Workspace:
+        buffers = self._idle.pop() if self._idle else FrameBuffers(self._device.resident)
+        return _Workspace(self._rasterizer, self._surface_cache, buffers)
+
+    def _fall_back(self, failed: Device, error: BackendError) -> None:
+        """Draw with the CPU from now on, unless another picture has switched already."""
+        if self._device is not failed:
+            return
+        remark = f"{error}; the CPU does the work"
+        self._rasterizer = open_rasterizer(CpuDevice(threads=failed.threads, remark=remark))
+        self._idle.clear()
+        self._surface_cache = SurfaceCache()
+        failed.close()
+
+
+def depends_on_time(settings: RenderSettings, camera: CameraSpec, aovs: tuple[str, ...]) -> bool:
+    """Whether a picture shows other times than its own."""
+    begin, end = camera.shutter
+    blurred = settings.samples > 1 and settings.motion_blur and (begin != 0 or end != 0)
+    return blurred or bool(MOTION & set(aovs))
+
+
+def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
+    """The space in which splats are blended: the captures' own where they agree, or linear."""
+    if settings.blend_space == "linear":
+        return settings.working_space
+    spaces = {field.spec.color_space for field in scene.visible_fields()}
+    return spaces.pop() if len(spaces) == 1 else DISPLAY_SPACE
+
+
+def _output(device: Device, settings: RenderSettings, blend_space: str, view: View) -> Output:
+    return Output(device, settings, blend_space, view.camera.exposure)

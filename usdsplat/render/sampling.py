@@ -1,0 +1,101 @@
+"""Where in shutter, lens and pixel a picture is sampled.
+
+Every sample is a whole sharp picture, and their plain average is the picture: a filter's weight is
+in how densely it is sampled. The points are fixed, evenly spread in each dimension and
+uncorrelated between dimensions, so a picture of n samples is always the same and has no noise.
+
+Source: Vogel 1979 for points on a disc; Roberts 2018 for additive recurrences; Shirley 1990 for
+ranks as strata; Harris 1978 for the Blackman-Harris window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import F64
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec
+
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+STEPS = (0.7548776662466927, 0.5698402909980532, math.sqrt(2.0) - 1.0)
+"""Of the additive recurrences for pixel x, pixel y and time: irrational, and so of each other."""
+WIDTHS = {"box": 1.0, "triangle": 2.0, "gaussian": 3.0, "blackmanHarris": 3.3}
+"""[pixel] of each filter, where the settings do not say."""
+GAUSSIAN_CUT = 3.0
+"""Standard deviations from the middle of a Gaussian filter to its edge."""
+BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
+TABLE = 4097
+"""Points at which a filter's distribution is tabulated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """One sharp picture of those that are averaged."""
+
+    time: float = 0.0
+    """[time code] from the frame."""
+    lens: tuple[float, float] = (0.0, 0.0)
+    """Where the ray goes through the lens, right and up [scene unit]."""
+    offset: tuple[float, float] = (0.0, 0.0)
+    """From the pixels' centres, right and down [pixel]."""
+
+
+def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
+    """Return the samples of a picture; a single one is sharp and at the frame itself."""
+    n = settings.samples
+    if n == 1:
+        return (Sample(),)
+    x, y, t = (_strata(n, step) for step in STEPS)
+    spread = _filter(settings.pixel_filter, settings.filter_width)
+    begin, end = camera.shutter if settings.motion_blur else (0.0, 0.0)
+    radius = camera.lens_radius if has_lens(camera) and settings.depth_of_field else 0.0
+    angle = GOLDEN_ANGLE * np.arange(n)
+    away = radius * np.sqrt((np.arange(n) + 0.5) / n)
+    times = begin + (end - begin) * t
+    rights, ups = away * np.cos(angle), away * np.sin(angle)
+    columns, rows = np.interp(x, *spread), np.interp(y, *spread)
+    return tuple(
+        Sample(time=each[0], lens=(each[1], each[2]), offset=(each[3], each[4]))
+        for each in np.stack([times, rights, ups, columns, rows], axis=1).tolist()
+    )
+
+
+def center(settings: RenderSettings, camera: CameraSpec) -> Sample:
+    """Return the sample that everything which must not be averaged is read from: the middle of the
+    shutter, through the middle of the lens."""
+    if settings.samples == 1 or not settings.motion_blur:
+        return Sample()
+    return Sample(time=0.5 * (camera.shutter[0] + camera.shutter[1]))
+
+
+def has_lens(camera: CameraSpec) -> bool:
+    """Whether a camera can blur what is out of focus."""
+    return not camera.orthographic and camera.lens_radius > 0 and camera.focus_distance > 0
+
+
+def _strata(n: int, step: float) -> F64:
+    """Middles of n equal parts of [0, 1], in the order in which a recurrence visits them."""
+    visited = np.argsort(np.arange(n) * step % 1.0, kind="stable")
+    middles = np.empty(n)
+    middles[visited] = (np.arange(n) + 0.5) / n
+    return middles
+
+
+def _filter(name: str, width: float) -> tuple[F64, F64]:
+    """The distribution of a filter's weight and the offsets [pixel] at which it is reached."""
+    half = 0.5 * (width or WIDTHS[name])
+    at: F64 = np.linspace(-1.0, 1.0, TABLE)
+    if name == "box":
+        weight = np.ones(TABLE)
+    elif name == "triangle":
+        weight = 1.0 - np.abs(at)
+    elif name == "gaussian":
+        weight = np.exp(-0.5 * (GAUSSIAN_CUT * at) ** 2)
+    else:
+        angles = np.pi * (at + 1.0)[:, None] * np.arange(4)
+        weight = np.cos(angles) @ (np.array(BLACKMAN_HARRIS) * (1, -1, 1, -1))
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))])
+    return total / total[-1], half * at

@@ -1,0 +1,337 @@
+"""The resident splats, meshes and lights of one engine, without USD."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64
+from usdsplat.core.extent import extent
+from usdsplat.render.cropping import inside
+from usdsplat.render.draw_list import DrawList, draw_list
+from usdsplat.render.spatial_order import SpatialOrder
+from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
+from usdsplat.render.splat_budget import SplatBudget, SplatSubset
+
+SUBJECT = 0.004
+"""Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
+
+FEW = 100_000
+"""Splats that are looked at, about, to find the subject."""
+
+SHAPES = ("positions", "rotations", "scales", "opacities")
+"""Arrays of a cloud that projection reads."""
+
+Box = tuple[F64, F64]
+Drawn = tuple[str, "Field", InstanceSpec]
+"""Path of a field, the field, and one of its instances."""
+DrawnMesh = tuple[str, "Mesh", InstanceSpec]
+"""Path of a mesh, the mesh, and one of its instances."""
+
+
+@dataclass(slots=True)
+class Field:
+    """One range of splats and where it is seen."""
+
+    spec: FieldSpec
+    instances: tuple[InstanceSpec, ...] = ()
+    visible: bool = True
+    crops: tuple[CropSpec, ...] = ()
+    """Volumes in the world by which its splats are kept or left out."""
+    local: Box | None = None
+    """Bounds in its own space, conservative; computed when first asked for."""
+    subject: Box | None = None
+    """Bounds of the centres without strays; computed when first asked for."""
+    thinning: SplatBudget | None = None
+    """What a budget leaves of it; made when first asked for."""
+    laying: SpatialOrder = field(default_factory=SpatialOrder)
+    """How its splats lie in memory."""
+    shapes: object = field(default_factory=object)
+    """Another one whenever its splats are elsewhere or of another form or opacity."""
+    radiance: object = field(default_factory=object)
+    """Another one whenever their harmonics are others."""
+
+    def thinned(self, count: int) -> SplatSubset:
+        """Return its `count` most conspicuous splats."""
+        if self.thinning is None:
+            self.thinning = SplatBudget(self.spec.cloud)
+        return self.thinning.part(count)
+
+    def replace(self, spec: FieldSpec) -> None:
+        """Take other splats; arrays with the same numbers as before stay the same objects, and all
+        that was made of them stays with them."""
+        before, now = self.spec.cloud, spec.cloud
+        equal = {
+            name: _equal(getattr(before, name), getattr(now, name)) for name in (*SHAPES, "sh")
+        }
+        kept = {name: getattr(before, name) for name, same in equal.items() if same}
+        self.spec, self.thinning = replace(spec, cloud=replace(now, **kept)), None
+        if not equal["sh"]:
+            self.radiance = object()
+        if not all(equal[name] for name in SHAPES):
+            self.local, self.subject, self.shapes = None, None, object()
+            self.laying.forget()
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is anything of it to see."""
+        return self.visible and bool(self.instances) and len(self.spec.cloud) > 0
+
+
+@dataclass(slots=True)
+class Mesh:
+    """One opaque prim and where it is seen."""
+
+    spec: MeshSpec
+    instances: tuple[InstanceSpec, ...] = ()
+    visible: bool = True
+    local: Box | None = None
+    """Bounds in its own space; computed when first asked for."""
+    subject: Box | None = None
+    """The same: a surface has no strays."""
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is anything of it to see."""
+        return self.visible and bool(self.instances) and len(self.spec.triangles) > 0
+
+
+def _equal(a: F32, b: F32) -> bool:
+    """Whether two arrays hold the same numbers; those of an animation differ at first sight."""
+    few = slice(None, None, max(1, len(a) // 64))
+    return a is b or (
+        a.shape == b.shape and np.array_equal(a[few], b[few]) and np.array_equal(a, b)
+    )
+
+
+def matrix(numbers: tuple[float, ...]) -> F64:
+    """The 4x4 of a `specs.Matrix`."""
+    return np.array(numbers, np.float64).reshape(4, 4)
+
+
+def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
+    """The box around all instances of a box."""
+    m = np.array([each.transform for each in instances]).reshape(-1, 4, 4)
+    center = m[:, :3, :3] @ (0.5 * (box[0] + box[1])) + m[:, :3, 3]
+    half = np.abs(m[:, :3, :3]) @ (0.5 * (box[1] - box[0]))
+    return (center - half).min(axis=0), (center + half).max(axis=0)
+
+
+def _extent(spec: FieldSpec | MeshSpec) -> Box | None:
+    """Bounds of what can be seen, in its own space; None when nothing of it is finite."""
+    if isinstance(spec, MeshSpec):
+        return _box_of(spec.points)
+    box = extent(spec.cloud)
+    return None if box is None else (box[0], box[1])
+
+
+def _box_of(points: F32) -> Box | None:
+    """The box around all finite points."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        return None
+    return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+
+
+def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
+    """Bounds of a mesh, or of nearly all centres of a cloud, strays left out."""
+    if isinstance(spec, MeshSpec):
+        return _box_of(spec.points)
+    return _most_of(spec.cloud.positions)
+
+
+def _most_of(positions: F32 | F64) -> Box | None:
+    """The box around nearly all positions that are finite."""
+    few = positions[:: max(1, len(positions) // FEW)]
+    few = few[np.isfinite(few).all(axis=1)]
+    if len(few) == 0:
+        return None
+    low, high = np.quantile(few, (SUBJECT, 1 - SUBJECT), axis=0)
+    return low.astype(np.float64), high.astype(np.float64)
+
+
+def _measured(thing: Field | Mesh, name: str, measure: Any) -> Any:
+    """A box of a thing, computed when it is first asked for."""
+    if getattr(thing, name) is None:
+        setattr(thing, name, measure(thing.spec))
+    return getattr(thing, name)
+
+
+def _left_by_crops(field: Field) -> list[Box]:
+    """Boxes in the world of nearly all centres that the field's volumes leave, by instance."""
+    positions = field.spec.cloud.positions
+    few = positions[:: max(1, len(positions) // FEW)].astype(np.float64)
+    boxes = []
+    for instance in field.instances:
+        world = few @ matrix(instance.transform)[:3, :3].T + matrix(instance.transform)[:3, 3]
+        box = _most_of(world[inside(field.crops, world)])
+        if box is not None:
+            boxes.append(box)
+    return boxes
+
+
+class RenderScene:
+    """Fields and meshes by prim path, with their transforms, and lights.
+
+    A field is a resident range of splats. Nothing here is shared between scenes, and `close` lets
+    go of everything.
+    """
+
+    def __init__(self) -> None:
+        self._fields: dict[str, Field] = {}
+        self._meshes: dict[str, Mesh] = {}
+        self._lights: dict[str, LightSpec] = {}
+        self._drawn: list[Drawn] | None = None
+        self._draw_lists: dict[int, DrawList] = {}
+
+    # --- editing ---------------------------------------------------------------------------
+
+    def set_field(self, path: str, spec: FieldSpec) -> None:
+        """Add the field at `path`, or replace its splats."""
+        self._forget_order()
+        if path in self._fields:
+            self._fields[path].replace(spec)
+        else:
+            self._fields[path] = Field(spec)
+
+    def set_mesh(self, path: str, spec: MeshSpec) -> None:
+        """Add the mesh at `path`, or replace its triangles."""
+        self._forget_order()
+        mesh = self._meshes.get(path)
+        if mesh is None:
+            self._meshes[path] = Mesh(spec)
+        else:
+            mesh.spec, mesh.local, mesh.subject = spec, None, None
+
+    def set_light(self, path: str, spec: LightSpec | None) -> None:
+        """Add or replace the light at `path`; None takes it away."""
+        self._lights.pop(path, None)
+        if spec is not None:
+            self._lights[path] = spec
+
+    def set_crops(self, path: str, crops: tuple[CropSpec, ...]) -> None:
+        """Say which splats of the field at `path` are kept."""
+        self._forget_order()
+        self._fields[path].crops = crops
+
+    def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
+        """Say where the field or mesh at `path` is seen."""
+        self._forget_order()
+        self._at(path).instances = instances
+
+    def set_visible(self, path: str, visible: bool) -> None:
+        """Show or hide the field or mesh at `path`."""
+        self._forget_order()
+        self._at(path).visible = visible
+
+    def remove(self, path: str) -> None:
+        """Forget the field or mesh at `path`."""
+        self._forget_order()
+        del (self._fields if path in self._fields else self._meshes)[path]
+
+    def close(self) -> None:
+        """Let go of all arrays."""
+        self._forget_order()
+        self._fields.clear()
+        self._meshes.clear()
+        self._lights.clear()
+
+    # --- reading ---------------------------------------------------------------------------
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of all fields and meshes, sorted."""
+        return tuple(sorted((*self._fields, *self._meshes)))
+
+    @property
+    def lights(self) -> tuple[LightSpec, ...]:
+        """All lights, by path."""
+        return tuple(self._lights[path] for path in sorted(self._lights))
+
+    @property
+    def splat_count(self) -> int:
+        """Splats held; instances count once."""
+        return sum(len(field.spec.cloud) for field in self._fields.values())
+
+    def visible_fields(self) -> list[Field]:
+        """Fields that are drawn at least once."""
+        return [field for field in self._fields.values() if field.is_drawn]
+
+    def drawn(self) -> list[Drawn]:
+        """Each visible appearance of splats, in the order that breaks ties of depth: by path, then
+        index."""
+        if self._drawn is None:
+            seen = [
+                (path, field, instance)
+                for path, field in self._fields.items()
+                if field.is_drawn
+                for instance in field.instances
+            ]
+            self._drawn = sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+        return self._drawn
+
+    def drawn_meshes(self) -> list[DrawnMesh]:
+        """Each visible appearance of a mesh, by path, then index."""
+        seen = [
+            (path, mesh, instance)
+            for path, mesh in self._meshes.items()
+            if mesh.is_drawn
+            for instance in mesh.instances
+        ]
+        return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
+
+    def prims(self) -> tuple[str, ...]:
+        """Paths of all that is drawn, sorted; a prim's number is its place here."""
+        return self.draw_list().prims
+
+    def draw_list(self, budget: int = 0) -> DrawList:
+        """What is drawn, laid out for the kernels; it stays as it is until the next edit.
+
+        Args:
+            budget: Most splats, instances counted each; 0 for all.
+        """
+        if budget not in self._draw_lists:
+            for other in self._draw_lists.keys() - {0}:
+                del self._draw_lists[other]  # which holds splats
+            surfaces = {instance.path for _, _, instance in self.drawn_meshes()}
+            self._draw_lists[budget] = draw_list(self.drawn(), surfaces, budget=budget)
+        return self._draw_lists[budget]
+
+    def bounds(self) -> Box | None:
+        """Lowest and highest corner in the world of all that may be seen, or None if nothing is."""
+        return self._union("local", _extent)
+
+    def subject(self) -> Box | None:
+        """Like `bounds`, with centres for splats, and without the few far from all others."""
+        return self._union("subject", _subject)
+
+    def subject_of(self, thing: Field | Mesh) -> Box | None:
+        """`subject` of one thing, in its own space and without its volumes."""
+        return _measured(thing, "subject", _subject)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _at(self, path: str) -> Field | Mesh:
+        return self._fields[path] if path in self._fields else self._meshes[path]
+
+    def _union(self, name: str, measure: Any) -> Box | None:
+        boxes = []
+        meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
+        things: list[Any] = [*self.visible_fields(), *meshes]
+        for thing in things:
+            if name == "subject" and isinstance(thing, Field) and thing.crops:
+                boxes += _left_by_crops(thing)
+                continue
+            box = _measured(thing, name, measure)
+            if box is not None:
+                boxes.append(_place(box, thing.instances))
+        if not boxes:
+            return None
+        lows, highs = zip(*boxes, strict=True)
+        return np.min(lows, axis=0), np.max(highs, axis=0)
+
+    def _forget_order(self) -> None:
+        self._drawn = None
+        self._draw_lists.clear()

@@ -1,0 +1,159 @@
+"""Camera and framing of a view in pixels, as kernels take them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F64
+from usdsplat.core.errors import UsageError
+from usdsplat.kernels import bins, position, project
+from usdsplat.render.framing import conform
+from usdsplat.render.scene import matrix
+from usdsplat.render.specs import View
+
+USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Camera space of USD (y up, looking down -z) to the kernels' (y down, looking along z)."""
+MARGIN = 0.3
+"""Part of the display window's half width by which the affine map's clamp is wider, on each
+side."""
+NEAREST = 1e-6
+"""Near plane, as a part of the far plane, of a perspective camera whose own is not in front of it:
+nothing at or behind the eye can be seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """A pinhole or parallel projection onto pixels; pixel (0, 0) is centred on (0, 0)."""
+
+    world_to_camera: F64
+    """Shape (4, 4): x right, y down, z forward."""
+    orthographic: bool
+    focal: tuple[float, float]
+    """[pixel]; for an orthographic camera [pixel / scene unit]."""
+    center: tuple[float, float]
+    """Where the axis meets the picture [pixel]."""
+    size: tuple[int, int]
+    """Display window [pixel]."""
+    window: tuple[int, int, int, int]
+    """Data window (x0, y0, x1, y1) [pixel], end exclusive."""
+    clipping_range: tuple[float, float]
+    low_pass: float
+    """Added to the screen covariances [pixel²]."""
+
+    @classmethod
+    def of(cls, view: View) -> Screen:
+        """Conform the camera's aperture to the image and measure it in pixels.
+
+        Raises:
+            UsageError: If the aperture, the image, the data window or a pixel has no area.
+        """
+        camera, framing = view.camera, view.framing
+        (left, bottom, right, top), _ = conform(camera.window, framing)
+        width, height = framing.resolution
+        focal = width / (right - left), height / (top - bottom)
+        x0, y0, x1, y1 = framing.window
+        if not (x0 < x1 and y0 < y1):
+            raise UsageError("data window", str(framing.window), "x0 < x1 and y0 < y1")
+        if not 0 < framing.pixel_scale < math.inf:
+            raise UsageError("pixel scale", f"{framing.pixel_scale:g}", "a positive number")
+        near, far = camera.clipping_range
+        if near <= 0 and not camera.orthographic:
+            near = NEAREST * far
+        return cls(
+            world_to_camera=USD_TO_SCREEN @ matrix(camera.world_to_camera),
+            orthographic=camera.orthographic,
+            focal=focal,
+            center=(-left * focal[0] - 0.5, top * focal[1] - 0.5),
+            size=framing.resolution,
+            window=framing.window,
+            clipping_range=(near, far),
+            low_pass=float(project.LOW_PASS) / framing.pixel_scale**2,
+        )
+
+    @property
+    def eye(self) -> F64:
+        """Where the camera stands in the world, shape (3,)."""
+        return np.asarray(np.linalg.inv(self.world_to_camera)[:3, 3])
+
+    @property
+    def forward(self) -> F64:
+        """Where it looks, in the world, unit length, shape (3,)."""
+        axis = np.linalg.inv(self.world_to_camera)[:3, 2]
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    def through(
+        self, lens: tuple[float, float], focus: float, offset: tuple[float, float]
+    ) -> Screen:
+        """Return the view through another point of the lens, and of other points of the pixels.
+
+        What is at the focus distance stays where it is.
+
+        Args:
+            lens: Right and up from the middle of the lens [scene unit].
+            focus: Planar depth that is sharp [scene unit]; of use only with a lens.
+            offset: From the pixels' centres, right and down [pixel].
+        """
+        shift = np.eye(4)
+        (u, v), right, down = self.center, lens[0], -lens[1]
+        if right or down:
+            shift[:2, 3] = -right, -down
+            u += self.focal[0] * right / focus
+            v += self.focal[1] * down / focus
+        return replace(
+            self,
+            world_to_camera=shift @ self.world_to_camera,
+            center=(u - offset[0], v - offset[1]),
+        )
+
+    def view_record(self) -> npt.NDArray[Any]:
+        """The VIEW record of `kernels.position`, shape (1,)."""
+        values = (*self.focal, *self.center, self.orthographic)
+        return np.array([values], position.VIEW)
+
+    def bands(self, pixels: int) -> Iterator[tuple[int, int]]:
+        """Cut the data window into bands of whole rows of tiles, of about `pixels` pixels each."""
+        x0, y0, x1, y1 = self.window
+        rows = max(1, pixels // max(1, x1 - x0) // bins.TILE) * bins.TILE
+        while y0 < y1:
+            end = min(y1, (y0 + rows) // bins.TILE * bins.TILE)
+            yield y0, end
+            y0 = end
+
+    def record(
+        self, *, tangential: bool, by_distance: bool, antialiased: bool, margin: int = 0
+    ) -> npt.NDArray[Any]:
+        """The CAMERA record of the kernels, shape (1,); splats that are up to `margin` pixels
+        outside of the data window are kept."""
+        (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
+        x0, y0, x1, y1 = self.window
+        record = np.zeros(1, project.CAMERA)
+        record["fx"], record["fy"], record["cx"], record["cy"] = fx, fy, cx, cy
+        record["near"], record["far"] = self.clipping_range
+        extra_u, extra_v = MARGIN * 0.5 * width / fx, MARGIN * 0.5 * height / fy
+        record["low_u"], record["high_u"] = (
+            (-0.5 - cx) / fx - extra_u,
+            (width - 0.5 - cx) / fx + extra_u,
+        )
+        record["low_v"], record["high_v"] = (
+            (-0.5 - cy) / fy - extra_v,
+            (height - 0.5 - cy) / fy + extra_v,
+        )
+        record["left"], record["top"] = x0 - margin, y0 - margin
+        record["right"], record["bottom"] = x1 - 1 + margin, y1 - 1 + margin
+        record["low_pass"] = self.low_pass
+        record["projection"] = (
+            project.ORTHOGRAPHIC
+            if self.orthographic
+            else project.TANGENTIAL
+            if tangential
+            else project.PERSPECTIVE
+        )
+        record["sorting"] = project.SORT_DISTANCE if by_distance else project.SORT_Z
+        record["antialiased"] = antialiased
+        return record

@@ -1,0 +1,139 @@
+"""Reorder the splats of a large field along the Z-order curve, so that whole blocks can be culled.
+
+A block of BLOCK splats is then a small part of space with tight bounds. Only the arrays that
+projection reads are copied; others are read by the row that each visible splat has in the field.
+
+A field is reordered when the same splats are projected for the second time: a single picture, or
+splats that move, would not repay the copy. Pictures do not depend on it: splats of equal depth are
+drawn in the order of their rows in the field, see `sort.settle`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, I32, SplatCloud
+from usdsplat.kernels import blocks, curve, sort
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.project import BLOCK
+
+LEAST = 16 * BLOCK
+"""Splats of the smallest field that is reordered."""
+
+STRAY = 0.004
+"""Fraction of the splats, at either end of each axis, that share the cells at the edge."""
+FEW = 100_000
+"""About how many splats are sampled to find the bounds of most of them."""
+
+PER_SPLAT = 4 * (3 + 4 + 3 + 1 + 1)
+"""Bytes of a splat in spatial order."""
+MAKING = 4 * 4
+"""Further bytes of a splat while the order is computed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OrderedSplats:
+    """The arrays of a field that projection reads, in the order of memory."""
+
+    rows: I32
+    """Where each splat is in the cloud, shape (n,); of no size where all are in order."""
+    positions: F32
+    rotations: F32
+    scales: F32
+    opacities: F32
+    boxes: F32
+    """Bounds of each block, shape (blocks, blocks.BOX); of no size where all are looked at."""
+
+
+def as_it_is(cloud: SplatCloud) -> OrderedSplats:
+    """Return the cloud's own arrays, without bounds."""
+    return OrderedSplats(
+        rows=np.empty(0, np.int32),
+        positions=cloud.positions,
+        rotations=cloud.rotations,
+        scales=cloud.scales,
+        opacities=cloud.opacities,
+        boxes=np.empty((0, blocks.BOX), np.float32),
+    )
+
+
+def laid_out(device: Device, cloud: SplatCloud) -> OrderedSplats:
+    """Return the cloud along the curve with the bounds of its blocks; at least one splat."""
+    rows = _order(device, cloud.positions)
+    positions, rotations, scales = (
+        _taken(device, rows, array) for array in (cloud.positions, cloud.rotations, cloud.scales)
+    )
+    opacities = _taken(device, rows, cloud.opacities[:, None])[:, 0]
+    boxes = np.empty((-(-len(rows) // BLOCK), blocks.BOX), np.float32)
+    device.run(blocks.boxes, positions, scales, opacities, boxes)
+    return OrderedSplats(
+        rows=rows,
+        positions=positions,
+        rotations=rotations,
+        scales=scales,
+        opacities=opacities,
+        boxes=boxes,
+    )
+
+
+class SpatialOrder:
+    """The splats of one field in spatial order, computed when it repays."""
+
+    def __init__(self) -> None:
+        self._positions: F32 | None = None
+        self._layout: OrderedSplats | None = None
+
+    @property
+    def is_made(self) -> bool:
+        """Whether the order in memory differs from the order of rows."""
+        return self._layout is not None and self._layout.rows.size > 0
+
+    def forget(self) -> None:
+        """Drop the order; the splats have changed."""
+        self._positions, self._layout = None, None
+
+    def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
+        """Return `cloud`, which is about to be projected, in the order to use."""
+        if cloud.positions is not self._positions:
+            self._positions, self._layout = cloud.positions, None
+            return as_it_is(cloud)
+        if self._layout is None:
+            self._layout = laid_out(device, cloud) if len(cloud) >= LEAST else as_it_is(cloud)
+        return self._layout
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+def _order(device: Device, positions: F32) -> I32:
+    """Rows along the curve; rows of one cell keep their order."""
+    n = len(positions)
+    low, scale = _cells(positions)
+    codes = np.empty(n, np.uint32)
+    device.run(curve.codes, device.upload(positions), low, scale, codes)
+    chunks = 4 * device.threads
+    work = np.empty((2, n), np.uint32), np.empty((2, n), np.int32)
+    half = device.run(
+        sort.depth_order, np.arange(n, dtype=np.int32), n, codes.view(np.float32), chunks, work,
+        np.empty((chunks, sort.DIGITS), np.int64),
+    )  # fmt: skip
+    return np.array(work[1][half])
+
+
+def _cells(positions: F32) -> tuple[F64, F64]:
+    """Lowest corner of the cells, and how many there are a scene unit, along each axis."""
+    few = positions[:: max(1, len(positions) // FEW)]
+    few = few[np.isfinite(few).all(axis=1)]
+    if len(few) == 0:
+        return np.zeros(3), np.zeros(3)
+    low, high = np.quantile(few.astype(np.float64), (STRAY, 1 - STRAY), axis=0)
+    return low, curve.CELLS / np.maximum(high - low, np.finfo(np.float32).tiny)
+
+
+def _taken(device: Device, rows: I32, array: F32) -> npt.NDArray[np.float32]:
+    out = np.empty(array.shape, np.float32)
+    device.run(sort.gather, rows, device.upload(array), out)
+    return out

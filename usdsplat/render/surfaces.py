@@ -1,0 +1,224 @@
+"""The meshes of a scene as a view sees them: the order of their kernels.
+
+place, boxes            once per view
+count, fill, raster     once per band
+shade                   the same
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, F64, I32, I64
+from usdsplat.core.errors import UsageError
+from usdsplat.kernels import bins, raster, shade, triangles
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.matte import is_matte
+from usdsplat.render.scene import DrawnMesh, RenderScene
+from usdsplat.render.screen import Screen
+from usdsplat.render.specs import LightSpec, MeshSpec
+from usdsplat.render.surface_cache import PackedMeshes, SurfaceCache
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceBand:
+    """The nearest surface of each pixel of a band. Arrays are the device's, and valid until the
+    next band."""
+
+    depth: F32
+    """Planar camera depth [scene unit], +inf where nothing is, shape (h, w)."""
+    color: F32
+    """Linear Rec.709, shaded, 0 where nothing is or where it is matte, shape (h, w, 3)."""
+    normal: F32
+    """Unit, in camera space as USD has it: x right, y up, z towards the viewer; on the side of the
+    triangle that is seen; 0 where nothing is, shape (h, w, 3)."""
+    albedo: F32
+    """Diffuse colour, linear Rec.709, not shaded, of what is matte too, shape (h, w, 3)."""
+    covered: npt.NDArray[np.uint8]
+    """0 nothing, 1 drawn, 2 matte, shape (h, w)."""
+    ids: I32
+    """Place of the prim in `RenderScene.prims`, number of the instance, authored face; -1 where
+    nothing is, shape (3, h, w)."""
+    hit: I32
+    """Row of `RenderScene.drawn_meshes` and triangle of that mesh, -1 where nothing is, shape
+    (2, h, w)."""
+    bary: F32
+    """Weights of the triangle's corners 1 and 2 at the pixel's centre, shape (h, w, 2)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Surfaces:
+    """The opaque prims of a scene as one view sees them."""
+
+    device: Device
+    window: tuple[int, int, int, int]
+    """Data window [pixel], end exclusive."""
+    view: npt.NDArray[Any]
+    """One VIEW record."""
+    shapes: tuple[npt.NDArray[Any], ...]
+    """What `raster.raster` has under that name."""
+    boxes: I32
+    normal_matrices: F64
+    looks: tuple[npt.NDArray[Any], ...]
+    lights: F32
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        scene: RenderScene,
+        screen: Screen,
+        matte: tuple[tuple[str, bool], ...] = (),
+        *,
+        cache: SurfaceCache | None = None,
+    ) -> Surfaces | None:
+        """Take all triangles of a scene to the screen; None where no mesh is drawn.
+
+        Args:
+            matte: As `View.matte` has it.
+            cache: Keeps what depends on no view from one picture to the next.
+
+        Raises:
+            UsageError: If there are 2**31 triangles or more.
+        """
+        drawn = scene.drawn_meshes()
+        cache = cache or SurfaceCache()
+        if not drawn:
+            cache.clear()
+            return None
+        specs, which = _distinct(drawn)
+        packed = cache.packed(device, specs)
+        firsts = _running(packed.triangles_of[which])
+        vertex_firsts = _running(packed.points_of[which])
+        if firsts[-1] > np.iinfo(np.int32).max:
+            raise UsageError("scene", f"{firsts[-1]} triangles in one view", "less than 2**31")
+        transforms = np.array([instance.transform for _, _, instance in drawn], np.float64)
+        matrices = screen.world_to_camera[:3] @ transforms.reshape(-1, 4, 4)
+        records = _appearances(drawn, which, packed, matrices, scene.prims(), matte)
+        vertices = device.resident((int(vertex_firsts[-1]), triangles.VERTEX), np.float64)
+        boxes = device.resident((int(firsts[-1]), 4), np.int32)
+        keep = device.keep
+        view, appearances = keep(view_record(screen)), keep(records)
+        ends, vertex_ends = keep(firsts), keep(vertex_firsts)
+        device.run(
+            triangles.place, view, appearances, vertex_ends, keep(matrices), packed.points, vertices
+        )
+        device.run(
+            triangles.boxes, view, appearances, ends, vertex_ends, vertices, packed.triangles, boxes
+        )
+        return cls(
+            device=device,
+            window=screen.window,
+            view=view,
+            shapes=(appearances, ends, vertex_ends, packed.triangles, vertices),
+            boxes=boxes,
+            normal_matrices=keep(_normal_matrices(matrices[:, :, :3])),
+            looks=packed.looks,
+            lights=keep(_lights(scene.lights, screen)),
+        )
+
+    def draw(self, y0: int, y1: int, buffers: FrameBuffers) -> SurfaceBand:
+        """Rasterise and shade rows y0 to y1 - 1 of the data window.
+
+        Raises:
+            UsageError: If triangles touch 2**31 tiles or more.
+        """
+        x0, _, x1, _ = self.window
+        run = self.device.run
+        grid = bins.grid_of(x0, y0, x1, y1)
+        scene = self.view, self.shapes, self.boxes, grid
+        starts, lists, pairs = run(
+            raster.tile_lists, *scene, bins.tiles_in(grid), 4 * self.device.threads, buffers.get
+        )
+        if pairs > bins.MOST_PAIRS:
+            raise UsageError("band", f"{pairs} pairs of triangle and tile", "less than 2**31")
+        shape = y1 - y0, x1 - x0
+        winner = buffers.get("surface winner", shape, np.int32)
+        band = SurfaceBand(
+            depth=buffers.get("surface depth", shape, np.float32),
+            color=buffers.get("surface color", (*shape, 3), np.float32),
+            normal=buffers.get("surface normal", (*shape, 3), np.float32),
+            albedo=buffers.get("surface albedo", (*shape, 3), np.float32),
+            covered=buffers.get("surface covered", shape, np.uint8),
+            ids=buffers.get("surface ids", (3, *shape), np.int32),
+            hit=buffers.get("surface hit", (2, *shape), np.int32),
+            bary=buffers.get("surface bary", (*shape, 2), np.float32),
+        )
+        run(raster.raster, *scene, starts, lists, band.depth, winner)
+        run(
+            shade.shade, self.view, self.shapes, self.normal_matrices, self.looks, self.lights,
+            np.array([x0, y0], np.int64), winner,
+            (band.color, band.normal, band.albedo, band.covered, band.ids, band.hit, band.bary),
+        )  # fmt: skip
+        return band
+
+
+def view_record(screen: Screen) -> npt.NDArray[Any]:
+    """The VIEW record of the kernels, shape (1,)."""
+    (fx, fy), (cx, cy), (near, far) = screen.focal, screen.center, screen.clipping_range
+    values = (fx, fy, cx, cy, near, far, *screen.window, screen.orthographic)
+    return np.array([values], triangles.VIEW)
+
+
+def _distinct(drawn: Sequence[DrawnMesh]) -> tuple[list[MeshSpec], I64]:
+    """Each mesh once, and the number of each appearance's."""
+    numbers: dict[int, int] = {}
+    specs: list[MeshSpec] = []
+    for _, mesh, _ in drawn:
+        if numbers.setdefault(id(mesh.spec), len(specs)) == len(specs):
+            specs.append(mesh.spec)
+    return specs, np.array([numbers[id(mesh.spec)] for _, mesh, _ in drawn], np.int64)
+
+
+def _running(lengths: I64) -> I64:
+    """Where each of these many begins, and the end of all."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths)])
+
+
+def _appearances(
+    drawn: Sequence[DrawnMesh],
+    which: I64,
+    packed: PackedMeshes,
+    matrices: F64,
+    prims: Sequence[str],
+    matte: tuple[tuple[str, bool], ...],
+) -> npt.NDArray[Any]:
+    """The APPEARANCE records."""
+    places = {path: number for number, path in enumerate(prims)}
+    paths = [instance.path for _, _, instance in drawn]
+    mattes = {path: is_matte(path, matte) for path in set(paths)}
+    records = np.zeros(len(drawn), triangles.APPEARANCE)
+    for name, firsts in packed.rows.items():
+        records[name] = firsts[which]
+    records["prim"] = [places[path] for path in paths]
+    records["instance"] = [instance.index for _, _, instance in drawn]
+    records["double_sided"] = [mesh.spec.double_sided for _, mesh, _ in drawn]
+    records["mirrored"] = np.linalg.det(matrices[:, :, :3]) < 0
+    records["matte"] = [mattes[path] for path in paths]
+    return records
+
+
+def _normal_matrices(linear: F64) -> F64:
+    """Cofactors: the inverse transposes times the determinants, which are there for any matrix.
+
+    The sign of a length does not matter: the side of a normal follows from the triangle.
+    """
+    a, b, c = linear[:, 0], linear[:, 1], linear[:, 2]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+
+
+def _lights(lights: Sequence[LightSpec], screen: Screen) -> F32:
+    """Directions to the lights in camera space and their irradiances, shape (n, LIGHT)."""
+    rows = np.zeros((len(lights), shade.LIGHT))
+    for row, light in zip(rows, lights, strict=True):
+        towards = -screen.world_to_camera[:3, :3] @ np.array(light.direction, np.float64)
+        length = np.linalg.norm(towards)
+        row[:3] = towards / length if length > 0 else 0.0
+        row[3:] = light.irradiance
+    return rows.astype(np.float32)

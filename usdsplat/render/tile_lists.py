@@ -1,0 +1,261 @@
+"""The splats of one band, listed by tile, and what is rasterized from the lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.errors import UsageError
+from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
+from usdsplat.kernels.device import Device
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.occluders import NO_DEPTH, Occluders
+from usdsplat.render.projector import ProjectedSplats
+
+NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeepSamples:
+    """What the pixels of a band hold, near to far, pixel after pixel."""
+
+    counts: npt.NDArray[np.uint32]
+    """Shape (h, w)."""
+    depth: F32
+    """Nearest of each sample, shape (n,)."""
+    depth_back: F32
+    """Farthest, shape (n,)."""
+    color: F32
+    """Premultiplied RGBA of each by itself, shape (n, 4)."""
+
+    left: F32
+    """How much of a surface behind the samples of a pixel is there: 1 but where something else
+    holds out, shape (h, w)."""
+
+    def with_surfaces(
+        self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32
+    ) -> DeepSamples:
+        """Return these and, behind those of each pixel where a surface is drawn, one of it.
+
+        Args:
+            surface_depth: Its depth, shape (h, w); colors: linear RGB, shape (h, w, 3).
+        """
+        ends = np.cumsum(self.counts, dtype=np.int64)
+        more = np.cumsum(drawn.ravel(), dtype=np.int64)
+        places = ends[drawn.ravel()] + more[drawn.ravel()] - 1
+        kept = np.ones(len(self.depth) + int(more[-1]), bool)
+        kept[places] = False
+
+        def merged(samples: F32, surfaces: F32) -> F32:
+            out = np.empty((len(kept), *samples.shape[1:]), np.float32)
+            out[kept], out[places] = samples, surfaces
+            return out
+
+        left = self.left[drawn][:, None]
+        return DeepSamples(
+            counts=self.counts + drawn.astype(np.uint32),
+            depth=merged(self.depth, surface_depth[drawn]),
+            depth_back=merged(self.depth_back, surface_depth[drawn]),
+            color=merged(self.color, np.concatenate([colors[drawn] * left, left], axis=1)),
+            left=self.left,
+        )
+
+
+class TileLists:
+    """Lists of the splats that touch each tile of a band.
+
+    Args:
+        window: Pixels x0, y0, x1, y1 of the band, end exclusive.
+        by_ray: Whether splats of a pixel are sorted by their ray hits.
+
+    Raises:
+        UsageError: If splats touch 2**31 tiles or more.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        buffers: FrameBuffers,
+        splats: ProjectedSplats,
+        window: tuple[int, int, int, int],
+        occluders: Occluders,
+        *,
+        by_ray: bool,
+    ) -> None:
+        x0, y0, x1, y1 = window
+        self.shape = (y1 - y0, x1 - x0)
+        self._device = device
+        self._buffers = buffers
+        self._splats = splats
+        self._by_ray = by_ray
+        self._occluders = occluders
+        self._walks = by_ray or splats.keeps.size > 0 or occluders.holdout[0].size > 0
+        """Whether contributions must be taken one by one."""
+        self._grid = bins.grid_of(x0, y0, x1, y1)
+        key = splats.stamp, window
+        noted = buffers.noted("tile lists")
+        if noted is None or noted[0] != key:
+            made = device.run(
+                bins.tile_lists, splats.records, self._grid, bins.tiles_in(self._grid),
+                4 * device.threads, buffers.get,
+            )  # fmt: skip
+            noted = key, made
+            buffers.note("tile lists", noted)
+        self._starts, self._lists, self.pairs = noted[1]
+        if self.pairs > bins.MOST_PAIRS:
+            raise UsageError("band", f"{self.pairs} pairs of splat and tile", "less than 2**31")
+        self.rows = 0
+        """Rows of 16 pixels blended so far; a GPU does not count them."""
+
+    # --- rasterizing -----------------------------------------------------------------------
+
+    def color(self) -> tuple[F32, F32 | None]:
+        """Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
+        (h, w), where it is not just what is missing from A."""
+        self._color, self._through = self._paint("color", self._splats.records, project.RED)
+        return self._color, self._through
+
+    def paint(self, name: str, column: int) -> F32:
+        """Sums of three features over all contributions, and coverage, shape (h, w, 4)."""
+        return self._paint(name, self._splats.features, column)[0]
+
+    def depths(self) -> F32:
+        """Sums of the depths of all contributions, two unused, and coverage, shape (h, w, 4)."""
+        if self._walks:
+            return self._paint("depths", self._splats.features, walk.DEPTHS)[0]
+        return self.paint("depths", feature.EXPECTED)
+
+    def median(self, name: str, part: float) -> tuple[F32, I32]:
+        """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which a part of the
+        coverage is passed; `color` comes first."""
+        run, get, splats = self._device.run, self._buffers.get, self._splats
+        keep = self._device.keep
+        ranks = get(f"{name} ranks", self.shape, np.int32)
+        depth = get(f"{name} depth", self.shape, np.float32)
+        ids = get(f"{name} ids", (4, *self.shape), np.int32)
+        if self._walks:
+            peaks = get(f"{name} peaks", self.shape, np.float32)
+            self._walk(
+                walk.MEDIAN, part=part, image=self._color, through=self._through, ranks=ranks,
+                depths=peaks,
+            )  # fmt: skip
+        else:
+            run(
+                median.median, splats.records, self._starts, self._lists, self._grid, splats.peaks,
+                self._occluders.depth, splats.is_parallel, self._color, self._occluders.covered,
+                np.float32(part), ranks,
+            )  # fmt: skip
+        run(
+            median.resolve, ranks, splats.records, splats.order, splats.sources,
+            keep(splats.layout.first_slots), keep(splats.layout.labels), depth, ids,
+        )  # fmt: skip
+        if self._walks:
+            run(median.hold_depth, ranks, peaks, NO_DEPTH, depth)
+        elif self._occluders.depth.size > 0:
+            run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
+        return depth, ids
+
+    def weigh(self) -> tuple[I32, F32]:
+        """Prims that contribute most and by how much, shapes (h, w, walk.RANKS)."""
+        ids = self._buffers.get("prims", (*self.shape, walk.RANKS), np.int32)
+        weights = self._buffers.get("weights", (*self.shape, walk.RANKS), np.float32)
+        self._walk(walk.WEIGH, ids=ids, weights=weights)
+        return ids, weights
+
+    def deep(self, error: float) -> DeepSamples:
+        """Every contribution, or runs of them; splats must be in a linear blend space."""
+        resident, fetch = self._device.resident, self._device.fetch
+        held = resident(self.shape, np.uint32)
+        walks = self._walks or self._occluders.depth.size > 0
+        if walks:
+            self._walk(walk.COUNT, error=error, counts=held)
+        else:
+            self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
+        offsets = self._buffers.get("deep offsets", (held.size + 1,), np.int64)
+        total = int(self._device.run(deep.place, held, offsets))
+        near, color = resident((total,), np.float32), resident((total, 4), np.float32)
+        far = near if error == 0 else resident((total,), np.float32)
+        left = np.broadcast_to(np.float32(1), self.shape)
+        if walks:
+            left = left.copy()
+            self._walk(
+                walk.FILL, error=error, offsets=offsets, through=left, deep=(near, far, color)
+            )
+        else:
+            self._deep(error, True, offsets, held, (near, far, color))
+        depth = fetch(near)
+        back = depth if far is near else fetch(far)
+        return DeepSamples(fetch(held), depth, back, fetch(color), left)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _paint(self, name: str, paints: F32, column: int) -> tuple[F32, F32 | None]:
+        run, get, splats = self._device.run, self._buffers.get, self._splats
+        image = get(name, (*self.shape, 4), np.float32)
+        if self._walks:
+            through = get(f"{name} through", self.shape, np.float32)
+            self._walk(walk.PAINT, paints=paints, column=column, image=image, through=through)
+            return image, through
+        work = get("work", (self._starts.shape[0] - 1,), np.int64)
+        height, width = self.shape
+        run(
+            blend.blend, splats.records, paints, column, self._starts, self._lists, self._grid,
+            splats.peaks, self._occluders.depth, splats.is_parallel,
+            image.reshape((height, 4 * width)), work,
+        )  # fmt: skip
+        if isinstance(work, np.ndarray):  # a GPU does not count
+            self.rows += int(work.sum())
+        return image, None
+
+    def _deep(
+        self,
+        error: float,
+        writes: bool,
+        offsets: I64,
+        counts: npt.NDArray[np.uint32],
+        samples: tuple[F32, F32, F32],
+    ) -> None:
+        """Count samples, or write them."""
+        self._device.run(
+            deep.deep, self._splats.records, self._starts, self._lists, self._grid, project.RED,
+            np.float32(error), writes, offsets, counts, *samples,
+        )  # fmt: skip
+
+    def _walk(
+        self,
+        mode: int,
+        *,
+        paints: F32 | None = None,
+        column: int = project.RED,
+        part: float = 0.0,
+        error: float = 0.0,
+        **out: Any,
+    ) -> None:
+        """Walk all pixels; `out` names what the mode reads and writes."""
+        splats = self._splats
+        options = np.zeros(1, walk.WALK)
+        options["mode"], options["column"] = mode, column
+        options["by_ray"], options["is_parallel"] = self._by_ray, splats.is_parallel
+        options["prims"], options["part"], options["error"] = len(splats.layout.prims), part, error
+        options["near"] = splats.near
+        nothing = {
+            "image": np.empty((0, 0, 4), np.float32),
+            "through": NO_DEPTH,
+            "ranks": np.empty((0, 0), np.int32),
+            "depths": NO_DEPTH,
+            "ids": np.empty((0, 0, walk.RANKS), np.int32),
+            "weights": np.empty((0, 0, walk.RANKS), np.float32),
+            "counts": np.empty((0, 0), np.uint32),
+            "offsets": np.empty(0, np.int64),
+            "deep": NO_DEEP,
+        }
+        self._device.run(
+            walk.walk, options, splats.records, splats.records if paints is None else paints,
+            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.peaks,
+            self._occluders.depth, self._occluders.covered, self._occluders.holdout,
+            tuple((nothing | out).values()),
+        )  # fmt: skip
