@@ -62,7 +62,7 @@ def median(spent: list[Spent]) -> Spent:
 def write(cloud: SplatCloud, path: Path) -> None:
     """Ours."""
     version = 3 if path.name.endswith("3.spz") else 4
-    formats.write(cloud, path, how=formats.Writing(spz_version=version))
+    formats.write(cloud, path, how=formats.WriteOptions(spz_version=version))
 
 
 def row(

@@ -27,7 +27,7 @@ from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.interchange.decimating import decimate
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View

@@ -167,7 +167,7 @@ def write(case: Case, source: Path, folder: Path) -> Path:
     target = folder / str(case.written)
     form: Form = "half" if case.name == "USD half" else "float"
     form = "packed" if case.name == "USD packed" else form
-    convert(source, target, form=form, writing=formats.Writing(spz_version=case.version))
+    convert(source, target, form=form, writing=formats.WriteOptions(spz_version=case.version))
     return target
 
 

@@ -36,7 +36,8 @@ from benchmarks.scenes import (
 from usdsplat.core.cloud import F32
 from usdsplat.kernels import bins, blend, peak, project, reference
 from usdsplat.kernels.bins import TILE
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import FrameStats, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings

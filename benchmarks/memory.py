@@ -36,7 +36,7 @@ def resident(kind: str) -> float:
 def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
     from usdsplat.kernels.bins import TILE
-    from usdsplat.kernels.device import open_device
+    from usdsplat.kernels.devices import open_device
     from usdsplat.render.memory import estimate, fitting
     from usdsplat.render.renderer import BAND_PIXELS, Renderer
     from usdsplat.render.settings import RenderSettings

@@ -28,7 +28,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.images import open_writer
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings

@@ -28,7 +28,7 @@ from rich.table import Table
 
 from benchmarks.scenes import capture, scaled, view_of
 from usdsplat.core.cloud import F32, F64
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings

@@ -32,7 +32,7 @@ from benchmarks.scenes import garden, lens_of, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.kernels import reference
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.band import Band
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings

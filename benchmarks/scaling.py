@@ -20,7 +20,8 @@ from rich.table import Table
 from benchmarks.frame import draw
 from benchmarks.report import Report, spread
 from benchmarks.scenes import afresh, garden, scene_of, view_of
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import FrameStats, Renderer
 
 SIZE = (1920, 1080)

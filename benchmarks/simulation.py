@@ -23,7 +23,8 @@ from rich.table import Table
 
 from benchmarks.report import Report, spread
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.jit import parallel, serial
 from usdsplat.kernels.points.cells import into_cells
 from usdsplat.kernels.sim import grid

@@ -29,7 +29,8 @@ from rich.table import Table
 from benchmarks.report import Report
 from benchmarks.simulation import DT, SUPPORT, capsules, sheet, state_of
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.sim import lists, settle
 from usdsplat.kernels.sim import reaction as reactions
 from usdsplat.sim.bodies import pack_bodies

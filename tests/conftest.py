@@ -44,5 +44,5 @@ def any_device(request: pytest.FixtureRequest) -> Iterator[str]:
     name = getattr(request, "param", "auto")
     with pytest.MonkeyPatch.context() as patch:
         if name != "auto":
-            patch.setattr("usdsplat.kernels.device.automatic", lambda *_: (name, ""))
+            patch.setattr("usdsplat.kernels.devices.automatic", lambda *_: (name, ""))
         yield name

@@ -7,7 +7,8 @@ import functools
 import pytest
 
 from usdsplat.kernels.cuda.support import is_simulated, obstacle
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 
 NAMES = ("cpu", "cuda")
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import inspect
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import grimp
 import pytest
 
 import usdsplat
@@ -59,6 +61,14 @@ def test_readme_and_examples_import_public_names_alone():
     assert [
         each for each in imported if each[1] != "usdsplat" or each[2] not in usdsplat.__all__
     ] == []
+
+
+def test_imports_form_no_cycle():
+    """Lazy imports and those for type checkers count. Oracle: Python's topological sort."""
+    graph = grimp.build_graph("usdsplat")
+    imports = {each: graph.find_modules_directly_imported_by(each) for each in graph.modules}
+    order = list(graphlib.TopologicalSorter(imports).static_order())
+    assert len(order) > 500
 
 
 def test_formats_work_without_pxr_and_numba():

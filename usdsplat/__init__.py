@@ -30,7 +30,7 @@ _MODULES = {
     "formats": "formats",
     "import_capture": "interchange",
     "main": "cli.main:main",
-    "open_device": "kernels.device",
+    "open_device": "kernels.devices",
     "open_document": "preview.opening",
     "pick": "preview.picking",
     "procedural_capture": "interchange.procedural:capture",

@@ -74,7 +74,7 @@ def check_sentence(outcome: Outcome) -> None:
     assert "\n" not in said and len(said) < 400 + 2 * len(path), said
 
 
-def _outcome(path: str, how: formats.Reading) -> Outcome:
+def _outcome(path: str, how: formats.ReadOptions) -> Outcome:
     Path("/proc/self/clear_refs").write_text("5")  # forgets the highest memory
     faulthandler.dump_traceback_later(_HANG_S, exit=True)
     started = time.perf_counter()
@@ -111,6 +111,6 @@ def _flaw(cloud) -> str:
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
-    asked = formats.Reading(drop_nonfinite="--drop" in sys.argv)
+    asked = formats.ReadOptions(drop_nonfinite="--drop" in sys.argv)
     for line in sys.stdin.read().splitlines():
         print(json.dumps(asdict(_outcome(line, asked))), flush=True)

@@ -14,7 +14,7 @@ from usdsplat import formats
 from usdsplat.core import morton
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError
-from usdsplat.formats.options import Reading, Writing
+from usdsplat.formats.options import ReadOptions, WriteOptions
 
 BOUNDS = [f"{side}_{axis}" for side in ("min", "max") for axis in "xyz"]
 BOUNDS += [f"{side}_scale_{axis}" for side in ("min", "max") for axis in "xyz"]
@@ -283,7 +283,7 @@ def test_splats_that_overflow_can_be_left_out(tmp_path):
     elements = make(300)
     elements["chunk"]["max_scale_x"][1] = 3e5
     path = save(tmp_path / "a.compressed.ply", elements)
-    capture = formats.read(path, how=Reading(drop_nonfinite=True))
+    capture = formats.read(path, how=ReadOptions(drop_nonfinite=True))
     codes = elements["vertex"]["packed_scale"][256:] >> 21
     low = elements["chunk"]["min_scale_x"][1]
     lost = np.count_nonzero(low + codes / 2047 * (3e5 - low) > 88.73)
@@ -296,7 +296,9 @@ def test_antialiasing_is_noted(tmp_path):
     """Oracle: the comment that Brush writes, beside none."""
     for is_meant in (True, False):
         formats.write(
-            random_cloud(3, 0), tmp_path / "a.compressed.ply", how=Writing(antialiased=is_meant)
+            random_cloud(3, 0),
+            tmp_path / "a.compressed.ply",
+            how=WriteOptions(antialiased=is_meant),
         )
         assert formats.read(tmp_path / "a.compressed.ply").antialiased == is_meant
 

@@ -15,7 +15,7 @@ from tests.formats.samples import random_cloud
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.errors import FormatError, OutputError, UsageError
-from usdsplat.formats import glb
+from usdsplat.formats.gltf import glb
 
 
 def chunks(data):
@@ -109,7 +109,7 @@ def test_the_document_says_what_splat_transform_says(data, tmp_path):
 def test_what_gltf_cannot_hold_is_refused_and_nothing_written(tmp_path, cloud, how, found):
     """Oracle: the extension's degrees, and glTF's axes and demands on accessors."""
     with pytest.raises(UsageError, match=f"found {found}, expected"):
-        formats.write(cloud, tmp_path / "a.glb", how=formats.Writing(**how))
+        formats.write(cloud, tmp_path / "a.glb", how=formats.WriteOptions(**how))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,7 +16,7 @@ from tests.formats.samples import random_cloud, spz
 from usdsplat import formats
 from usdsplat.core import edit, quaternion
 from usdsplat.core.errors import FormatError, UnknownFormatError
-from usdsplat.formats import gltf_document
+from usdsplat.formats.gltf import document
 
 CLOUD = random_cloud(9, 2)
 
@@ -190,7 +190,7 @@ def test_splats_that_are_not_finite_are_named_or_dropped(tmp_path):
     path = sample.glb(tmp_path / "a.glb")
     with pytest.raises(FormatError, match=r"SH_DEGREE_2_COEF_1 of splat 4: found nan"):
         formats.read(path)
-    cloud = formats.read(path, how=formats.Reading(drop_nonfinite=True)).cloud
+    cloud = formats.read(path, how=formats.ReadOptions(drop_nonfinite=True)).cloud
     kept = np.delete(np.arange(9), 4)
     np.testing.assert_allclose(cloud.positions, CLOUD.positions[kept] + [1, 0, 0], atol=1e-6)
 
@@ -328,7 +328,7 @@ def test_long_json_and_deep_json_are_refused(tmp_path):
     with pytest.raises(FormatError, match="text that is not JSON"):
         formats.read(path)
     sample = of_cloud(CLOUD)
-    sample.data += bytes(gltf_document._TEXT_LIMIT)
+    sample.data += bytes(document._TEXT_LIMIT)
     check_same(formats.read(sample.alone(path)).cloud, CLOUD)
 
 

@@ -209,7 +209,7 @@ def test_damaged_splats_can_be_left_out(tmp_path):
     """Oracle: one of three is sound."""
     rows = [splat((0, np.nan, 0)), splat((1, 2, 3)), splat((0, 0, 0), scale=(-1, 1, 1))]
     path = save(tmp_path / "a.ksplat", 0, section(0, rows))
-    capture = formats.read(path, how=options.Reading(drop_nonfinite=True))
+    capture = formats.read(path, how=options.ReadOptions(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions, [[1, 2, 3]])
     assert "splats dropped because a number of theirs is not finite: 2" in capture.notes
 
@@ -221,5 +221,5 @@ def test_a_signalling_nan_is_dropped_in_silence(tmp_path):
     data = bytearray(path.read_bytes())
     struct.pack_into("<I", data, 4096 + 1024 + 24, 0x7FA00000)
     path.write_bytes(data)
-    capture = formats.read(path, how=options.Reading(drop_nonfinite=True))
+    capture = formats.read(path, how=options.ReadOptions(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions, [[1, 2, 3]])

@@ -173,7 +173,7 @@ def test_comments_tell_the_projection(tmp_path, comment, expected):
 def test_the_projection_is_written_and_read(tmp_path, antialiased):
     """Round trip of the flag."""
     formats.write(
-        random_cloud(1, 0), tmp_path / "a.ply", how=formats.Writing(antialiased=antialiased)
+        random_cloud(1, 0), tmp_path / "a.ply", how=formats.WriteOptions(antialiased=antialiased)
     )
     assert formats.read(tmp_path / "a.ply").antialiased is antialiased
 

@@ -9,8 +9,8 @@ from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
 from usdsplat.formats.capture import UNKNOWN_AXES
-from usdsplat.formats.ply_header import HEADER_LIMIT, parse_header
-from usdsplat.formats.ply_table import open_table
+from usdsplat.formats.ply.header import HEADER_LIMIT, parse_header
+from usdsplat.formats.ply.table import open_table
 
 PROPERTIES = [f"property float {name}" for name in SPLAT_NAMES]
 BODY = np.array(SPLAT_ROW, "<f4").tobytes()

@@ -8,7 +8,7 @@ import pytest
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
 from usdsplat.core.sh import dc_to_rgb
-from usdsplat.formats.ply_points import LONE_SIGMA, LONGEST, neighbour_distances
+from usdsplat.formats.ply.points import LONE_SIGMA, LONGEST, neighbour_distances
 
 
 def write_points(path, positions, colors=None, *, kind="u1", names=("red", "green", "blue")):

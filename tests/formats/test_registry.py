@@ -96,7 +96,7 @@ def test_a_level_that_a_capture_does_not_have_is_refused(tmp_path):
     """Oracle: where: found X, expected Y."""
     formats.write(random_cloud(1, 0), tmp_path / "a.ply")
     with pytest.raises(UsageError, match=r"a\.ply: level of detail: found 2, expected 0"):
-        formats.read(tmp_path / "a.ply", how=formats.Reading(lod=2))
+        formats.read(tmp_path / "a.ply", how=formats.ReadOptions(lod=2))
 
 
 @pytest.mark.parametrize("suffix", sorted({".ply", ".splat", ".spz", ".sog", ".compressed.ply"}))

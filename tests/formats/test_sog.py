@@ -134,7 +134,7 @@ def test_splats_that_are_not_finite_are_dropped_if_asked(tmp_path):
     meta["scales"]["codebook"][128:] = [900.0] * 128
     path = zipped(tmp_path / "a.sog", with_meta(files, scales=meta["scales"]))
     whole = [row for row in range(14) if max(pixel(files, "scales", row)[:3]) < 128]
-    capture = formats.read(path, how=formats.Reading(drop_nonfinite=True))
+    capture = formats.read(path, how=formats.ReadOptions(drop_nonfinite=True))
     expected = formats.read(zipped(tmp_path / "b.sog", files)).cloud.positions[whole]
     np.testing.assert_array_equal(capture.cloud.positions, expected)
     assert f"a number of theirs is not finite: {14 - len(whole)}" in capture.notes[-1]

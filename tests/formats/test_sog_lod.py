@@ -47,7 +47,7 @@ def scene(folder, **changes):
 
 
 def lod(level):
-    return formats.Reading(lod=level)
+    return formats.ReadOptions(lod=level)
 
 
 def test_a_level_is_the_ranges_of_its_files(tmp_path):

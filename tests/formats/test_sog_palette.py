@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usdsplat.formats import sog_palette
+from usdsplat.formats.sog import palette
 
 
 def silent(_done: int) -> None:
@@ -27,7 +27,7 @@ def rms(rows, labels, table) -> float:
 )
 def test_sizes_are_those_of_the_format(count, size):
     """Oracle: formats.md 2.5: min(64, 2^floor(log2(N / 1024))) * 1024."""
-    assert sog_palette.size_for(count) == size
+    assert palette.size_for(count) == size
     if count:
         assert size == min(64, 2.0 ** np.floor(np.log2(count / 1024))) * 1024
 
@@ -37,7 +37,7 @@ def test_rows_of_few_kinds_are_kept_exactly():
     rng = np.random.default_rng(0)
     kinds = rng.normal(size=(4, 3, 3)).astype(np.float32)
     rows = kinds[rng.integers(0, 4, 3000)]
-    labels, table = sog_palette.palette(rows, silent)
+    labels, table = palette.palette(rows, silent)
     assert len(table) <= 2048 and labels.dtype == np.uint16
     assert rms(rows, labels, table) < 1e-6
 
@@ -46,7 +46,7 @@ def test_two_levels_err_little_more_than_one():
     """Oracle: plain k-means with all centres, ten rounds, in float64."""
     rng = np.random.default_rng(0)
     rows = (rng.normal(size=(1500, 9)) * np.linspace(0.1, 1, 9)).astype(np.float32)
-    labels, table = sog_palette.palette(rows.reshape(1500, 3, 3), silent)
+    labels, table = palette.palette(rows.reshape(1500, 3, 3), silent)
     centres = rows[rng.permutation(1500)[: len(table)]].astype(np.float64)
     for _ in range(10):
         near = nearest(rows, centres)
@@ -60,10 +60,10 @@ def test_every_row_is_told_of_and_runs_agree():
     """Oracle: the number of rows; a second run."""
     rows = np.random.default_rng(0).normal(size=(5000, 15, 3)).astype(np.float32)
     told: list[int] = []
-    labels, table = sog_palette.palette(rows, told.append)
+    labels, table = palette.palette(rows, told.append)
     assert told == sorted(told) and told[-1] == 5000
     assert labels.max() < len(table) <= 4096
-    again = sog_palette.palette(rows, silent)
+    again = palette.palette(rows, silent)
     np.testing.assert_array_equal(labels, again[0])
     np.testing.assert_array_equal(table, again[1])
 
@@ -75,7 +75,7 @@ def test_rows_without_harmonics_leave_the_palette_to_the_others(faint):
     rng = np.random.default_rng(0)
     rows = (rng.normal(size=(8000, 15, 3)) * faint).astype(np.float32)
     rows[::8] = rng.normal(size=(1000, 15, 3))
-    labels, table = sog_palette.palette(rows, silent)
+    labels, table = palette.palette(rows, silent)
     assert len(table) <= 4096
     assert rms(rows, labels, table) < 0.05
 
@@ -84,6 +84,6 @@ def test_groups_of_one_row_leave_the_palette_its_size():
     """Oracle: labels have 16 bits, however the rows are spread."""
     counts = np.array([10**6, 0, *[1] * 254])
     for errors in (counts.astype(float), np.ones(256), np.zeros(256)):
-        shares = sog_palette._shares(counts, errors, 1 << 16)
+        shares = palette._shares(counts, errors, 1 << 16)
         assert shares.sum() == (1 << 16 if errors[0] else 255)
         assert (np.minimum(counts, 1) <= shares).all() and (shares <= counts).all()

@@ -152,7 +152,7 @@ def test_the_archive_is_as_other_readers_want_it(tmp_path):
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_the_projection_is_written_and_equal_clouds_are_equal_files(tmp_path, antialiased):
     """Oracle: what was asked for; the bytes of a second file."""
-    how = formats.Writing(antialiased=antialiased)
+    how = formats.WriteOptions(antialiased=antialiased)
     for name in ("a.sog", "b.sog"):
         formats.write(random_cloud(50, 1), tmp_path / name, how=how)
     assert formats.read(tmp_path / "a.sog").antialiased is antialiased

@@ -12,7 +12,7 @@ from tests.formats.compare import differences
 from tests.formats.samples import random_cloud
 from usdsplat import formats
 from usdsplat.core.errors import FormatError, OutputError
-from usdsplat.formats.options import Reading
+from usdsplat.formats.options import ReadOptions
 
 C0 = 0.28209479177387814
 
@@ -114,7 +114,7 @@ def test_damaged_records_can_be_left_out(tmp_path):
     (tmp_path / "a.splat").write_bytes(
         record() + bad[0] + turnless + bad[1] + record(size=(0, 1, 1)) + record(place=(7, 7, 7))
     )
-    capture = formats.read(tmp_path / "a.splat", how=Reading(drop_nonfinite=True))
+    capture = formats.read(tmp_path / "a.splat", how=ReadOptions(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions[:, 0], [1, 1, 7])
     assert "splats dropped because a number of theirs is not finite: 2" in capture.notes
     assert "splats dropped because their rotation is zero: 1" in capture.notes

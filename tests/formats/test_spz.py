@@ -13,9 +13,9 @@ import pytest
 from tests.formats.samples import spz, spz_header
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
-from usdsplat.formats import filling
+from usdsplat.formats import cloud_builder
 from usdsplat.formats import spz as spz_module
-from usdsplat.formats.spz_extensions import COORDINATE_SYSTEM, EXTENSION_LIMIT
+from usdsplat.formats.spz.extensions import COORDINATE_SYSTEM, EXTENSION_LIMIT
 
 COUNT = 20
 
@@ -116,7 +116,7 @@ def test_blocks_are_decoded_in_their_places(tmp_path, monkeypatch, version):
     (tmp_path / "a.spz").write_bytes(packed(version, 2, planes(version, 2)))
     whole = formats.read(tmp_path / "a.spz").cloud
     monkeypatch.setattr(spz_module, "BLOCK", 3)
-    monkeypatch.setattr(filling, "BLOCK", 3)
+    monkeypatch.setattr(cloud_builder, "BLOCK", 3)
     parts = formats.read(tmp_path / "a.spz").cloud
     for name in ("positions", "scales", "rotations", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))

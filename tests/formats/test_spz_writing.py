@@ -14,8 +14,9 @@ from tests.formats.samples import random_cloud
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import OutputError, UsageError
-from usdsplat.formats import Writing, spz_packing
-from usdsplat.formats.spz_encoding import finest_bits
+from usdsplat.formats import WriteOptions
+from usdsplat.formats.spz import packing
+from usdsplat.formats.spz.encoding import finest_bits
 
 HALF_ULP = 2.0**-23
 """Rounding of numbers around 1 to float32, generously."""
@@ -42,7 +43,7 @@ def header(data: bytes) -> tuple:
 def test_what_is_written_comes_back_within_the_bounds_of_the_codes(tmp_path, version, degree):
     """Oracle: half a step of each code, as the layout of formats.md 2.4 has it."""
     cloud = within_range(3000, degree)
-    formats.write(cloud, tmp_path / "a.spz", how=Writing(spz_version=version))
+    formats.write(cloud, tmp_path / "a.spz", how=WriteOptions(spz_version=version))
     capture = formats.read(tmp_path / "a.spz")
     apart = differences(capture.cloud, cloud)
     bits = header((tmp_path / "a.spz").read_bytes())[4]
@@ -68,7 +69,7 @@ def test_codes_are_those_of_the_layout(tmp_path, version):
         opacities=np.array([0.4], np.float32),
         sh=np.array([[[0, 1, -1], [0.25, -0.25, 0], [0, 0.5, -1], [0, 0, 0]]], np.float32),
     )
-    formats.write(cloud, tmp_path / "a.spz", how=Writing(spz_version=version))
+    formats.write(cloud, tmp_path / "a.spz", how=WriteOptions(spz_version=version))
     data = (tmp_path / "a.spz").read_bytes()
     steps = [round(value * 2**13) for value in (0.5, -0.25, 1000)]  # 1000 * 2^13 < 2^23
     turn = [(0, 0.5), (1, 0.5), (1, 0.1)]  # x, y, w by sign and magnitude; z is largest
@@ -135,7 +136,7 @@ def test_no_coordinate_wraps_around(tmp_path, version, reach):
     """Oracle: half a step, at both ends of every range; the library wraps at 2048."""
     cloud = within_range(2, 0)
     cloud.positions[:] = [[reach, -reach, 0], [-reach, reach, 0]]
-    formats.write(cloud, tmp_path / "a.spz", how=Writing(spz_version=version))
+    formats.write(cloud, tmp_path / "a.spz", how=WriteOptions(spz_version=version))
     read = formats.read(tmp_path / "a.spz").cloud
     np.testing.assert_allclose(read.positions, cloud.positions, rtol=2**-22)
 
@@ -157,7 +158,7 @@ def test_what_is_out_of_range_is_clamped(tmp_path, version):
     cloud.opacities[:] = [0, 1]
     cloud.sh[:] = 100
     cloud.sh[0] *= -1
-    formats.write(cloud, tmp_path / "a.spz", how=Writing(spz_version=version))
+    formats.write(cloud, tmp_path / "a.spz", how=WriteOptions(spz_version=version))
     read = formats.read(tmp_path / "a.spz").cloud
     np.testing.assert_allclose(read.scales, np.exp([[-10.0] * 3, [95 / 16] * 3]), rtol=1e-6)
     np.testing.assert_array_equal(read.opacities, [0, 1])
@@ -170,7 +171,7 @@ def test_what_is_out_of_range_is_clamped(tmp_path, version):
 @pytest.mark.parametrize("frame", [None, "rdf", "rub", "rfu", "ldb", "rbu"])
 def test_flag_and_frame_are_stated(tmp_path, version, frame):
     """Oracle: bits 0 and 1 of the flags, and the reader's own tests of what the record says."""
-    how = Writing(spz_version=version, antialiased=True, frame=frame)
+    how = WriteOptions(spz_version=version, antialiased=True, frame=frame)
     formats.write(within_range(5, 1), tmp_path / "a.spz", how=how)
     capture = formats.read(tmp_path / "a.spz")
     assert header((tmp_path / "a.spz").read_bytes())[5] == (1 if frame is None else 3)
@@ -182,8 +183,11 @@ def test_flag_and_frame_are_stated(tmp_path, version, frame):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        (Writing(spz_version=2), "found 2, expected 3 or 4"),
-        (Writing(frame="fur"), "frame: found 'fur', expected one that SPZ can name: ldb, rdb, lub"),
+        (WriteOptions(spz_version=2), "found 2, expected 3 or 4"),
+        (
+            WriteOptions(frame="fur"),
+            "frame: found 'fur', expected one that SPZ can name: ldb, rdb, lub",
+        ),
     ],
 )
 def test_what_the_format_has_no_word_for_is_refused(tmp_path, how, message):
@@ -196,7 +200,7 @@ def test_what_the_format_has_no_word_for_is_refused(tmp_path, how, message):
 @pytest.mark.parametrize("version", [3, 4])
 def test_no_splats_can_be_written(tmp_path, version):
     """Oracle: none come back."""
-    formats.write(within_range(0, 3), tmp_path / "a.spz", how=Writing(spz_version=version))
+    formats.write(within_range(0, 3), tmp_path / "a.spz", how=WriteOptions(spz_version=version))
     assert len(formats.read(tmp_path / "a.spz").cloud) == 0
 
 
@@ -204,9 +208,9 @@ def test_no_splats_can_be_written(tmp_path, version):
 def test_pieces_deflated_in_threads_are_one_member(tmp_path, monkeypatch, size):
     """Oracle: Python's gzip, which checks length and checksum, with pieces of any size."""
     cloud = within_range(300, 3)
-    formats.write(cloud, tmp_path / "whole.spz", how=Writing(spz_version=3))
-    monkeypatch.setattr(spz_packing, "_PIECE", size)
-    formats.write(cloud, tmp_path / "cut.spz", how=Writing(spz_version=3, frame="rdf"))
+    formats.write(cloud, tmp_path / "whole.spz", how=WriteOptions(spz_version=3))
+    monkeypatch.setattr(packing, "_PIECE", size)
+    formats.write(cloud, tmp_path / "cut.spz", how=WriteOptions(spz_version=3, frame="rdf"))
     whole, cut = (
         gzip.decompress((tmp_path / name).read_bytes()) for name in ("whole.spz", "cut.spz")
     )
@@ -224,7 +228,10 @@ def test_progress_reaches_its_end(tmp_path, version):
             steps.append((what, done, total))
 
     formats.write(
-        within_range(100, 1), tmp_path / "a.spz", how=Writing(spz_version=version), progress=Told()
+        within_range(100, 1),
+        tmp_path / "a.spz",
+        how=WriteOptions(spz_version=version),
+        progress=Told(),
     )
     assert steps[-1][0] == f"writing {tmp_path / 'a.spz'}"
     assert steps[-1][1] == steps[-1][2] == len(steps)

@@ -14,7 +14,7 @@ from usdsplat.core.cloud import SplatCloud
 
 def capture(folder: Path, name: str = "tree.ply", *, antialiased: bool = False, **of: int) -> Path:
     """A small .ply; `of` are arguments of `cloud`."""
-    formats.write(cloud(**of), folder / name, how=formats.Writing(antialiased=antialiased))
+    formats.write(cloud(**of), folder / name, how=formats.WriteOptions(antialiased=antialiased))
     return folder / name
 
 

@@ -14,7 +14,7 @@ from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.errors import UsageError
 from usdsplat.interchange.decimating import decimate
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 
 

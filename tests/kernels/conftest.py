@@ -9,7 +9,8 @@ import pytest
 from tests.devices import NAMES, device_of
 from tests.render import rendering, surface_scenes
 from usdsplat.kernels import store
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 
 
 @pytest.fixture(params=NAMES)

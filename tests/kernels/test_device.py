@@ -17,7 +17,8 @@ import pytest
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels import ahead, sort, store
 from usdsplat.kernels.cuda import support
-from usdsplat.kernels.device import CpuDevice, automatic, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import automatic, open_device
 
 
 def test_an_unknown_device_is_one_sentence():
@@ -40,7 +41,7 @@ def broken_gpu(monkeypatch):
     module = types.ModuleType(place)
     module.CudaDevice = CudaDevice
     monkeypatch.setitem(sys.modules, place, module)
-    monkeypatch.setattr("usdsplat.kernels.device.automatic", lambda *_: ("cuda", ""))
+    monkeypatch.setattr("usdsplat.kernels.devices.automatic", lambda *_: ("cuda", ""))
     monkeypatch.setattr(support, "obstacle", lambda: None)
 
 

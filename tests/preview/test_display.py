@@ -13,7 +13,7 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import hash_bits
 from usdsplat.images.png import quantized
 from usdsplat.images.view import open_view
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.values import DisplaySettings, Look
 from usdsplat.render.settings import RenderSettings

@@ -6,7 +6,7 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels import reference
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import AOVS, BAND_PIXELS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen

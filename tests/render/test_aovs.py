@@ -24,7 +24,7 @@ from usdsplat.images.cryptomatte import object_hash
 from usdsplat.images.exr import ExrWriter
 from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels import reference
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 
 SIZE = (61, 45)

@@ -29,7 +29,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate.default_camera import frame_subject
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import FieldSpec, Framing, InstanceSpec, View

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import View

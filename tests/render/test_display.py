@@ -9,7 +9,7 @@ import pytest
 
 from tests.render.rendering import lens, picture, random_cloud, scene_of, settings_of, view_of
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.specs import CameraSpec, Framing, View
 

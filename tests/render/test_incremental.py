@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.render.rendering import lens, picture, random_cloud, settings_of, view_of
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render import spatial_order
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.render.rendering import lens, random_cloud, scene_of, view_of
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings

@@ -17,7 +17,7 @@ from tests.render.rendering import (
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import reference
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings

@@ -10,7 +10,7 @@ import pytest
 from tests.render.rendering import random_cloud
 from usdsplat.core import morton
 from usdsplat.kernels import curve, sort
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.project import BLOCK
 from usdsplat.render.spatial_order import LEAST, SpatialOrder, laid_out
 

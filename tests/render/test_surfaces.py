@@ -17,7 +17,8 @@ from tests.render.surface_scenes import (
     sphere,
     to_camera,
 )
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import InstanceSpec, LightSpec, MaterialSpec, TextureSpec
 from usdsplat.render.surface_cache import SurfaceCache

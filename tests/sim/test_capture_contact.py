@@ -9,7 +9,7 @@ import numpy as np
 from tests.sim.affectors import affector, capsule_gaps, capsules
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.formats import read
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.parameters import SettleParameters
 from usdsplat.sim.settle import settle_back

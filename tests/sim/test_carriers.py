@@ -8,7 +8,8 @@ import pytest
 from tests.sim.patterns import area, wavelength
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.formats import read
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.carriers import NEAREST, Carriers
 from usdsplat.sim.parameters import RdParameters

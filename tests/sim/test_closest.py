@@ -7,7 +7,7 @@ import pytest
 
 from tests.sim.shapes import sheet, soup, sphere
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.closest import Triangles
 from usdsplat.sim.specs import Surface
 

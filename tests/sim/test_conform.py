@@ -8,7 +8,7 @@ import pytest
 from tests.sim.shapes import sheet, sphere
 from usdsplat.core import quaternion
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.conform import Conform
 from usdsplat.sim.fitting import heights
 from usdsplat.sim.neighbors import nearest

@@ -9,7 +9,7 @@ from tests.sim.affectors import placed, rotation
 from tests.sim.recipes import Written, always, ball, deformer, knobs, played
 from tests.sim.shapes import sphere
 from usdsplat.core import edit
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 
 
 @pytest.mark.parametrize("mode", ["closest", "normalRay"])

@@ -14,7 +14,7 @@ from tests.sim.affectors import (
     rotation,
     state_at,
 )
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.jit import serial
 from usdsplat.kernels.sim.blend_solids import touch
 from usdsplat.sim.bodies import pack_bodies

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.deform import deform
 from usdsplat.sim.parameters import DeformParameters
 from usdsplat.sim.specs import Deformer

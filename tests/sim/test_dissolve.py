@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tests.sim.test_flight import ONE, closed, state_of
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.dissolve import TIMES, Dissolve
 from usdsplat.sim.flight import fly
 from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters

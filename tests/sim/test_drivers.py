@@ -9,7 +9,8 @@ import pytest
 
 from tests.sim.test_population import capture, normals
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.drivers import changes, drive
 from usdsplat.sim.parameters import DriverParameters
 from usdsplat.sim.state import State

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.affectors import affector, icosphere, placed, rotation
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.falloff import falloff
 from usdsplat.sim.parameters import AffectorParameters
 from usdsplat.sim.specs import Affector

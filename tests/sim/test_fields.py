@@ -7,7 +7,7 @@ import pytest
 
 from tests.sim.affectors import icosphere
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.fields import BAND, Fields, bake_field
 from usdsplat.sim.specs import Surface
 

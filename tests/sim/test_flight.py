@@ -10,7 +10,8 @@ from numba import njit
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.sim.flight import flight
 from usdsplat.sim.flight import fly
 from usdsplat.sim.parameters import ParticlesParameters

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.gradients import LocalGradients
 
 K = 12

@@ -7,7 +7,7 @@ import pytest
 
 from tests.sim.clouds import even_sphere, sphere
 from usdsplat.core import quaternion
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.neighbors import Neighbors
 from usdsplat.sim.normals import captured, grown, manifold_dimension
 from usdsplat.sim.parameters import NeighborsParameters

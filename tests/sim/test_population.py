@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import GrowthParameters
 from usdsplat.sim.population import (
     DYING_SINCE,

@@ -11,7 +11,8 @@ from numpy.polynomial import legendre
 from tests.folded import folded_rows
 from tests.sim.patterns import area, laplacian, wavelength
 from tests.sim.spheres import graph_of, relaxed_sphere
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import RdParameters
 from usdsplat.sim.presets_rd import PRESETS
 from usdsplat.sim.reaction import Reaction

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.clouds import sphere, unevenness
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.relaxing import relax

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.neighbors import Neighbors
 from usdsplat.sim.parameters import NeighborsParameters, RdParameters
 from usdsplat.sim.seeds import SEED_RADIUS, nuclei, plant, untouched

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.affectors import state_at
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.contact import SINCE
 from usdsplat.sim.parameters import SettleParameters
 from usdsplat.sim.settle import SPEEDS, settle_back

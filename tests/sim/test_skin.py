@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from tests.sim.shapes import sheet, sphere
 from usdsplat.core import quaternion
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import SkinParameters
 from usdsplat.sim.skin import Skin
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface

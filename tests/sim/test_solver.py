@@ -26,7 +26,7 @@ from tests.sim.shapes import sphere
 from usdsplat.core import covariance, edit
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.contact import USUAL
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
 from usdsplat.sim.uses import uses_over

@@ -22,7 +22,7 @@ from tests.sim.recipes import (
     pusher,
     started,
 )
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.uses import uses_over
 

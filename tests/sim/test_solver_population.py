@@ -11,7 +11,8 @@ import pytest
 
 from tests.folded import folded
 from tests.sim.recipes import Written, on_carriers, on_themselves, played, started
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim import checkpoint
 from usdsplat.sim.checkpoint import Checkpoint
 from usdsplat.sim.state import BORN, FREE, Frame

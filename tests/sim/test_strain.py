@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.affectors import state_at
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.state import FREE
 from usdsplat.sim.strain import Strain
 

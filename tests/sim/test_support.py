@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim import support
 from usdsplat.sim.neighbors import Neighbors
 from usdsplat.sim.parameters import NeighborsParameters

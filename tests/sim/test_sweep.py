@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.sim.affectors import affector, icosphere, placed, rotation, state_at
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.specs import Solid, Surface
 

@@ -9,7 +9,7 @@ import pytest
 
 from usdsplat.core import sh as harmonics
 from usdsplat.core import sh_rotation
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.transport import rotate_harmonics, thin, transport
 
 IDENTITY = np.eye(3, dtype=np.float32)

@@ -58,7 +58,7 @@ def arranged(words: Sequence[str]) -> list[str]:
 
 def run(options: Options) -> int:
     """Convert; print what became of it."""
-    from usdsplat.formats import Reading, Writing
+    from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frames import parse_frames
     from usdsplat.interchange import convert
     from usdsplat.interchange.sequences import RATE
@@ -92,8 +92,8 @@ def run(options: Options) -> int:
             clips=frames.clips,
             rate=RATE if frames.rate is None else frames.rate,
             interpolate=frames.interpolate,
-            reading=Reading(lod=captures.lod or 0),
-            writing=Writing(spz_version=captures.spz_version or 4),
+            reading=ReadOptions(lod=captures.lod or 0),
+            writing=WriteOptions(spz_version=captures.spz_version or 4),
             progress=during.enter_context(console.progress()),
         )
     if options.json:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
-from usdsplat.kernels.device import checked_name, checked_threads, open_device
+from usdsplat.kernels.device import checked_name, checked_threads
+from usdsplat.kernels.devices import open_device
 from usdsplat.render.cost import Work
 from usdsplat.render.renderer import Renderer
 
@@ -24,7 +25,7 @@ class Drawer:
     """A renderer of one render scene, and the pass that draws only what is stale.
 
     Args:
-        device: "auto", or a name that `kernels.device.open_device` knows.
+        device: "auto", or a name that `kernels.devices.open_device` knows.
         threads: How many to use; None for all.
 
     Raises:

@@ -44,7 +44,7 @@ class Engine:
 
     Args:
         stage: A Usd.Stage. The engine never edits it.
-        device: "auto", or a name that `kernels.device.open_device` knows.
+        device: "auto", or a name that `kernels.devices.open_device` knows.
         threads: How many to use; None for all.
         time: Time code; None for USD's default time, which ignores time samples.
         purposes: Which of default, render, proxy and guide are drawn.

@@ -19,16 +19,18 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE
-from usdsplat.formats import compressed_ply, glb, gltf, ksplat, ply, sog, sog_lod, splat, spz
+from usdsplat.formats import compressed_ply, gltf, ksplat, ply, sog, splat, spz
 from usdsplat.formats.capture import Capture
-from usdsplat.formats.filling import in_parallel
-from usdsplat.formats.options import READING, WRITING, Reading, Writing
+from usdsplat.formats.cloud_builder import in_parallel
+from usdsplat.formats.gltf import glb
+from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
+from usdsplat.formats.sog import lod as sog_lod
 
 __all__ = [
     "FORMATS",
     "Capture",
-    "Reading",
-    "Writing",
+    "ReadOptions",
+    "WriteOptions",
     "degree_written",
     "find",
     "frame_written",
@@ -51,7 +53,7 @@ class Format(Protocol):
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether `path` is of this format, judged by its first bytes (none for a folder)."""
 
-    def read(self, path: Path, how: Reading) -> Capture:
+    def read(self, path: Path, how: ReadOptions) -> Capture:
         """Read all of it."""
 
 
@@ -61,7 +63,7 @@ class WritableFormat(Format, Protocol):
     FRAME: str
     """Where x, y and z of its files point (`core.axes`), as is usual or as it demands."""
 
-    def write(self, cloud: SplatCloud, path: Path, how: Writing) -> Mapping[str, str]:
+    def write(self, cloud: SplatCloud, path: Path, how: WriteOptions) -> Mapping[str, str]:
         """Write all of it; returns how far values may be off, as `Capture.error_bounds` has it."""
 
 
@@ -72,7 +74,7 @@ FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, sog_lod, spz, glb, gltf
 def read(
     path: str | Path,
     *,
-    how: Reading = READING,
+    how: ReadOptions = READ_OPTIONS,
     progress: Progress = silent,
 ) -> Capture:
     """Read a capture.
@@ -114,7 +116,7 @@ def write(
     cloud: SplatCloud,
     path: str | Path,
     *,
-    how: Writing = WRITING,
+    how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> Mapping[str, str]:
     """Write `cloud` in the format that the suffix names.

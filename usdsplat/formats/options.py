@@ -22,7 +22,7 @@ def _empty(shape: tuple[int, ...]) -> F32:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class ReadOptions:
     """How a capture is read."""
 
     drop_nonfinite: bool = False
@@ -36,7 +36,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Writing:
+class WriteOptions:
     """How a capture is written."""
 
     antialiased: bool = False
@@ -50,7 +50,7 @@ class Writing:
     """Told how many splats are written."""
 
 
-READING = Reading()
+READ_OPTIONS = ReadOptions()
 """As readers read unless they are told otherwise."""
-WRITING = Writing()
+WRITE_OPTIONS = WriteOptions()
 """As writers write unless they are told otherwise."""

@@ -21,8 +21,8 @@ from usdsplat.core.errors import FormatError, OutputError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.sh import dc_to_rgb, rgb_to_dc
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
-from usdsplat.formats.filling import Filling, blocks
-from usdsplat.formats.options import READING, WRITING, Reading, Writing
+from usdsplat.formats.cloud_builder import CloudBuilder, blocks
+from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 
 SUFFIXES: tuple[str, ...] = (".splat",)
 FRAME = "rdf"
@@ -44,7 +44,7 @@ def recognises(path: Path, head: bytes) -> bool:
     return bool(head) and path.name.lower().endswith(SUFFIXES)
 
 
-def read(path: Path, how: Reading = READING) -> Capture:
+def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read all records.
 
     Raises:
@@ -55,17 +55,17 @@ def read(path: Path, how: Reading = READING) -> Capture:
     count, rest = divmod(size, RECORD.itemsize)
     if rest or not count:
         raise FormatError(source, f"{size} bytes", f"{RECORD.itemsize} for each splat")
-    filling = Filling(source, count, 0, how)
+    builder = CloudBuilder(source, count, 0, how)
     with path.open("rb") as file:
         for rows in blocks(count):
             wanted = (rows.stop - rows.start) * RECORD.itemsize
             data = file.read(wanted)
             if len(data) < wanted:  # somebody cut the file since
                 raise FormatError(source, f"an end after splat {rows.start}", f"{count} splats")
-            _decode(filling, rows, np.frombuffer(data, RECORD))
-            filling.settle_linear(rows)
+            _decode(builder, rows, np.frombuffer(data, RECORD))
+            builder.settle_linear(rows)
             how.progress.step(f"reading {source}", rows.stop, count)
-    cloud, notes = filling.cloud()
+    cloud, notes = builder.cloud()
     return Capture(
         cloud=cloud,
         format="SPLAT",
@@ -76,7 +76,7 @@ def read(path: Path, how: Reading = READING) -> Capture:
     )
 
 
-def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str, str]:
+def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
     """Write the splats that matter most first, as viewers that show a part of a file expect.
 
     Args:
@@ -100,14 +100,14 @@ def write(cloud: SplatCloud, path: Path, how: Writing = WRITING) -> Mapping[str,
     return ERROR_BOUNDS
 
 
-def _decode(filling: Filling, rows: slice, records: npt.NDArray[np.void]) -> None:
+def _decode(builder: CloudBuilder, rows: slice, records: npt.NDArray[np.void]) -> None:
     """Fill some rows; a rotation of zero length, which no writer makes, is left out later."""
-    filling.positions[rows] = records["position"]
-    filling.scales[rows] = records["scale"]
+    builder.positions[rows] = records["position"]
+    builder.scales[rows] = records["scale"]
     rgba = records["rgba"] / np.float32(255)
-    filling.sh[rows, 0] = rgb_to_dc(rgba[:, :3])
-    filling.opacities[rows] = rgba[:, 3]
-    filling.rotations[rows] = (records["rotation"] - np.float32(128)) / 128
+    builder.sh[rows, 0] = rgb_to_dc(rgba[:, :3])
+    builder.opacities[rows] = rgba[:, 3]
+    builder.rotations[rows] = (records["rotation"] - np.float32(128)) / 128
 
 
 def _encode(cloud: SplatCloud, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.void]:

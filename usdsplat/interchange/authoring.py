@@ -10,7 +10,7 @@ from usdsplat import __version__, schema
 from usdsplat.core import axes, edit
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import UsageError
-from usdsplat.formats import Capture, Reading
+from usdsplat.formats import Capture, ReadOptions
 from usdsplat.interchange.placement import (
     OP,
     Placement,
@@ -21,7 +21,7 @@ from usdsplat.interchange.placement import (
 )
 from usdsplat.schema import Form
 
-IN_USD_MEMORY = Reading(empty=schema.empty)
+IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """How to read what is to be authored: most arrays need no copy then."""
 
 _BLOCK = 1 << 16  # splats turned at a time

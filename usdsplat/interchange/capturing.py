@@ -11,7 +11,7 @@ from pxr import Usd
 from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture, Reading, Writing
+from usdsplat.formats import Capture, ReadOptions, WriteOptions
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import capture_of, export_capture
 from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned
@@ -33,8 +33,8 @@ class ToCapture:
     """What of stages is read, see `export_capture`."""
     time: float | None
     """When stages are read, likewise."""
-    reading: Reading
-    writing: Writing
+    reading: ReadOptions
+    writing: WriteOptions
     progress: Progress = silent
 
     def write(self, sources: Sequence[Path], target: Path) -> ExportReport:

@@ -12,7 +12,7 @@ from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats.options import READING, WRITING, Reading, Writing
+from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 from usdsplat.images.frames import has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
@@ -48,8 +48,8 @@ def convert(
     clips: bool = False,
     rate: float = RATE,
     interpolate: bool = False,
-    reading: Reading = READING,
-    writing: Writing = WRITING,
+    reading: ReadOptions = READ_OPTIONS,
+    writing: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> Report:
     """Turn captures into a stage, stages into a capture, or either into another of its kind.

@@ -15,7 +15,8 @@ from usdsplat.core import covariance, edit, morton
 from usdsplat.core.cloud import F32, F64, I32, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.thinning import pairs as kernels

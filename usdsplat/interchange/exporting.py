@@ -12,8 +12,8 @@ from usdsplat import formats, schema
 from usdsplat.core import axes, edit
 from usdsplat.core.edits import Edit
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture, Writing
-from usdsplat.formats.options import WRITING
+from usdsplat.formats import Capture, WriteOptions
+from usdsplat.formats.options import WRITE_OPTIONS
 from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.gathering import edit_capture, fitted
@@ -30,7 +30,7 @@ def export_capture(
     time: float | None = None,
     frame: str | None = None,
     edits: Sequence[Edit] = (),
-    how: Writing = WRITING,
+    how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, turned to the capture's axes.
@@ -69,7 +69,7 @@ def export_each(
     time: float | None = None,
     frame: str | None = None,
     edits: Sequence[Edit] = (),
-    how: Writing = WRITING,
+    how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> SplitReport:
     """Write every splat field as a capture of its own, named as `target` and the prim.
@@ -182,7 +182,7 @@ def _written(
     prims: Sequence[Usd.Prim],
     source: Path | str | Usd.Stage,
     target: Path,
-    how: Writing,
+    how: WriteOptions,
     progress: Progress,
 ) -> ExportReport:
     """Write a capture of a stage; say so."""

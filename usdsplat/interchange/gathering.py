@@ -15,8 +15,8 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture, Reading
-from usdsplat.formats.options import READING
+from usdsplat.formats import Capture, ReadOptions
+from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.editing import bounds_after, edited
 
 _MIXED = "captures are rasterised differently; the result says classic for all"
@@ -28,7 +28,7 @@ def gather(
     *,
     frame: str | None = None,
     edits: Sequence[Edit] = (),
-    how: Reading = READING,
+    how: ReadOptions = READ_OPTIONS,
     progress: Progress = silent,
 ) -> Capture:
     """Read captures as one.
@@ -52,7 +52,7 @@ def gather(
     return edit_capture(joined(captures), edits, progress=progress)
 
 
-def reading_for(edits: Sequence[Edit], how: Reading = READING) -> Reading:
+def reading_for(edits: Sequence[Edit], how: ReadOptions = READ_OPTIONS) -> ReadOptions:
     """How captures are read that are to be edited: numbers that are not finite may be let in."""
     drops = any(item.name == "drop-nan" for item in edits)
     return replace(how, drop_nonfinite=how.drop_nonfinite or drops)

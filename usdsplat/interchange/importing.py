@@ -13,8 +13,8 @@ from usdsplat import schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture, Reading
-from usdsplat.formats.options import READING
+from usdsplat.formats import Capture, ReadOptions
+from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import (
     IN_USD_MEMORY,
@@ -44,7 +44,7 @@ def import_capture(
     prim_path: str | None = None,
     bake_axes: bool = False,
     cameras: Path | str | None = None,
-    how: Reading = READING,
+    how: ReadOptions = READ_OPTIONS,
     progress: Progress = silent,
 ) -> ImportReport:
     """Write a capture as a splat field, with its axes, unit, colour space and provenance.

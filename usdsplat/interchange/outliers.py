@@ -8,7 +8,8 @@ import numpy.typing as npt
 from usdsplat.core import edit
 from usdsplat.core.cloud import I64, SplatCloud
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 

@@ -24,15 +24,9 @@ from usdsplat.core.errors import BackendError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.kernels import signatures, sources, store
 from usdsplat.kernels.cuda import support
-from usdsplat.kernels.cuda.support import Capability
+from usdsplat.kernels.cuda.support import CUB, SORT, SUM, Capability
 
 HERE = "usdsplat.kernels"
-SORT, SUM = "sort", "sum"
-CUB = (
-    (SORT, "u2 i4"), (SORT, "u4 i4"), (SUM, "i4 i4"), (SUM, "i8 i8"),
-)  # fmt: skip
-"""CUB algorithms: SORT with the types of keys and values, SUM with those of input and output. They
-can be built only on the GPU that runs them, see `cuda.cub`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,8 @@ ROOT = Path(__file__).parents[1]
 ASIDE = frozenset(
     f"usdsplat.kernels.{name}"
     for name in (
-        "store", "sources", "signatures", "ahead", "unloaded", "compiling", "device", "cuda.device",
+        "store", "sources", "signatures", "ahead", "unloaded", "compiling", "device", "devices",
+        "cuda.device",
         "cuda.written", "cuda.support", "cuda.primitives", "cuda.compiling", "cuda.cub",
         "cuda.transfers", "cuda.launch", "cuda.arrays",
     )

@@ -21,7 +21,7 @@ from usdsplat.kernels import false_color, show
 from usdsplat.kernels.device import Device
 from usdsplat.preview import palette
 from usdsplat.preview.values import DisplaySettings, Image, Look
-from usdsplat.preview.viewing import Ways
+from usdsplat.preview.viewing import DisplayTransforms
 
 CHANNELS = {
     "rgb": show.ALL, "luminance": show.ALL, "red": show.RED, "green": show.GREEN,
@@ -63,7 +63,7 @@ class Display:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._ways = Ways()
+        self._ways = DisplayTransforms()
         self._ranges: dict[str, tuple[float, float]] = {}
 
     def image(

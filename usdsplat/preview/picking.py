@@ -9,7 +9,7 @@ import numpy as np
 
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.preview.document import Document
-from usdsplat.preview.reading import Reading, Vector, read, vector
+from usdsplat.preview.reading import PixelProbe, Vector, read, vector
 from usdsplat.render.scene import RenderScene, matrix
 
 REACH = 3
@@ -82,7 +82,7 @@ def pick(document: Document, x: float, y: float) -> Picked | None:
     )
 
 
-def _nearest(reading: Reading) -> tuple[int, int] | None:
+def _nearest(reading: PixelProbe) -> tuple[int, int] | None:
     """Row and column of what is nearest to the pointer."""
     rows, columns = np.nonzero(reading.arrays["primId"] >= 0)
     if rows.size == 0:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from usdsplat.preview.newest import Asks, Newest
+from usdsplat.preview.latest_request import Asks, LatestRequest
 from usdsplat.preview.stage_model.placing import transform
 from usdsplat.render.specs import Matrix
 
@@ -34,7 +34,7 @@ class Placing:
 
     def __init__(self, session: Asks, *, changed: Callable[[], None]) -> None:
         self._changed = changed
-        self._questions, self._moves = Newest(session), Newest(session)
+        self._questions, self._moves = LatestRequest(session), LatestRequest(session)
         self._path = ""
         self._drags = 0
         self.placement: Placement | None = None

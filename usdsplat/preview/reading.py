@@ -1,4 +1,4 @@
-"""What lies under a pixel of the viewport, drawn anew: exact, however coarse the picture was."""
+"""Read the AOVs under a pixel of the viewport at full resolution, by drawing them again."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Reading:
-    """Some pixels around one."""
+class PixelProbe:
+    """AOVs of the pixels around one."""
 
     side: Side
     """The side of a comparison that the pixel is on."""
@@ -36,7 +36,7 @@ class Reading:
 
 def read(
     document: Document, x: float, y: float, aovs: tuple[str, ...], *, reach: int = 0
-) -> Reading | None:
+) -> PixelProbe | None:
     """Draw the pixels around one of the viewport as a full picture would.
 
     Args:
@@ -66,7 +66,7 @@ def read(
         engine.set_time(side.scene.time)
     bands = [band.arrays for band in engine.render(view, settings, aovs)]
     arrays = {name: np.concatenate([band[name] for band in bands]) for name in aovs}
-    return Reading(
+    return PixelProbe(
         side=side,
         arrays=arrays,
         prims=engine.drawn_paths(),

@@ -15,7 +15,7 @@ from usdsplat.core.knobs import checked
 from usdsplat.delegate.default_camera import Box
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
-from usdsplat.preview.newest import Asks
+from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import (

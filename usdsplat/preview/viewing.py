@@ -32,8 +32,8 @@ NO_CUBE: F32 = np.empty((0, 0, 0, 3), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Way:
-    """From the colours of a picture to the screen, as `kernels.show.show` takes it."""
+class DisplayTransform:
+    """Colour transform from a picture to the screen, as `kernels.show.show` takes it."""
 
     matrix: F32 = field(default_factory=lambda: NO_MATRIX)
     shaper: F32 = field(default_factory=lambda: NO_TABLE)
@@ -45,15 +45,15 @@ class Way:
     """Argument of the last curve at which its table ends."""
 
 
-class Ways:
-    """Makes ways, and keeps the last one and its lattice."""
+class DisplayTransforms:
+    """Makes display transforms; the last one and its lattice are cached."""
 
     def __init__(self) -> None:
         self._key: tuple[RenderSettings, float, float] | None = None
-        self._way = Way()
+        self._way = DisplayTransform()
         self._sampled: tuple[ViewTransform, F32] | None = None
 
-    def of(self, settings: RenderSettings, *, exposure: float, gamma: float) -> Way:
+    def of(self, settings: RenderSettings, *, exposure: float, gamma: float) -> DisplayTransform:
         """Return how a picture drawn by `settings` is shown.
 
         Raises:
@@ -65,23 +65,23 @@ class Ways:
             self._key = key
         return self._way
 
-    def _made(self, settings: RenderSettings, exposure: float, gamma: float) -> Way:
+    def _made(self, settings: RenderSettings, exposure: float, gamma: float) -> DisplayTransform:
         gain = 2.0**exposure
         if settings.color_mode in ("auto", "display"):
             if gain == gamma == 1.0:
-                return Way()
+                return DisplayTransform()
             top = max(float(_encoded(1.0 / gain)), 1e-6)
             curve = _encoded(gain * _decoded(_squares(top)))
-            return Way(table=_as_table(curve, gamma), top=top)
+            return DisplayTransform(table=_as_table(curve, gamma), top=top)
         view = view_of(settings)
         if view.is_plain:
             numbers = conversion(settings.working_space, "lin_rec709_scene")
             matrix = np.eye(3) if is_identity(numbers) else numbers[2:11].reshape(3, 3)
-            return Way(
+            return DisplayTransform(
                 matrix=(gain * matrix).astype(np.float32),
                 table=_as_table(_encoded(_squares(1.0)), gamma),
             )
-        return Way(
+        return DisplayTransform(
             matrix=(gain * np.eye(3)).astype(np.float32),
             shaper=_shaped(_squares(BRIGHTEST)).astype(np.float32),
             cube=self._lattice(view),

@@ -8,17 +8,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F64, I32, I64, SplatCloud
 from usdsplat.kernels import project
+from usdsplat.render.fields import Drawn, Field
 from usdsplat.render.splat_budget import SplatSubset, shares
-
-if TYPE_CHECKING:
-    from usdsplat.render.scene import Drawn, Field
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -74,17 +74,3 @@ class Rasterizer(Protocol):
         Raises:
             UsageError: If splats touch 2**31 tiles or more.
         """
-
-
-def open_rasterizer(device: Device) -> Rasterizer:
-    """Return the rasterizer of a device."""
-    if device.name == "cuda":
-        from usdsplat.kernels.cuda.device import CudaDevice
-
-        if isinstance(device, CudaDevice):
-            from usdsplat.render.cuda import CudaRasterizer
-
-            return CudaRasterizer(device)
-    from usdsplat.render.cpu import CpuRasterizer
-
-    return CpuRasterizer(device)

@@ -11,13 +11,14 @@ from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import Band
+from usdsplat.render.cpu import CpuRasterizer
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
 from usdsplat.render.frame_stats import Clock, FrameStats
 from usdsplat.render.occluders import ReadHoldout, remembering
 from usdsplat.render.output import DISPLAY_SPACE, Output
-from usdsplat.render.rasterizer import Rasterizer, open_rasterizer
+from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
@@ -238,6 +239,18 @@ class Renderer:
         self._idle.clear()
         self._surface_cache = SurfaceCache()
         failed.close()
+
+
+def open_rasterizer(device: Device) -> Rasterizer:
+    """Return the rasterizer of a device."""
+    if device.name == "cuda":
+        from usdsplat.kernels.cuda.device import CudaDevice
+
+        if isinstance(device, CudaDevice):
+            from usdsplat.render.cuda import CudaRasterizer
+
+            return CudaRasterizer(device)
+    return CpuRasterizer(device)
 
 
 def depends_on_time(settings: RenderSettings, camera: CameraSpec, aovs: tuple[str, ...]) -> bool:

@@ -20,15 +20,15 @@ from usdsplat.kernels.device import Device
 from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
-from usdsplat.sim.drawn import Drawing, turned
 from usdsplat.sim.flight import fly
-from usdsplat.sim.goal import Goal
+from usdsplat.sim.frame_state import FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
 from usdsplat.sim.pattern import Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
 from usdsplat.sim.strain import Strain
+from usdsplat.sim.target_pose import TargetPose
 from usdsplat.sim.timeline import Timeline
 from usdsplat.sim.uses import Uses
 
@@ -73,12 +73,12 @@ class Solver:
         first = recipe.at(self._line.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
         self._is_fixed = not (uses.grows or uses.bears)
-        self._goal = Goal(device, recipe, first)
+        self._goal = TargetPose(device, recipe, first)
         self._pattern = Pattern(device, rest, uses, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
         strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
-        self._drawing = Drawing(device, strain)
+        self._drawing = FrameEvaluator(device, strain)
         self.trapped = 0
         """Most splats that a step of this solver has not brought out of the affectors."""
         self._seen = -1

@@ -6,7 +6,8 @@ import pytest
 
 from tests.kernels.cuda import frames
 from usdsplat.kernels.cuda.support import obstacle
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 
 pytestmark = pytest.mark.skipif(obstacle() is not None, reason="needs an NVIDIA GPU")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.sim.laplacian import laplacian, merge, missing, row_sums
 
 pytestmark = pytest.mark.usefixtures("on_device")

@@ -9,7 +9,7 @@ import pytest
 
 from tests.formats.samples import random_cloud
 from usdsplat.core import covariance
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.thinning import pairs
 
 pytestmark = pytest.mark.usefixtures("on_device")

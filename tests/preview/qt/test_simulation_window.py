@@ -111,7 +111,7 @@ def test_what_becomes_of_a_bake_that_is_there_is_asked(
     layer = Sdf.Layer.CreateNew(str(target))
     layer.customLayerData = nested({"checkpoint": "there" if is_stopped else ""})
     layer.Save()
-    workspace.bridge.ask(
+    workspace.proxy.ask(
         lambda document: setattr(
             document.simulation, "record", lambda path, **options: asked.append(options)
         )

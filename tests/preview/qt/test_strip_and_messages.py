@@ -42,7 +42,7 @@ def test_nothing_in_the_strip_lies_on_anything_else(workspace: Workspace, width:
 
 def test_a_picture_takes_back_what_was_wrong_with_the_one_before(workspace: Workspace) -> None:
     """Oracle: a person's expectation: a config that is not there, and then none."""
-    viewer = workspace.desk.viewer
+    viewer = workspace.context.viewer
     settings = viewer.state.look.settings
     wrong = replace(settings, ocio_config="nowhere.ocio", color_mode="scene")
     viewer.set_look(settings=wrong)
@@ -54,7 +54,7 @@ def test_a_picture_takes_back_what_was_wrong_with_the_one_before(workspace: Work
 
 def test_a_picture_does_not_take_back_what_else_went_wrong(workspace: Workspace) -> None:
     """Oracle: a person's expectation: an edit that cannot be, and then another exposure."""
-    workspace.desk.complain("radius: found none, expected one")
-    workspace.desk.viewer.set_display(exposure=1.0)
+    workspace.context.complain("radius: found none, expected one")
+    workspace.context.viewer.set_display(exposure=1.0)
     settled(workspace)
     assert workspace.problems.sentence == "radius: found none, expected one"

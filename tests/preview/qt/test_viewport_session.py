@@ -17,7 +17,7 @@ from tests.preview.qt.conftest import wait_until
 from usdsplat import schema
 from usdsplat.preview.document import Document
 from usdsplat.preview.picking import Picked, pick
-from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.session import Session
 from usdsplat.preview.stage_model.edits import Edits
@@ -41,23 +41,23 @@ class Room:
         self.pictures: list[Picture] = []
         self.picked: list[Picked | None] = []
         self.session = Session(self._open)
-        self.bridge = Bridge(self.session)
-        self.viewer = Viewer(self.bridge)
+        self.proxy = SessionProxy(self.session)
+        self.viewer = Viewer(self.proxy)
         self.viewport = Viewport(self.viewer)
         self.viewport.resize(320, 240)
-        self.bridge.opened.connect(self.viewer.opened)
-        self.bridge.picture.connect(self._show)
-        self.bridge.stage_changed.connect(self.viewer.stage_changed)
-        self.bridge.problem.connect(self.problems.append)
+        self.proxy.opened.connect(self.viewer.opened)
+        self.proxy.picture.connect(self._show)
+        self.proxy.stage_changed.connect(self.viewer.stage_changed)
+        self.proxy.problem.connect(self.problems.append)
         self.viewport.pick_requested.connect(
-            lambda x, y: self.bridge.ask(lambda document: pick(document, x, y), self.picked.append)
+            lambda x, y: self.proxy.ask(lambda document: pick(document, x, y), self.picked.append)
         )
         self.viewport.show()
 
     def close(self) -> None:
         """End the session, then the viewport."""
         self.session.close()
-        self.bridge.close()
+        self.proxy.close()
         self.viewport.close()
         assert self.problems == []
 
@@ -76,7 +76,7 @@ class Room:
     def ask(self, task: Callable[[Document], Any]) -> Any:
         """What the session answers."""
         answers: list[Any] = []
-        self.bridge.ask(task, answers.append)
+        self.proxy.ask(task, answers.append)
         wait_until(lambda: answers)
         return answers[0]
 

@@ -104,7 +104,7 @@ def test_a_search_lists_prims_and_a_click_selects_one(workspace: Workspace) -> N
     wait_until(lambda: found.count() and found.isVisible())
     assert [found.item(i).text() for i in range(found.count())] == ["/Camera"]
     QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(0)).center())
-    assert workspace.desk.selected == "/Camera"
+    assert workspace.context.selected == "/Camera"
     QTest.keyClick(workspace.tree.box, Qt.Key.Key_Escape)
     wait_until(lambda: workspace.tree.view.isVisible())
 
@@ -119,8 +119,8 @@ def test_a_click_in_the_viewport_selects_the_prim_in_the_tree_and_shows_the_spla
     y, x = np.unravel_index(np.argmax(color), color.shape)
     ratio = workspace.viewport.devicePixelRatioF()
     QTest.mouseClick(workspace.viewport, LEFT, pos=QPoint(round(x / ratio), round(y / ratio)))
-    wait_until(lambda: workspace.desk.selected)
-    assert workspace.desk.selected in ("/World/A", "/World/B")
+    wait_until(lambda: workspace.context.selected)
+    assert workspace.context.selected in ("/World/A", "/World/B")
     wait_until(lambda: "Opacity" in workspace.probe.picked.rows)
     view, model = workspace.tree.view, workspace.tree.model
 
@@ -128,7 +128,7 @@ def test_a_click_in_the_viewport_selects_the_prim_in_the_tree_and_shows_the_spla
         rows = (model.row_of(index) for index in view.selectionModel().selectedRows())
         return [row.path for row in rows if row]
 
-    wait_until(lambda: chosen() == [workspace.desk.selected])
+    wait_until(lambda: chosen() == [workspace.context.selected])
 
 
 def test_the_pixel_under_the_pointer_has_the_numbers_of_the_picture(workspace: Workspace) -> None:
@@ -162,14 +162,14 @@ def test_keys_step_frames_play_and_stop(window: Window, workspace: Workspace) ->
     press(window, "Right")
     press(window, "Right")
     press(window, "Left")
-    assert workspace.desk.time == 2
+    assert workspace.context.time == 2
     press(window, "End")
-    assert workspace.desk.time == 24
+    assert workspace.context.time == 24
     press(window, "Home")
     press(window, "Space")
-    wait_until(lambda: (workspace.desk.time or 0) > 3)
+    wait_until(lambda: (workspace.context.time or 0) > 3)
     press(window, "Space")
-    assert not workspace.desk.viewer.timeline.is_playing
+    assert not workspace.context.viewer.timeline.is_playing
     settled(workspace)
 
 
@@ -179,7 +179,7 @@ def test_arrow_keys_in_the_tree_are_the_trees(window: Window, workspace: Workspa
     workspace.tree.view.setFocus()
     QTest.keyClick(workspace.tree.view, Qt.Key.Key_Left)
     assert not workspace.tree.view.isExpanded(workspace.tree.model.index_of("/World"))
-    assert workspace.desk.time == 1
+    assert workspace.context.time == 1
 
 
 def test_a_typed_exposure_brightens_and_one_out_of_range_says_so(
@@ -208,7 +208,7 @@ def test_a_slider_of_the_render_settings_changes_the_picture(workspace: Workspac
     slider.setFocus()
     for _ in range(4):
         QTest.keyClick(slider, Qt.Key.Key_Left)
-    assert workspace.desk.viewer.state.look.settings.sh_degree == 0
+    assert workspace.context.viewer.state.look.settings.sh_degree == 0
     assert not np.array_equal(image(workspace), before)
 
 
@@ -223,7 +223,7 @@ def test_a_comparison_shows_another_aov_right_of_the_wipe(
     assert workspace.render_panel.side.currentIndex() == 1
     QTest.keyClicks(box, "N")
     QTest.keyClick(box, Qt.Key.Key_Return)
-    wait_until(lambda: workspace.desk.viewer.state.other.aov == "N")
+    wait_until(lambda: workspace.context.viewer.state.other.aov == "N")
     after = image(workspace)
     middle = before.shape[1] // 2
     assert np.array_equal(after[:, : middle - 1], before[:, : middle - 1])
@@ -251,11 +251,11 @@ def test_cameras_and_bookmarks(window: Window, workspace: Workspace) -> None:
     box: QComboBox = workspace.strip.camera
     box.setFocus()
     QTest.keyClick(box, Qt.Key.Key_End)
-    wait_until(lambda: workspace.desk.viewer.state.camera == "/Camera")
+    wait_until(lambda: workspace.context.viewer.state.camera == "/Camera")
     seen = settled(workspace).camera
     press(window, "Ctrl+B")
     press(window, "Shift+F")
-    wait_until(lambda: isinstance(workspace.desk.viewer.state.camera, FreeCamera))
+    wait_until(lambda: isinstance(workspace.context.viewer.state.camera, FreeCamera))
     workspace.bookmarks.aboutToShow.emit()
     assert "View 1" in windows.texts(workspace.bookmarks)
     next(a for a in workspace.bookmarks.actions() if a.text() == "View 1").trigger()
@@ -267,9 +267,9 @@ def test_the_view_becomes_a_camera_of_the_stage(window: Window, workspace: Works
     """Oracle: the list of cameras, and what the new one sees."""
     seen = settled(workspace).camera
     window.actions_by_name["save_camera"].trigger()
-    wait_until(lambda: len(workspace.desk.viewer.cameras) == 2)
-    path = next(path for path in workspace.desk.viewer.cameras if path != "/Camera")
-    workspace.desk.viewer.use_camera(path)
+    wait_until(lambda: len(workspace.context.viewer.cameras) == 2)
+    path = next(path for path in workspace.context.viewer.cameras if path != "/Camera")
+    workspace.context.viewer.use_camera(path)
     back = settled(workspace).camera
     assert np.allclose(back.world_to_camera, seen.world_to_camera, atol=1e-4)
 
@@ -283,10 +283,10 @@ def test_two_windows_do_not_influence_each_other(
         there = opened(other, windows.write_stage(tmp_path / "again.usda"))
         here_before, there_before = image(workspace), image(there)
         click_cell(there, "/World/A", VISIBLE)
-        there.desk.viewer.set_time(20)
+        there.context.viewer.set_time(20)
         wait_until(lambda: not np.array_equal(image(there), there_before))
         assert np.array_equal(image(workspace), here_before)
-        assert workspace.desk.time == 1
+        assert workspace.context.time == 1
         assert not window.actions_by_name["undo"].isEnabled()
     finally:
         other.close()

@@ -55,7 +55,7 @@ def settled(workspace: Workspace) -> Picture:
     """The full picture of what is asked for now."""
 
     def is_settled() -> bool:
-        picture, viewer = workspace.desk.picture, workspace.desk.viewer
+        picture, viewer = workspace.context.picture, workspace.context.viewer
         return (
             picture is not None
             and picture.is_final
@@ -64,8 +64,8 @@ def settled(workspace: Workspace) -> Picture:
         )
 
     wait_until(is_settled)
-    assert workspace.desk.picture is not None
-    return workspace.desk.picture
+    assert workspace.context.picture is not None
+    return workspace.context.picture
 
 
 def image(workspace: Workspace) -> Image:

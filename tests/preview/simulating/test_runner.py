@@ -16,7 +16,7 @@ from tests.sim.stage.stages import FIELD
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating import live_layer
 from usdsplat.sim.stage.simulating import Simulation
 

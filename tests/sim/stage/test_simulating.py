@@ -21,7 +21,8 @@ from tests.sim.stage.stages import FIELD, SIM, moved, place, rigid, simulation_o
 from usdsplat import schema
 from usdsplat.core import covariance
 from usdsplat.core.errors import OutputError, StageError
-from usdsplat.kernels.device import CpuDevice, open_device
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import read_record

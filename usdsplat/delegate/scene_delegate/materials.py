@@ -30,7 +30,7 @@ PURPOSES = (UsdShade.Tokens.preview, UsdShade.Tokens.full)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Look:
+class BoundMaterial:
     """A material, and the primvars of the mesh that it needs."""
 
     spec: MaterialSpec
@@ -44,7 +44,9 @@ class Look:
     """Of the texture coordinates, shape (2, 3)."""
 
 
-UNBOUND = Look(spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True), colors=DISPLAY_COLOR)
+UNBOUND = BoundMaterial(
+    spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True), colors=DISPLAY_COLOR
+)
 """Of what no material is bound to."""
 
 
@@ -88,31 +90,31 @@ class MaterialReader:
         self._textures = textures
         self._sources = sources
 
-    def look(self, material: Usd.Prim | None) -> Look:
+    def look(self, material: Usd.Prim | None) -> BoundMaterial:
         """What a material looks like; without a UsdPreviewSurface it is as if there were none."""
         output = material and self._producer(material.GetAttribute("outputs:surface"))
         if not output or self._id(output.GetPrim()) != "UsdPreviewSurface":
             return UNBOUND
         base = self._input(output.GetPrim(), "diffuseColor")
         if base is None:
-            return Look(spec=MaterialSpec(diffuse=NEUTRAL))
+            return BoundMaterial(spec=MaterialSpec(diffuse=NEUTRAL))
         kind = self._id(base.GetPrim()) if _is_output(base) else ""
         if kind == "UsdUVTexture":
             return self._texture(base.GetPrim())
         if kind.startswith("UsdPrimvarReader_"):
             reader = base.GetPrim()
-            return Look(
+            return BoundMaterial(
                 spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True),
                 colors=self._name(reader),
                 fallback=self._color(reader, "fallback", (0.0, 0.0, 0.0)),
             )
-        return Look(
+        return BoundMaterial(
             spec=MaterialSpec(diffuse=self._color(output.GetPrim(), "diffuseColor", NEUTRAL))
         )
 
     # --- nodes -----------------------------------------------------------------------------
 
-    def _texture(self, node: Usd.Prim) -> Look:
+    def _texture(self, node: Usd.Prim) -> BoundMaterial:
         fallback = self._color(node, "fallback", (0.0, 0.0, 0.0))
         name, transform = self._coordinates(node)
         scale, bias = (
@@ -125,11 +127,11 @@ class MaterialReader:
             # a picture that is missing says nothing about the colour: black would be a claim
             authored = node.GetAttribute("inputs:fallback").HasAuthoredValue()
             self.problems.append(error)
-            return Look(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
+            return BoundMaterial(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
         wrap = (self._wrap(node, "wrapS"), self._wrap(node, "wrapT"))
         diffuse = (1.0, 1.0, 1.0) if any(bias) else scale
         spec = MaterialSpec(diffuse=diffuse, texture=TextureSpec(pixels=pixels, wrap=wrap))
-        return Look(spec=spec, uvs=name, transform=transform)
+        return BoundMaterial(spec=spec, uvs=name, transform=transform)
 
     def _coordinates(self, node: Usd.Prim) -> tuple[str, F64 | None]:
         """The primvar that is connected as `st`, and all the transforms on the way there."""

@@ -18,7 +18,7 @@ from usdsplat.delegate.scene_delegate.geometry import (
     MeshGeometry,
 )
 from usdsplat.delegate.scene_delegate.materials import (
-    Look,
+    BoundMaterial,
     MaterialReader,
     bound_material,
 )
@@ -41,7 +41,7 @@ class MeshReader:
         self._primvars: dict[tuple[str, int], F32 | None] = {}
         self._primvar_problems: dict[tuple[str, int], UsdSplatError] = {}
         self._material_problems: list[UsdSplatError] = []
-        self._looks: tuple[Look, ...] = ()
+        self._looks: tuple[BoundMaterial, ...] = ()
         self._look_of: I32 | None = None
         self.has_other_sources = False
         """Whether the last reading led to other prims than the one before."""
@@ -189,7 +189,7 @@ def _primvar(
 
 
 def _joined(
-    looks: tuple[Look, ...], look_of: I32, corners: Callable[[Look], F32 | None]
+    looks: tuple[BoundMaterial, ...], look_of: I32, corners: Callable[[BoundMaterial], F32 | None]
 ) -> F32 | None:
     """For each triangle what its own look has; None when no look has any."""
     found = [corners(look) for look in looks]
@@ -205,11 +205,11 @@ def _joined(
     return joined
 
 
-def _colors(look: Look, primvar: Primvar) -> F32 | None:
+def _colors(look: BoundMaterial, primvar: Primvar) -> F32 | None:
     return primvar(look.colors, 3) if look.colors else None
 
 
-def _uvs(look: Look, primvar: Primvar, count: int) -> F32 | None:
+def _uvs(look: BoundMaterial, primvar: Primvar, count: int) -> F32 | None:
     if look.spec.texture is None:
         return None
     found = primvar(look.uvs, 2) if look.uvs else None
@@ -221,7 +221,7 @@ def _uvs(look: Look, primvar: Primvar, count: int) -> F32 | None:
     return moved.astype(np.float32)
 
 
-def _material(look: Look, primvar: Primvar) -> MaterialSpec:
+def _material(look: BoundMaterial, primvar: Primvar) -> MaterialSpec:
     """The look's, with its fallback in place of colours that the mesh has not got."""
     if look.spec.uses_colors and _colors(look, primvar) is None:
         return replace(look.spec, diffuse=look.fallback, uses_colors=False)

@@ -16,9 +16,8 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels import store
-from usdsplat.kernels.ahead import SORT, SUM
 from usdsplat.kernels.compiling import compiled
-from usdsplat.kernels.cuda.support import capability
+from usdsplat.kernels.cuda.support import SORT, SUM, capability
 
 PACKAGES = ("cuda-cccl", "nvidia-cuda-nvrtc", "nvidia-nvjitlink")
 """Packages whose versions a build depends on."""

@@ -8,8 +8,8 @@ import cuda.compute as compute
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.ahead import SORT, SUM
 from usdsplat.kernels.cuda import cub
+from usdsplat.kernels.cuda.support import SORT, SUM
 
 
 class _Ordered:
@@ -49,7 +49,7 @@ class Primitives:
     ) -> None:
         """Sort `count` pairs by some bits of their keys, stably, into other arrays.
 
-        Types of keys and values are among `ahead.CUB`.
+        Types of keys and values are among `support.CUB`.
         """
         bits = {"begin_bit": begin_bit, "end_bit": end_bit or 8 * keys.dtype.itemsize}
         self._call(

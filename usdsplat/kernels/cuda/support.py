@@ -11,6 +11,12 @@ import sys
 
 Capability = tuple[int, int]
 """Compute capability of a GPU: (major, minor)."""
+SORT, SUM = "sort", "sum"
+CUB = (
+    (SORT, "u2 i4"), (SORT, "u4 i4"), (SUM, "i4 i4"), (SUM, "i8 i8"),
+)  # fmt: skip
+"""CUB algorithms: SORT with the types of keys and values, SUM with those of input and output. They
+can be built only on the GPU that runs them, see `cuda.cub`."""
 INSTALL = "pip install 'usdsplat[cuda]'"
 PACKAGES = ("numba-cuda", "numba", "nvidia-nvvm", "nvidia-nvjitlink", "cuda-core", "cuda-bindings")
 """The packages that compile and assemble CUDA kernels."""

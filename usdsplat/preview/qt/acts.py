@@ -4,18 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from PySide6.QtWidgets import QApplication
 
 from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.workspace import Workspace
 
-if TYPE_CHECKING:
-    from usdsplat.preview.qt.window import Window
+
+class Acting(Protocol):
+    """A window, as far as actions need it."""
+
+    new_requested: Any
+    """A signal: another window is wanted."""
+
+    @property
+    def workspace(self) -> Workspace | None:
+        """Panels of the open stage; None without a stage."""
+
+    @property
+    def saving(self) -> Saving | None:
+        """Dialogs that save; None without a stage."""
+
+    def ask_open(self) -> Any:
+        """Ask which stage to open."""
+
+    def show_help(self) -> Any:
+        """Show the keys."""
+
+    def about(self) -> Any:
+        """Show the versions."""
+
+    def close(self) -> Any:
+        """Close the window."""
 
 
-def acts_of(window: Window) -> dict[str, Callable[[], Any]]:
+def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
     """What each action does in a window; most may only be called while a stage is open."""
 
     def here() -> Workspace:
@@ -39,12 +63,12 @@ def acts_of(window: Window) -> dict[str, Callable[[], Any]]:
         "undo": lambda: here().undo(),
         "redo": lambda: here().redo(),
         "find": lambda: here().tree.box.setFocus(),
-        "deselect": lambda: here().desk.viewer.select(()),
+        "deselect": lambda: here().context.viewer.select(()),
         "frame_selected": lambda: here().frame_selected(),
-        "frame_all": lambda: here().desk.viewer.frame(()),
+        "frame_all": lambda: here().context.viewer.frame(()),
         "free_camera": lambda: here().free_camera(),
         "save_camera": lambda: here().save_camera(),
-        "add_bookmark": lambda: here().desk.viewer.add_bookmark(),
+        "add_bookmark": lambda: here().context.viewer.add_bookmark(),
         "hud": lambda: here().toggle_hud(),
         "compare": lambda: here().toggle_compare(),
         "previous_aov": lambda: here().next_aov(-1),
@@ -57,8 +81,8 @@ def acts_of(window: Window) -> dict[str, Callable[[], Any]]:
         "brighter": lambda: here().expose(0.5),
         "same_exposure": lambda: here().expose(None),
         "play": lambda: here().timeline.toggle(),
-        "step_on": lambda: here().desk.viewer.advance(1),
-        "step_back": lambda: here().desk.viewer.advance(-1),
+        "step_on": lambda: here().context.viewer.advance(1),
+        "step_back": lambda: here().context.viewer.advance(-1),
         "to_start": lambda: here().timeline.to_start(),
         "to_end": lambda: here().timeline.to_end(),
         "sim_run": lambda: here().simulation.toggle(),

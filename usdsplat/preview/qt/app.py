@@ -94,7 +94,7 @@ def run(
 
 def _begin(window: Window, camera: str | None, time: float | None) -> None:
     if window.workspace is not None:
-        viewer = window.workspace.desk.viewer
+        viewer = window.workspace.context.viewer
         if camera is not None:
             viewer.use_camera(camera)
         if time is not None:

@@ -13,8 +13,8 @@ from PySide6.QtGui import QColor, QFont
 from usdsplat.core.errors import StageError
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.glyphs import glyph
+from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.stage_model import prims
 from usdsplat.preview.stage_model.prims import PrimRow
 
@@ -56,14 +56,14 @@ class PrimModel(QAbstractItemModel):
     loaded = Signal(str)
     """Path of a prim whose children are known now."""
 
-    def __init__(self, desk: Desk, parent: QObject | None = None) -> None:
+    def __init__(self, context: PanelContext, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self._root = _Node(None, None, 0)
         self._nodes = {0: self._root}
         self._numbers = count(1)
         self._question = Question(self, self._ask_all, pause=PAUSE)
-        desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
+        context.proxy.stage_changed.connect(lambda event: self._question.refresh())
 
     def refresh(self) -> None:
         """Ask again for all that is known."""
@@ -177,8 +177,8 @@ class PrimModel(QAbstractItemModel):
                 self._take(path, rows)
             done()
 
-        task = partial(_children, paths=tuple(paths), time=self._desk.time)
-        self._desk.bridge.ask(task, answered)
+        task = partial(_children, paths=tuple(paths), time=self._context.time)
+        self._context.proxy.ask(task, answered)
 
     def _take(self, path: str, rows: tuple[PrimRow, ...]) -> None:
         """Show other children, moving as little as possible, so that what is open stays open."""

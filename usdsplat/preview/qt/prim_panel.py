@@ -23,9 +23,9 @@ from PySide6.QtWidgets import (
 from usdsplat.core.errors import StageError
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.knob_panel import tool_tip
 from usdsplat.preview.qt.knob_widgets import ValueWidget, make_widget
+from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.row_model import Column, RowModel
 from usdsplat.preview.stage_model import properties
 from usdsplat.preview.stage_model.edits import Edits
@@ -52,9 +52,9 @@ class _Prim:
 class PrimPanel(QTabWidget):
     """Follows the selection and the time; values that can be edited are edited in place."""
 
-    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+    def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self._shown: tuple[str, float | None] | None = None
         self._question = Question(self, self._ask)
         self.properties = RowModel(_PROPERTY, key=lambda row: row.name, parent=self)
@@ -70,35 +70,35 @@ class PrimPanel(QTabWidget):
         self.addTab(_table(self.metadata, (150, 0)), "Metadata")
         self.addTab(_table(self.composition, (76, 0, 120)), "Composition")
         self.setDocumentMode(True)
-        desk.view_changed.connect(self._follow)
-        desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
+        context.view_changed.connect(self._follow)
+        context.proxy.stage_changed.connect(lambda event: self._question.refresh())
 
     def _follow(self) -> None:
-        if (self._desk.selected, self._desk.time) != self._shown:
-            is_other = self._shown is None or self._shown[0] != self._desk.selected
-            self._shown = self._desk.selected, self._desk.time
+        if (self._context.selected, self._context.time) != self._shown:
+            is_other = self._shown is None or self._shown[0] != self._context.selected
+            self._shown = self._context.selected, self._context.time
             self._question.refresh(at_once=is_other)
 
     def _ask(self, done: Callable[[], None]) -> None:
-        path, time = self._desk.selected, self._desk.time
+        path, time = self._context.selected, self._context.time
 
         def answered(found: _Prim) -> None:
             done()
-            if path == self._desk.selected:
+            if path == self._context.selected:
                 self.properties.show_rows(found.properties)
                 self.metadata.show_rows(found.metadata)
                 self.composition.show_rows(found.composition)
 
-        self._desk.bridge.ask(
+        self._context.proxy.ask(
             partial(_read, path=path, time=time), answered, lambda error: answered(_Prim())
         )
 
     def _edit(self, row: PropertyRow, value: Any, merge: str) -> None:
-        path = f"{self._desk.selected}.{row.name}"
-        time = self._desk.time if row.samples else None
+        path = f"{self._context.selected}.{row.name}"
+        time = self._context.time if row.samples else None
         step = partial(_set_value, path=path, value=value, time=time, merge=merge or None)
         drag = f"{path} {merge}" if merge else ""
-        self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
+        self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
         self._question.refresh()
 
     def _show_menu(self, place: QPoint) -> None:
@@ -109,14 +109,14 @@ class PrimPanel(QTabWidget):
 
     def menu_of(self, row: PropertyRow) -> QMenu:
         """What may be done to a property."""
-        path = f"{self._desk.selected}.{row.name}"
+        path = f"{self._context.selected}.{row.name}"
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         clipboard = QGuiApplication.clipboard()
         menu.addAction("Copy value", partial(clipboard.setText, row.text))
         menu.addAction("Copy path", partial(clipboard.setText, path))
         clear = menu.addAction(
-            "Clear session edit", partial(self._desk.edit, partial(_clear, path=path))
+            "Clear session edit", partial(self._context.edit, partial(_clear, path=path))
         )
         clear.setEnabled(row.is_edited)
         return menu
@@ -128,7 +128,7 @@ class _ValueDelegate(QStyledItemDelegate):
     def __init__(self, edit: Callable[[PropertyRow, Any, str], None], parent: PrimPanel) -> None:
         super().__init__(parent)
         self._edit = edit
-        self._refused = parent._desk.complain
+        self._refused = parent._context.complain
 
     def createEditor(  # type: ignore[override]
         self, parent: QWidget, option: QStyleOptionViewItem, index: QModelIndex

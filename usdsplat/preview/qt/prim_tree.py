@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from usdsplat.preview.qt.desk import Desk
+from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.qt.prim_model import NAME, PURPOSE, TYPE, VISIBLE, PrimModel
 from usdsplat.preview.stage_model import prims
 from usdsplat.preview.stage_model.edits import Edits
@@ -35,19 +35,19 @@ class PrimTree(QWidget):
     frame_requested = Signal(str)
     """Path of a prim that was double-clicked."""
 
-    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+    def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self._selected = ""
-        self.model = PrimModel(desk, self)
+        self.model = PrimModel(context, self)
         self.view = self._make_view()
         self.box = QLineEdit()
         self.box.setPlaceholderText("Search prims by name, path or type")
         self.box.setClearButtonEnabled(True)
         self.box.installEventFilter(self)
         self.found = QListWidget()
-        self.found.itemClicked.connect(lambda item: self._desk.viewer.select((item.text(),)))
-        self.found.itemActivated.connect(lambda item: self._desk.viewer.select((item.text(),)))
+        self.found.itemClicked.connect(lambda item: self._context.viewer.select((item.text(),)))
+        self.found.itemActivated.connect(lambda item: self._context.viewer.select((item.text(),)))
         self._typing = QTimer(self)
         self._typing.setSingleShot(True)
         self._typing.setInterval(TYPING)
@@ -64,7 +64,7 @@ class PrimTree(QWidget):
         column.setSpacing(0)
         column.addLayout(top)
         column.addWidget(self._pages, 1)
-        desk.view_changed.connect(self._follow)
+        context.view_changed.connect(self._follow)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self.box and event.type() == QEvent.Type.KeyPress:
@@ -106,7 +106,7 @@ class PrimTree(QWidget):
     def _clicked(self, index: QModelIndex) -> None:
         row = self.model.row_of(index)
         if row and index.column() == VISIBLE and row.is_imageable:
-            self._desk.edit(partial(_set_visible, path=row.path, is_visible=not row.is_visible))
+            self._context.edit(partial(_set_visible, path=row.path, is_visible=not row.is_visible))
 
     def _double_clicked(self, index: QModelIndex) -> None:
         row = self.model.row_of(index)
@@ -116,13 +116,13 @@ class PrimTree(QWidget):
     def _chosen(self) -> None:
         rows = (self.model.row_of(each) for each in self.view.selectionModel().selectedRows())
         paths = tuple(row.path for row in rows if row)
-        if paths != self._desk.viewer.state.selected:
+        if paths != self._context.viewer.state.selected:
             self._selected = paths[-1] if paths else ""
-            self._desk.viewer.select(paths)
+            self._context.viewer.select(paths)
 
     def _follow(self) -> None:
         """Show what was selected elsewhere."""
-        path = self._desk.selected
+        path = self._context.selected
         if path == self._selected:
             return
         self._selected = path
@@ -141,7 +141,7 @@ class PrimTree(QWidget):
         if not text:
             self._pages.setCurrentWidget(self.view)
             return
-        self._desk.bridge.ask(
+        self._context.proxy.ask(
             lambda document: prims.search(document.stage, text),
             lambda paths: self._show_found(text, paths),
         )
@@ -161,12 +161,12 @@ class PrimTree(QWidget):
         """What may be done to a prim."""
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        path, edit = row.path, self._desk.edit
+        path, edit = row.path, self._context.edit
         menu.addAction("Frame", partial(self.frame_requested.emit, path))
         clipboard = QGuiApplication.clipboard()
         menu.addAction("Copy path", partial(clipboard.setText, path))
         if row.is_camera:
-            menu.addAction("Look through", partial(self._desk.viewer.use_camera, path))
+            menu.addAction("Look through", partial(self._context.viewer.use_camera, path))
         menu.addSeparator()
         if row.is_imageable:
             menu.addAction(

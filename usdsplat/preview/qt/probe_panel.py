@@ -12,8 +12,8 @@ from usdsplat.preview.histogram import Histogram, histogram
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.probe import Probed, probe
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.histogram_plot import HistogramPlot
+from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.render_panel import scrolling
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.values import Picture
@@ -24,9 +24,11 @@ Rows = Sequence[tuple[str, str]]
 class ProbePanel(QWidget):
     """Follows the pointer while it is seen; a pick stays."""
 
-    def __init__(self, desk: Desk, viewport: Viewport, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, context: PanelContext, viewport: Viewport, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self._place = (0.0, 0.0)
         self._pointer = Question(self, self._ask_pixel)
         self._counts = Question(self, self._ask_counts)
@@ -56,7 +58,7 @@ class ProbePanel(QWidget):
         outer.addWidget(scrolling(body))
         viewport.probe_moved.connect(self._moved)
         viewport.pick_requested.connect(self._pick)
-        desk.bridge.picture.connect(self._drawn)
+        context.proxy.picture.connect(self._drawn)
 
     # --- private ----------------------------------------------------------------------------
 
@@ -74,7 +76,7 @@ class ProbePanel(QWidget):
             self.show_pixel(found)
 
         x, y = self._place
-        self._desk.bridge.ask(
+        self._context.proxy.ask(
             lambda document: probe(document, x, y), answered, lambda error: done()
         )
 
@@ -83,13 +85,13 @@ class ProbePanel(QWidget):
             done()
             self.show_counts(found)
 
-        self._desk.bridge.ask(histogram, answered, lambda error: done())
+        self._context.proxy.ask(histogram, answered, lambda error: done())
 
     def _pick(self, x: float, y: float) -> None:
-        self._desk.bridge.ask(lambda document: pick(document, x, y), self._show_picked)
+        self._context.proxy.ask(lambda document: pick(document, x, y), self._show_picked)
 
     def _show_picked(self, found: Picked | None) -> None:
-        self._desk.viewer.select((found.path,) if found else ())
+        self._context.viewer.select((found.path,) if found else ())
         self.show_picked(found)
 
     def show_pixel(self, found: Probed | None) -> None:

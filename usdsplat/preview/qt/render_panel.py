@@ -19,10 +19,10 @@ from PySide6.QtWidgets import (
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview.knob_model import Editor, editors_of, with_value
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.values import Look, Picture
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -43,9 +43,11 @@ class RenderPanel(QWidget):
 
     device_chosen = Signal(str)
 
-    def __init__(self, desk: Desk, *, device: str, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, context: PanelContext, *, device: str, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self.side = QTabBar()
         self.side.addTab("A")
         self.side.addTab("B")
@@ -65,7 +67,7 @@ class RenderPanel(QWidget):
         self.has_time.clicked.connect(self._toggle_time)
         self.time = NumberField("Time", none_label="the timeline's")
         self.time.entered.connect(lambda time: self._set_look(time=time))
-        self.time.refused.connect(desk.complain)
+        self.time.refused.connect(context.complain)
         self.device = CalmComboBox()
         self.device.addItems(DEVICES)
         self.device.setCurrentText(device)
@@ -76,18 +78,18 @@ class RenderPanel(QWidget):
         self.used_device.setProperty("role", "quiet")
         self.settings = KnobPanel()
         self.settings.changed.connect(self._set_setting)
-        self.settings.refused.connect(desk.complain)
+        self.settings.refused.connect(context.complain)
         self.display = KnobPanel()
         self.display.changed.connect(self._set_display)
-        self.display.refused.connect(desk.complain)
+        self.display.refused.connect(context.complain)
         self._lay_out()
-        desk.view_changed.connect(self.follow)
-        desk.bridge.picture.connect(self._show_device)
+        context.view_changed.connect(self.follow)
+        context.proxy.picture.connect(self._show_device)
         self.follow()
 
     def follow(self) -> None:
         """Show what is so now."""
-        state = self._desk.viewer.state
+        state = self._context.viewer.state
         is_compared = state.other is not None
         self.compare.setChecked(is_compared)
         self.side.setVisible(is_compared)
@@ -107,12 +109,12 @@ class RenderPanel(QWidget):
     @property
     def look(self) -> Look:
         """The side that is shown here."""
-        state = self._desk.viewer.state
+        state = self._context.viewer.state
         return state.other if self.side.currentIndex() and state.other else state.look
 
     def set_compare(self, is_on: bool) -> None:
         """Compare with another look, the same one at first; or do not."""
-        viewer = self._desk.viewer
+        viewer = self._context.viewer
         viewer.set_other(viewer.state.look if is_on else None)
         if is_on:
             self.side.setCurrentIndex(1)
@@ -141,23 +143,23 @@ class RenderPanel(QWidget):
         outer.addWidget(area)
 
     def _set_look(self, **changes: Any) -> None:
-        viewer = self._desk.viewer
+        viewer = self._context.viewer
         if self.look is viewer.state.other:
             viewer.set_other(replace(self.look, **changes))
         else:
             viewer.set_look(**changes)
 
     def _toggle_time(self, is_on: bool) -> None:
-        self._set_look(time=self._desk.viewer.timeline.current if is_on else None)
+        self._set_look(time=self._context.viewer.timeline.current if is_on else None)
 
     def _set_setting(self, name: str, value: Any, merge: str) -> None:
-        self._desk.attempt(
+        self._context.attempt(
             lambda: self._set_look(settings=with_value(self.look.settings, name, value))
         )
         self.follow()
 
     def _set_display(self, name: str, value: Any, merge: str) -> None:
-        self._desk.attempt(lambda: self._desk.viewer.set_display(**{name: value}))
+        self._context.attempt(lambda: self._context.viewer.set_display(**{name: value}))
         self.follow()
 
     def _show_device(self, picture: Picture) -> None:

@@ -23,8 +23,8 @@ from PySide6.QtWidgets import (
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview import saving
 from usdsplat.preview.document import Document
-from usdsplat.preview.qt.desk import Desk
 from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.stage_model import saving as stage_saving
 
 USD = "USD layers (*.usda *.usd *.usdc)"
@@ -51,14 +51,16 @@ class Saving(QObject):
     """What a window can write of one session.
 
     Args:
-        desk: Of the session.
+        context: Of the session.
         said: Told a sentence when something is written.
         window: Whose dialogs they are.
     """
 
-    def __init__(self, desk: Desk, *, said: Callable[[str], None], window: QWidget) -> None:
-        super().__init__(desk)
-        self._desk = desk
+    def __init__(
+        self, context: PanelContext, *, said: Callable[[str], None], window: QWidget
+    ) -> None:
+        super().__init__(context)
+        self._context = context
         self._said = said
         self._window = window
 
@@ -76,7 +78,7 @@ class Saving(QObject):
 
     def write_camera(self, path: Path) -> None:
         """Write the view as a camera."""
-        picture = self._desk.picture
+        picture = self._context.picture
         if picture is not None:
             camera = picture.camera
             self._write(
@@ -90,25 +92,25 @@ class Saving(QObject):
 
     def write_screenshot(self, path: Path) -> None:
         """Write what the viewport shows."""
-        state = self._desk.viewer.state
+        state = self._context.viewer.state
         self._write(path, lambda document: saving.save_view(document, state, path))
 
     def flipbook(self) -> None:
         """Every frame of a range."""
-        dialog = FlipbookDialog(self._desk, self._window)
+        dialog = FlipbookDialog(self._context, self._window)
         dialog.chosen.connect(self.write_flipbook)
         dialog.open()
 
     def write_flipbook(self, path: Path, frames: tuple[float, ...]) -> None:
         """Write frames, with a bar that can be stopped."""
         progress = _Progress(path.name, len(frames), self._window)
-        self._desk.destroyed.connect(progress.deleteLater)  # another stage, or none any more
-        reporter = _Reporter(partial(self._desk.bridge.call, progress.setValue))
-        state = self._desk.viewer.state
+        self._context.destroyed.connect(progress.deleteLater)  # another stage, or none any more
+        reporter = _Reporter(partial(self._context.proxy.call, progress.setValue))
+        state = self._context.viewer.state
 
         def failed(error: UsdSplatError) -> None:
             progress.deleteLater()
-            self._desk.complain(str(error))
+            self._context.complain(str(error))
 
         book = saving.Flipbook(
             state, frames, path, progress=reporter, cancelled=progress.stopped.is_set
@@ -123,12 +125,12 @@ class Saving(QObject):
                 self._said(f"Wrote {book.files[0].name}{_more(book.files)}")
 
         def ask() -> None:
-            self._desk.bridge.ask(book.turn, done, failed)  # frame by frame: others have turns
+            self._context.proxy.ask(book.turn, done, failed)  # frame by frame: others have turns
 
         ask()
 
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
-        self._desk.bridge.ask(task, lambda result: self._said(f"Wrote {path.name}"))
+        self._context.proxy.ask(task, lambda result: self._said(f"Wrote {path.name}"))
 
 
 class FlipbookDialog(QDialog):
@@ -136,12 +138,12 @@ class FlipbookDialog(QDialog):
 
     chosen = Signal(object, object)
 
-    def __init__(self, desk: Desk, parent: QWidget) -> None:
+    def __init__(self, context: PanelContext, parent: QWidget) -> None:
         super().__init__(parent)
         self.setWindowTitle("Flipbook")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        timeline = desk.viewer.timeline
-        self._complain = desk.complain
+        timeline = context.viewer.timeline
+        self._complain = context.complain
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )
@@ -152,7 +154,7 @@ class FlipbookDialog(QDialog):
         ):
             field.show_value(value)
             field.entered.connect(field.show_value)
-            field.refused.connect(desk.complain)
+            field.refused.connect(context.complain)
         self.name = QLineEdit("flipbook.####.png")
         self.name.setMinimumWidth(320)
         self.name.setToolTip("#### is the frame; .png, .jpg or .exr, or a movie: .mp4 or .mov")

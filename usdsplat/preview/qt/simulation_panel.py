@@ -23,9 +23,9 @@ from PySide6.QtWidgets import (
 from usdsplat.core.errors import StageError
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.knob_panel import KnobPanel
+from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.render_panel import scrolling
 from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
 from usdsplat.preview.simulating.recording import can_resume
@@ -49,9 +49,9 @@ _WORDS = {
 class SimulationPanel(QWidget):
     """Drives the document's simulation; its prims' parameters are edits of the session layer."""
 
-    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+    def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self.status = SimulationStatus(state="none")
         self._prims: tuple[ParameterPrim, ...] = ()
         self._question = Question(self, self._ask)
@@ -78,11 +78,11 @@ class SimulationPanel(QWidget):
         self.search.setClearButtonEnabled(True)
         self.search.textChanged.connect(lambda text: self.panel.search(text))
         self.panel.changed.connect(self._set)
-        self.panel.refused.connect(desk.complain)
+        self.panel.refused.connect(context.complain)
         self._lay_out()
-        desk.bridge.simulation.connect(self.show_status)
-        desk.bridge.stage_changed.connect(lambda event: self._question.refresh())
-        desk.view_changed.connect(self._follow)
+        context.proxy.simulation.connect(self.show_status)
+        context.proxy.stage_changed.connect(lambda event: self._question.refresh())
+        context.view_changed.connect(self._follow)
         self.show_status(self.status)
         self._question.refresh()
 
@@ -131,7 +131,7 @@ class SimulationPanel(QWidget):
         if not path.exists():
             self._record(path, resume=False)
             return
-        self._desk.bridge.ask(
+        self._context.proxy.ask(
             lambda document: can_resume(path), partial(self._ask_what_becomes_of, path)
         )
 
@@ -152,7 +152,7 @@ class SimulationPanel(QWidget):
         box.open()
 
     def _record(self, path: Path, *, resume: bool) -> None:
-        self._desk.bridge.ask(partial(_record, path=path, resume=resume))
+        self._context.proxy.ask(partial(_record, path=path, resume=resume))
 
     def _lay_out(self) -> None:
         head = QWidget()
@@ -182,15 +182,15 @@ class SimulationPanel(QWidget):
         column.addWidget(scrolling(body), 1)
 
     def _command(self, name: str) -> None:
-        self._desk.bridge.ask(partial(_do, name=name))
+        self._context.proxy.ask(partial(_do, name=name))
 
     def _ask(self, done: Callable[[], None]) -> None:
         def answered(prims: tuple[ParameterPrim, ...]) -> None:
             done()
             self._show_prims(prims)
 
-        time = self._desk.time
-        self._desk.bridge.ask(
+        time = self._context.time
+        self._context.proxy.ask(
             lambda document: parameters.editors(document.stage, time=time),
             answered,
             lambda error: answered(()),
@@ -223,21 +223,21 @@ class SimulationPanel(QWidget):
         """Show a prim's parameters; the manipulator goes to it."""
         prim = self._chosen()
         self._show_chosen()
-        if prim is not None and prim.path != self._desk.selected:
-            self._desk.viewer.select((prim.path,))
+        if prim is not None and prim.path != self._context.selected:
+            self._context.viewer.select((prim.path,))
 
     def _follow(self) -> None:
         """Show the parameters of what was selected elsewhere."""
         paths = [prim.path for prim in self._prims]
-        if self._desk.selected in paths:
-            self.prims.setCurrentRow(paths.index(self._desk.selected))
+        if self._context.selected in paths:
+            self.prims.setCurrentRow(paths.index(self._context.selected))
 
     def _set(self, name: str, value: Any, merge: str) -> None:
         prim = self._chosen()
         if prim is not None:
             step = partial(_set, path=prim.path, name=name, value=value, merge=merge or None)
             drag = f"{prim.path} {name} {merge}" if merge else ""
-            self._desk.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
+            self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
             self._question.refresh()
 
 

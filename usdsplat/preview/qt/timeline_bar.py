@@ -8,9 +8,9 @@ from typing import Any
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QToolButton, QWidget
 
-from usdsplat.preview.qt.desk import Desk
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.qt.timeline_ruler import TimelineRuler
 from usdsplat.preview.values import SimulationStatus
 
@@ -18,10 +18,10 @@ from usdsplat.preview.values import SimulationStatus
 class TimelineBar(QWidget):
     """Drives the viewer's timeline, and follows it."""
 
-    def __init__(self, desk: Desk, parent: QWidget | None = None) -> None:
+    def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._desk = desk
-        viewer = desk.viewer
+        self._context = context
+        viewer = context.viewer
         self.setProperty("role", "bar")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         line = QHBoxLayout(self)
@@ -60,13 +60,13 @@ class TimelineBar(QWidget):
         unit = QLabel("fps")
         unit.setProperty("role", "quiet")
         line.addWidget(unit)
-        desk.view_changed.connect(self.follow)
-        desk.bridge.simulation.connect(self._show_cached)
+        context.view_changed.connect(self.follow)
+        context.proxy.simulation.connect(self._show_cached)
         self.follow()
 
     def follow(self) -> None:
         """Show what the timeline is now."""
-        timeline = self._desk.viewer.timeline
+        timeline = self._context.viewer.timeline
         self.ruler.show_range(timeline.start, timeline.end)
         self.ruler.show_current(timeline.current if timeline.end > timeline.start else None)
         self.frame.show_value(timeline.current)
@@ -78,40 +78,40 @@ class TimelineBar(QWidget):
 
     def toggle(self) -> None:
         """Play, or stop."""
-        self._desk.viewer.play(not self._desk.viewer.timeline.is_playing)
+        self._context.viewer.play(not self._context.viewer.timeline.is_playing)
 
     def to_start(self) -> None:
         """Show the first frame."""
-        self._desk.viewer.set_time(self._desk.viewer.timeline.start)
+        self._context.viewer.set_time(self._context.viewer.timeline.start)
 
     def to_end(self) -> None:
         """Show the last frame."""
-        self._desk.viewer.set_time(self._desk.viewer.timeline.end)
+        self._context.viewer.set_time(self._context.viewer.timeline.end)
 
     def _field(self, label: str, set_value: Callable[[float], Any], width: int = 52) -> NumberField:
         field = NumberField(label)
         field.setFixedWidth(width)
         field.setToolTip(label)
         field.entered.connect(lambda value: self._try(lambda: set_value(value)))
-        field.refused.connect(self._desk.complain)
+        field.refused.connect(self._context.complain)
         return field
 
     def _try(self, act: Callable[[], Any]) -> None:
-        self._desk.attempt(act)
+        self._context.attempt(act)
         self.follow()
 
     def _set_range(self, *, start: float | None = None, end: float | None = None) -> None:
-        timeline = self._desk.viewer.timeline
+        timeline = self._context.viewer.timeline
         timeline.set_range(
             timeline.start if start is None else start, timeline.end if end is None else end
         )
-        self._desk.viewer.set_time(timeline.current)
+        self._context.viewer.set_time(timeline.current)
 
     def _set_rate(self, rate: float) -> None:
-        self._desk.viewer.timeline.set_rate(rate)
+        self._context.viewer.timeline.set_rate(rate)
 
     def _loop(self) -> None:
-        self._desk.viewer.timeline.loops = self.loop.isChecked()
+        self._context.viewer.timeline.loops = self.loop.isChecked()
 
     def _show_cached(self, status: SimulationStatus) -> None:
         self.ruler.show_cached(status.frames)

@@ -9,9 +9,9 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QMenu, QPushButton
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.desk import Desk
 from usdsplat.preview.qt.knob_widgets import CalmComboBox
 from usdsplat.preview.qt.number_field import NumberField
+from usdsplat.preview.qt.panel_context import PanelContext
 
 CHANNELS = ("rgb", "red", "green", "blue", "alpha", "luminance")
 FREE, ALL = "Free camera", "Frame everything"
@@ -20,24 +20,28 @@ FREE, ALL = "Free camera", "Frame everything"
 class ViewStrip(QWidget):
     """What is turned most, always in sight."""
 
-    def __init__(self, desk: Desk, *, bookmarks: QMenu, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, context: PanelContext, *, bookmarks: QMenu, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._context = context
         self.camera = _choices("Camera to look through", 150)
         self.camera.activated.connect(self._use_camera)
         self.aov = _choices("What is shown of each pixel ([ and ])", 110)
         self.aov.addItems(list(AOVS))
-        self.aov.activated.connect(lambda index: desk.viewer.set_look(aov=self.aov.itemText(index)))
+        self.aov.activated.connect(
+            lambda index: context.viewer.set_look(aov=self.aov.itemText(index))
+        )
         self.channel = _choices("Channels of color (Shift+R G B A L)", 88)
         self.channel.addItems(CHANNELS)
         self.channel.activated.connect(
-            lambda index: desk.viewer.set_display(channel=self.channel.itemText(index))
+            lambda index: context.viewer.set_display(channel=self.channel.itemText(index))
         )
         self.exposure = NumberField("Exposure", unit="stop", step=0.5)
         self.exposure.setFixedWidth(74)
         self.exposure.setToolTip("Exposure of the picture on the screen (, and . and /)")
         self.exposure.entered.connect(self._expose)
-        self.exposure.refused.connect(desk.complain)
+        self.exposure.refused.connect(context.complain)
         marks = QPushButton("Bookmarks")
         marks.setMenu(bookmarks)
         line = QHBoxLayout(self)
@@ -61,7 +65,7 @@ class ViewStrip(QWidget):
         line.addWidget(marks)
         self._spare: tuple[QWidget, ...] = (*labels, self.exposure, self.channel, marks)
         """What goes first where there is not room for everything."""
-        desk.view_changed.connect(self.follow)
+        context.view_changed.connect(self.follow)
         self.follow()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -77,7 +81,7 @@ class ViewStrip(QWidget):
 
     def follow(self) -> None:
         """Show what is so now."""
-        viewer = self._desk.viewer
+        viewer = self._context.viewer
         state = viewer.state
         with QSignalBlocker(self.camera):
             wanted = [ALL, FREE, *viewer.cameras]
@@ -93,7 +97,7 @@ class ViewStrip(QWidget):
         self.exposure.show_value(state.display.exposure)
 
     def _use_camera(self, index: int) -> None:
-        viewer = self._desk.viewer
+        viewer = self._context.viewer
         if index == 0:
             viewer.use_camera(None)
         elif index == 1:
@@ -102,7 +106,7 @@ class ViewStrip(QWidget):
             viewer.use_camera(self.camera.itemText(index))
 
     def _expose(self, stops: float) -> None:
-        self._desk.attempt(lambda: self._desk.viewer.set_display(exposure=stops))
+        self._context.attempt(lambda: self._context.viewer.set_display(exposure=stops))
         self.follow()
 
 

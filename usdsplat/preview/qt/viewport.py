@@ -1,7 +1,7 @@
 """The widget that shows a session's pictures and takes the mouse and the keys.
 
     viewport = Viewport(viewer)
-    bridge.picture.connect(viewport.show_picture)
+    proxy.picture.connect(viewport.show_picture)
     viewport.pick_requested.connect(pick)
 
 It paints with QPainter alone, so it runs wherever Qt does. What is painted over a picture is where

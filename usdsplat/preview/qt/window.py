@@ -26,12 +26,12 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.acts import acts_of
-from usdsplat.preview.qt.bridge import Bridge
 from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.message_bar import MessageBar, over
 from usdsplat.preview.qt.save_dialogs import Saving
+from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
@@ -66,7 +66,7 @@ class Window(QMainWindow):
         super().__init__()
         self._device = device
         self._threads = threads
-        self._pending: Bridge | None = None
+        self._pending: SessionProxy | None = None
         self._remarks: tuple[str, ...] = ()
         """What was said of the stage that is being opened."""
         self._path: Path | None = None
@@ -112,28 +112,30 @@ class Window(QMainWindow):
         """Open what `opener` opens, in a session of its own."""
         self._forget_pending()
         session = Session(lambda publish: opener(publish=publish))
-        bridge = Bridge(session, self)
-        self._pending, self._remarks = bridge, ()
-        bridge.opened.connect(partial(self._switch, bridge))
-        bridge.problem.connect(partial(self._could_not_open, bridge))
-        bridge.busy.connect(self._show_busy)
+        proxy = SessionProxy(session, self)
+        self._pending, self._remarks = proxy, ()
+        proxy.opened.connect(partial(self._switch, proxy))
+        proxy.problem.connect(partial(self._could_not_open, proxy))
+        proxy.busy.connect(self._show_busy)
         self._say(f"Reading {name}…" if name else "Reading…")
 
-    def _switch(self, bridge: Bridge, opened: Opened) -> None:
+    def _switch(self, proxy: SessionProxy, opened: Opened) -> None:
         """What was being opened is there: the old stage makes way."""
-        if bridge is not self._pending:
+        if proxy is not self._pending:
             return
         self._pending = None
-        bridge.problem.disconnect()
-        bridge.opened.disconnect()
+        proxy.problem.disconnect()
+        proxy.opened.disconnect()
         old = self.workspace
-        workspace = Workspace(bridge, opened, device=self._device)
+        workspace = Workspace(proxy, opened, device=self._device)
         self.workspace = workspace
-        self.saving = Saving(workspace.desk, said=self._say_briefly, window=self)
+        self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
-        workspace.desk.history_changed.connect(self._show_history)
-        workspace.desk.view_changed.connect(self._follow)
-        workspace.desk.bridge.picture.connect(lambda picture: self._show_warnings(picture.warnings))
+        workspace.context.history_changed.connect(self._show_history)
+        workspace.context.view_changed.connect(self._follow)
+        workspace.context.proxy.picture.connect(
+            lambda picture: self._show_warnings(picture.warnings)
+        )
         for name in ("step_on", "step_back", "to_start", "to_end"):
             workspace.viewport.addAction(self.actions_by_name[name])
             workspace.timeline.addAction(self.actions_by_name[name])
@@ -154,20 +156,20 @@ class Window(QMainWindow):
             old.deleteLater()
         self.opened.emit(opened)
 
-    def _could_not_open(self, bridge: Bridge, problem: Problem) -> None:
-        if bridge is self._pending:
+    def _could_not_open(self, proxy: SessionProxy, problem: Problem) -> None:
+        if proxy is self._pending:
             self._remarks = (*self._remarks, problem.sentence)
-            if bridge.session.has_failed:
+            if proxy.session.has_failed:
                 self._forget_pending()
                 self._say("")
                 self.problems.say("\n".join(self._remarks))
 
     def _forget_pending(self) -> None:
         if self._pending is not None:
-            bridge, self._pending = self._pending, None
-            bridge.close()
-            threading.Thread(target=bridge.session.close, name="closes a session").start()
-            bridge.deleteLater()
+            proxy, self._pending = self._pending, None
+            proxy.close()
+            threading.Thread(target=proxy.session.close, name="closes a session").start()
+            proxy.deleteLater()
 
     def _use_device(self, device: str) -> None:
         """Open the file anew on another device."""
@@ -263,7 +265,7 @@ class Window(QMainWindow):
         self._cameras = []
         if self.workspace is None:
             return
-        viewer = self.workspace.desk.viewer
+        viewer = self.workspace.context.viewer
         entries: list[tuple[str, Callable[[], Any], bool]] = [
             (path, partial(viewer.use_camera, path), path == viewer.state.camera)
             for path in viewer.cameras
@@ -286,12 +288,12 @@ class Window(QMainWindow):
     def _follow(self) -> None:
         if self.workspace is None:
             return
-        state = self.workspace.desk.viewer.state
+        state = self.workspace.context.viewer.state
         self.actions_by_name["compare"].setChecked(state.other is not None)
         self.actions_by_name["hud"].setChecked(self.workspace.shows_hud)
         for purpose, action in self._purposes.items():
             action.setChecked(purpose in state.purposes)
-        self._path_note.setText(self.workspace.desk.selected)
+        self._path_note.setText(self.workspace.context.selected)
         self._enable_simulation()
 
     def _show_history(self, undoable: str | None, redoable: str | None) -> None:
@@ -308,7 +310,7 @@ class Window(QMainWindow):
 
     def _enable_simulation(self) -> None:
         workspace = self.workspace
-        has_simulation = workspace is not None and workspace.desk.viewer.has_simulation
+        has_simulation = workspace is not None and workspace.context.viewer.has_simulation
         for name in ("sim_run", "sim_step", "sim_reset", "sim_record"):
             self.actions_by_name[name].setEnabled(has_simulation)
 

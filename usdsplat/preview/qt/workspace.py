@@ -12,13 +12,13 @@ from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.picking import Picked, pick
-from usdsplat.preview.qt.bridge import Bridge
-from usdsplat.preview.qt.desk import Desk, Question
 from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.prim_panel import PrimPanel
 from usdsplat.preview.qt.prim_tree import PrimTree
 from usdsplat.preview.qt.probe_panel import ProbePanel
 from usdsplat.preview.qt.render_panel import RenderPanel
+from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.simulation_panel import SimulationPanel
 from usdsplat.preview.qt.timeline_bar import TimelineBar
 from usdsplat.preview.qt.view_strip import ViewStrip
@@ -40,7 +40,7 @@ class Workspace(QWidget):
     """The inside of a window, once a stage is open.
 
     Args:
-        bridge: To the session, which ends with this.
+        proxy: To the session, which ends with this.
         opened: What the session said of the stage.
         device: What the session draws on, as it was asked for.
     """
@@ -48,56 +48,56 @@ class Workspace(QWidget):
     device_chosen = Signal(str)
 
     def __init__(
-        self, bridge: Bridge, opened: Opened, *, device: str, parent: QWidget | None = None
+        self, proxy: SessionProxy, opened: Opened, *, device: str, parent: QWidget | None = None
     ) -> None:
         super().__init__(parent)
         self.opened = opened
-        self.bridge = bridge
-        bridge.setParent(self)
-        self.desk = desk = Desk(bridge, self)
+        self.proxy = proxy
+        proxy.setParent(self)
+        self.context = context = PanelContext(proxy, self)
         self.bookmarks = QMenu("Bookmarks", self)
         self.bookmarks.aboutToShow.connect(self._fill_bookmarks)
         self.problems = MessageBar(is_problem=True)
         self._of_picture = ""
         self.notices = MessageBar(is_problem=False)
-        self.strip = ViewStrip(desk, bookmarks=self.bookmarks)
-        self.viewport = Viewport(desk.viewer)
-        self.tree = PrimTree(desk)
-        self.prim = PrimPanel(desk)
-        self.render_panel = RenderPanel(desk, device=device)
-        self.simulation = SimulationPanel(desk)
-        self.probe = ProbePanel(desk, self.viewport)
-        self.timeline = TimelineBar(desk)
+        self.strip = ViewStrip(context, bookmarks=self.bookmarks)
+        self.viewport = Viewport(context.viewer)
+        self.tree = PrimTree(context)
+        self.prim = PrimPanel(context)
+        self.render_panel = RenderPanel(context, device=device)
+        self.simulation = SimulationPanel(context)
+        self.probe = ProbePanel(context, self.viewport)
+        self.timeline = TimelineBar(context)
         self._connect()
         self._lay_out()
         self._files = Question(self, self._ask_files)
         self._watch = QTimer(self)
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
-        desk.viewer.opened(opened)
+        context.viewer.opened(opened)
         self.tree.model.refresh()
 
     def end(self) -> None:
         """Let go of the session, without waiting for what it is in the middle of."""
         self._watch.stop()
-        self.bridge.close()
-        threading.Thread(target=self.bridge.session.close, name="closes a session").start()
+        self.proxy.close()
+        threading.Thread(target=self.proxy.session.close, name="closes a session").start()
 
     # --- what keys and menus do -------------------------------------------------------------
 
     def frame_selected(self) -> None:
         """Look at the selected prims, or at everything."""
-        self.desk.viewer.frame(self.desk.viewer.state.selected)
+        self.context.viewer.frame(self.context.viewer.state.selected)
 
     def free_camera(self) -> None:
         """See the same, but by a camera that can be moved."""
-        viewer = self.desk.viewer
+        viewer = self.context.viewer
         viewer.use_camera(viewer.free_camera())
 
     def toggle_compare(self) -> None:
         """Compare with another look, or do not."""
         self.right.setCurrentWidget(self.render_panel)
-        self.render_panel.set_compare(self.desk.viewer.state.other is None)
+        self.render_panel.set_compare(self.context.viewer.state.other is None)
 
     @property
     def shows_hud(self) -> bool:
@@ -110,28 +110,28 @@ class Workspace(QWidget):
 
     def toggle_channel(self, channel: str) -> None:
         """Show one channel alone; or all again, if it was alone."""
-        is_on = self.desk.viewer.state.display.channel == channel
-        self.desk.viewer.set_display(channel="rgb" if is_on else channel)
+        is_on = self.context.viewer.state.display.channel == channel
+        self.context.viewer.set_display(channel="rgb" if is_on else channel)
 
     def expose(self, stops: float | None) -> None:
         """Show it brighter; None as it was rendered."""
-        now = self.desk.viewer.state.display.exposure
+        now = self.context.viewer.state.display.exposure
         exposure = 0.0 if stops is None else now + stops
-        self.desk.attempt(lambda: self.desk.viewer.set_display(exposure=exposure))
+        self.context.attempt(lambda: self.context.viewer.set_display(exposure=exposure))
 
     def next_aov(self, by: int) -> None:
         """Show another AOV, in the order of the list."""
         names = list(AOVS)
-        place = names.index(self.desk.viewer.state.look.aov)
-        self.desk.viewer.set_look(aov=names[(place + by) % len(names)])
+        place = names.index(self.context.viewer.state.look.aov)
+        self.context.viewer.set_look(aov=names[(place + by) % len(names)])
 
     def undo(self) -> None:
         """Take the last edit back."""
-        self.desk.edit(Edits.undo)
+        self.context.edit(Edits.undo)
 
     def redo(self) -> None:
         """Do it again."""
-        self.desk.edit(Edits.redo)
+        self.context.edit(Edits.redo)
 
     def reload(self) -> None:
         """Read again what has changed on disk."""
@@ -142,35 +142,35 @@ class Workspace(QWidget):
             self.notices.clear()
             self.tree.model.refresh()
 
-        self.bridge.ask(opening.reload, done, lambda error: self._failed(str(error)))
+        self.proxy.ask(opening.reload, done, lambda error: self._failed(str(error)))
 
     def save_camera(self) -> None:
         """Author the view as a camera on the session layer, and look through it."""
-        picture = self.desk.picture
+        picture = self.context.picture
         if picture is None:
             return
 
         def made(paths: tuple[str, ...]) -> None:
-            self.desk.viewer.cameras = paths
+            self.context.viewer.cameras = paths
             self.strip.follow()
 
-        self.desk.edit(partial(_save_camera, spec=picture.camera))
-        self.bridge.ask(lambda document: cameras.cameras(document.stage), made)
+        self.context.edit(partial(_save_camera, spec=picture.camera))
+        self.proxy.ask(lambda document: cameras.cameras(document.stage), made)
 
     def set_purposes(self, purpose: str, is_on: bool) -> None:
         """Draw prims of a purpose, or not."""
-        viewer = self.desk.viewer
+        viewer = self.context.viewer
         kept = tuple(each for each in viewer.state.purposes if each != purpose)
         viewer.set_purposes((*kept, purpose) if is_on else kept)
 
     # --- private ----------------------------------------------------------------------------
 
     def _connect(self) -> None:
-        bridge, desk = self.bridge, self.desk
-        bridge.picture.connect(self.viewport.show_picture)
-        bridge.picture.connect(lambda picture: self._take_back())
-        bridge.problem.connect(self._say)
-        self.tree.frame_requested.connect(lambda path: desk.viewer.frame((path,)))
+        proxy, context = self.proxy, self.context
+        proxy.picture.connect(self.viewport.show_picture)
+        proxy.picture.connect(lambda picture: self._take_back())
+        proxy.problem.connect(self._say)
+        self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         self.render_panel.device_chosen.connect(self.device_chosen)
 
@@ -208,7 +208,7 @@ class Workspace(QWidget):
         column.addWidget(self.timeline)
 
     def _fill_bookmarks(self) -> None:
-        viewer = self.desk.viewer
+        viewer = self.context.viewer
         self.bookmarks.clear()
         self.bookmarks.addAction("Bookmark this view", viewer.add_bookmark)
         self.bookmarks.addAction("Save view as a camera", self.save_camera)
@@ -227,16 +227,16 @@ class Workspace(QWidget):
                 words = f"Changed on disk: {', '.join(names)}"
                 self.notices.say(words, action="Reload", act=self.reload)
 
-        self.bridge.ask(opening.changed_files, answered, lambda error: done())
+        self.proxy.ask(opening.changed_files, answered, lambda error: done())
 
     def _aim(self, x: float, y: float) -> None:
         """Turn about what is under the pointer."""
 
         def found(picked: Picked | None) -> None:
             if picked is not None:
-                self.desk.viewer.aim(picked.position)
+                self.context.viewer.aim(picked.position)
 
-        self.bridge.ask(lambda document: pick(document, x, y), found)
+        self.proxy.ask(lambda document: pick(document, x, y), found)
 
     def _say(self, problem: Problem) -> None:
         self.problems.say(problem.sentence)

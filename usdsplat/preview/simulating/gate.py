@@ -1,4 +1,4 @@
-"""Where a simulation's thread is held or stopped: between two pieces of its work.
+"""Pause or stop a simulation's thread, between two pieces of its work.
 
 A piece is a kernel, or a look at the stage. A piece that has begun is finished, and no lock is held
 while the thread waits at its gate.
@@ -109,8 +109,8 @@ class GatedDevice:
         return self._device.run(kernel, *args)
 
 
-class Reading(AbstractContextManager[None]):
-    """Holds a stage's lock for one thread that works behind a gate; entered again at will.
+class StageRead(AbstractContextManager[None]):
+    """Reentrant hold of a stage's lock, for one thread that works behind a gate.
 
     Args:
         lock: Of the stage.

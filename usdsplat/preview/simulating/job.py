@@ -13,7 +13,7 @@ from pxr import Usd
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.kernels.device import Device
 from usdsplat.preview.compiling import telling
-from usdsplat.preview.simulating.gate import Gate, GatedDevice, Reading, Stopped
+from usdsplat.preview.simulating.gate import Gate, GatedDevice, StageRead, Stopped
 from usdsplat.preview.values import Event
 
 LOG = logging.getLogger("usdsplat")
@@ -44,7 +44,7 @@ class Job(ABC):
         self.is_over = False
         self._host, self._tell = host, changed
         self._compiled: Callable[[], None] = lambda: None
-        self._reading = Reading(host.lock, self.gate)
+        self._reading = StageRead(host.lock, self.gate)
         self._device = GatedDevice(device, self.gate)
         self._thread = threading.Thread(target=self._run, name="usdsplat simulation", daemon=True)
 

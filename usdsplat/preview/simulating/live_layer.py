@@ -23,8 +23,8 @@ from usdsplat.schema import tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.bake_dense import KINDS, stored
-from usdsplat.sim.stage.part import Part, sampled
 from usdsplat.sim.stage.plan import BakedField, Plan, plan
+from usdsplat.sim.stage.sample_layer import SampleLayer, sampled
 from usdsplat.sim.state import Frame
 
 Array = npt.NDArray[Any]
@@ -131,7 +131,7 @@ class LiveLayer:
             time: Of the frame, after those that were written [time code].
             values: What `made` gave.
         """
-        part = Part(self._layer)
+        part = SampleLayer(self._layer)
         with Sdf.ChangeBlock():
             if not self._times:
                 self._begin(part, values)
@@ -169,7 +169,7 @@ class LiveLayer:
         size = np.asarray(made).nbytes
         return Value(path=path, name=name, kind=kind, value=made, bytes=size, elements=elements)
 
-    def _begin(self, part: Part, values: Sequence[Value]) -> None:
+    def _begin(self, part: SampleLayer, values: Sequence[Value]) -> None:
         """Say what holds for all frames, and declare what they are made of."""
         for path, said in self._plans.items():
             part.prim(path, said.retype)
@@ -214,7 +214,7 @@ def _plan(stage: Usd.Stage, field: BakedField) -> Plan:
     return found
 
 
-def _declared(part: Part, value: Value) -> Sdf.AttributeSpec:
+def _declared(part: SampleLayer, value: Value) -> Sdf.AttributeSpec:
     """The attribute of a value."""
     spec = part.attribute(value.path, value.name, value.kind)
     if value.name in _HARMONICS and not spec.HasInfo("interpolation"):

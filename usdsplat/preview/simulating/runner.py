@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from usdsplat.kernels.device import open_device
+from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
 from usdsplat.preview.simulating.recording import Recording

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import QDockWidget, QWidget
 from usdsplat.preview.document import Document
 from usdsplat.preview.opening import document_of
 from usdsplat.preview.qt import style
-from usdsplat.preview.qt.bridge import Bridge
+from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.usdview.following import Following
@@ -52,7 +52,7 @@ class View:
     """What there is for as long as usdview has a stage and somebody looks at it."""
 
     session: Session
-    bridge: Bridge
+    proxy: SessionProxy
     document: Document | None = None
     workspace: Workspace | None = None
     following: Following | None = None
@@ -158,8 +158,8 @@ class Host(QObject):
             return
         session = Session(lambda publish: self._read(stage, publish), own_thread=False)
         session.listen(self._tell)
-        self._view = View(session=session, bridge=Bridge(session))
-        self._view.bridge.opened.connect(self._opened)
+        self._view = View(session=session, proxy=SessionProxy(session))
+        self._view.proxy.opened.connect(self._opened)
         self._timer.start(0)
 
     def _read(self, stage: Any, publish: Callable[[Event], None]) -> Document:
@@ -175,10 +175,10 @@ class Host(QObject):
         view = self._view
         if view is None:
             return
-        workspace = view.workspace = Workspace(view.bridge, event, device=self._device)
+        workspace = view.workspace = Workspace(view.proxy, event, device=self._device)
         workspace.device_chosen.connect(self.use_device)
         workspace.viewport.installEventFilter(self)
-        view.following = Following(self._api, workspace.desk.viewer)
+        view.following = Following(self._api, workspace.context.viewer)
         for name in self._docks:
             self._fill(name, view.panel(name))
 
@@ -188,7 +188,7 @@ class Host(QObject):
         view, self._view = self._view, None
         if view is None:
             return
-        view.bridge.close()
+        view.proxy.close()
         if view.document is not None:
             view.document.lock.release()  # a simulation that waits for it could not end
         view.session.close()
@@ -197,7 +197,7 @@ class Host(QObject):
             dock.setWidget(QWidget())
             if old is not None:
                 old.deleteLater()
-        (view.workspace or view.bridge).deleteLater()
+        (view.workspace or view.proxy).deleteLater()
 
     # --- a turn ----------------------------------------------------------------------------
 

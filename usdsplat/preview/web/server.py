@@ -27,7 +27,7 @@ from websockets.http11 import Request, Response
 
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.session import Session
-from usdsplat.preview.web.desk import Desk
+from usdsplat.preview.web.controller import WebController
 from usdsplat.preview.web.files import File, files
 from usdsplat.preview.web.frames import frame
 from usdsplat.preview.web.guard import HEADERS, SOCKET, Guard, Refusal, is_loopback, spoken
@@ -98,10 +98,10 @@ class Server:
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
         guard = Guard(token=self._token, host=self._host, files=files())
-        desk = Desk(self._session, self._pages, camera=self._camera, time=self._time)
+        controller = WebController(self._session, self._pages, camera=self._camera, time=self._time)
         try:
             async with listen(
-                lambda socket: self._talk(socket, desk),
+                lambda socket: self._talk(socket, controller),
                 # one name may be several addresses, and port 0 another one on each
                 "127.0.0.1" if self._host == "localhost" else self._host,
                 self._port,
@@ -119,9 +119,9 @@ class Server:
                 self._started.set_result(None)
                 await self._stop.wait()
         finally:
-            desk.close()
+            controller.close()
 
-    async def _talk(self, socket: ServerConnection, desk: Desk) -> None:
+    async def _talk(self, socket: ServerConnection, controller: WebController) -> None:
         """Everything with one page."""
         if len(self._pages) >= MOST_PAGES:
             await socket.close(1013, "too many pages")
@@ -131,15 +131,15 @@ class Server:
         writing = asyncio.create_task(_write(socket, page))
         try:
             async for data in socket:
-                self._hear(page, data, desk)
+                self._hear(page, data, controller)
         except ConnectionClosed:
             pass
         finally:
             writing.cancel()
             if self._pages.leave(page):
-                desk.rest()
+                controller.rest()
 
-    def _hear(self, page: Page, data: str | bytes, desk: Desk) -> None:
+    def _hear(self, page: Page, data: str | bytes, controller: WebController) -> None:
         """One message; whatever it is, the page gets a sentence, and the terminal no traceback."""
         try:
             message = read(data)
@@ -147,16 +147,16 @@ class Server:
                 page.outbox.acknowledged(message.number)
             elif isinstance(message, Hello):
                 if self._pages.greet(page, message.page):
-                    desk.welcome(message.width, message.height)
+                    controller.welcome(message.width, message.height)
             elif page.name is None:
                 raise UsageError("message", "another one", "hello first")
             elif isinstance(message, TakeOver):
                 self._pages.take_over(page)
-                desk.welcome(message.width, message.height)
+                controller.welcome(message.width, message.height)
             elif page is not self._pages.holder:
                 page.outbox.tell("in_use", None)
             else:
-                desk.do(message)
+                controller.do(message)
         except UsageError as error:
             page.outbox.tell("problem", str(error))
         except Exception:

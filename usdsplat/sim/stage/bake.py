@@ -31,9 +31,9 @@ from usdsplat.sim.stage.bake_edit import EditAuthor
 from usdsplat.sim.stage.bake_layers import BakeLayers
 from usdsplat.sim.stage.bake_packed import PackedAuthor
 from usdsplat.sim.stage.epochs import Sample, samples
-from usdsplat.sim.stage.part import Part, new_part
 from usdsplat.sim.stage.plan import BakedField, Plan
 from usdsplat.sim.stage.provenance import Provenance, read_record
+from usdsplat.sim.stage.sample_layer import SampleLayer, new_part
 from usdsplat.sim.stage.spool import Spool, ids_of, match
 from usdsplat.sim.state import Frame, State
 
@@ -41,7 +41,7 @@ _EXTRA = "bake:"
 
 
 class _Author(Protocol):
-    def write(self, part: Part, sample: Sample) -> None:
+    def write(self, part: SampleLayer, sample: Sample) -> None:
         """Add a sample to a part."""
 
 

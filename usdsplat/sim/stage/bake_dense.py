@@ -13,8 +13,8 @@ from usdsplat.core.errors import UsageError
 from usdsplat.schema import stock, tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.stage.epochs import Sample
-from usdsplat.sim.stage.part import Part
 from usdsplat.sim.stage.plan import Plan
+from usdsplat.sim.stage.sample_layer import SampleLayer
 
 Array = npt.NDArray[Any]
 
@@ -41,7 +41,7 @@ class DenseAuthor:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
-    def write(self, part: Part, sample: Sample) -> None:
+    def write(self, part: SampleLayer, sample: Sample) -> None:
         """Add a sample to a part."""
         plan = self._plan
         part.prim(plan.path, plan.retype)
@@ -54,7 +54,7 @@ class DenseAuthor:
             degree.default = plan.rest.sh_degree
         common(part, plan, sample)
 
-    def _array(self, part: Part, name: str, value: Array, time: float) -> None:
+    def _array(self, part: SampleLayer, name: str, value: Array, time: float) -> None:
         kind, vt = KINDS[name]
         value = stored(name, value)
         if name in (tokens.SH_COEFFICIENTS, tokens.SH_COEFFICIENTS_HALF):
@@ -83,14 +83,14 @@ def stored(name: str, value: Array) -> Array:
     return np.where((value > 0) & (value < tiny), tiny, value)
 
 
-def stop(part: Part, path: str, time: float) -> None:
+def stop(part: SampleLayer, path: str, time: float) -> None:
     """Let velocities lead on no further than to this time, after the last frame, or from it until
     the first: a bake of some frames of a shot shows its ends in the others."""
     none = Vt.Vec3fArray()
     part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, none, time)
 
 
-def common(part: Part, plan: Plan, sample: Sample) -> None:
+def common(part: SampleLayer, plan: Plan, sample: Sample) -> None:
     """What is written in every mode: extent, velocities, ids, pattern."""
     path, time = plan.path, sample.time
     if plan.moves:

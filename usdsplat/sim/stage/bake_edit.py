@@ -18,8 +18,8 @@ from usdsplat.schema import tokens
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.stage.bake_dense import KINDS, common, stored
 from usdsplat.sim.stage.epochs import Sample
-from usdsplat.sim.stage.part import Part
 from usdsplat.sim.stage.plan import Plan
+from usdsplat.sim.stage.sample_layer import SampleLayer
 
 Array = npt.NDArray[Any]
 Bool = npt.NDArray[np.bool_]
@@ -54,7 +54,7 @@ class EditAuthor:
         self._first = first
         self._edited: dict[str, Bool] = {}
 
-    def write(self, part: Part, sample: Sample) -> None:
+    def write(self, part: SampleLayer, sample: Sample) -> None:
         """Add a sample to a part."""
         plan = self._plan
         part.prim(plan.path)

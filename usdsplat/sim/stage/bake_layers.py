@@ -24,9 +24,9 @@ from pxr import Sdf, Usd, Vt
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import atomic_path
 from usdsplat.schema import tokens
-from usdsplat.sim.stage.part import declare, merge, sampled
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
+from usdsplat.sim.stage.sample_layer import declare, merge, sampled
 
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
 _WORK = ("checkpoint", "*.frame", ".[0-9]*-*.*")

@@ -10,8 +10,8 @@ from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.schema import packed, packing, proxy, tokens
 from usdsplat.sim.stage.bake_dense import common
 from usdsplat.sim.stage.epochs import Sample
-from usdsplat.sim.stage.part import Part
 from usdsplat.sim.stage.plan import Plan
+from usdsplat.sim.stage.sample_layer import SampleLayer
 
 
 class PackedAuthor:
@@ -22,7 +22,7 @@ class PackedAuthor:
         self._sh: F32 | None = None
         self._packed: packing.PackedArrays | None = None
 
-    def write(self, part: Part, sample: Sample) -> None:
+    def write(self, part: SampleLayer, sample: Sample) -> None:
         """Add a sample to a part."""
         plan = self._plan
         if sample.sh is not None:

@@ -29,7 +29,7 @@ from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
 from usdsplat.sim.stage.collections import find_simulations
-from usdsplat.sim.stage.doubts import doubts
+from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
@@ -125,7 +125,7 @@ class StageRecipe:
         self.remarks: tuple[str, ...] = (
             *(said or ()),
             *of_field,
-            *map(str, doubts(simulation, members)),
+            *map(str, findings(simulation, members)),
         )
         """What the stage says and nobody reads, a sentence each."""
 

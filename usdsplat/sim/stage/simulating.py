@@ -18,7 +18,8 @@ from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
-from usdsplat.kernels.device import Device, open_device
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake

@@ -13,7 +13,7 @@ from usdsplat.core.errors import UsdSplatError
 from usdsplat.schema import Finding
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage import collections
-from usdsplat.sim.stage.doubts import doubts
+from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.recipe import recipes
 
@@ -35,7 +35,7 @@ def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list
     found = list(_bakes(stage))
     for prim in collections.find_simulations(stage):
         members = collections.affectors(stage, prim)
-        found += [_finding("warning", "unused", error) for error in doubts(prim, members)]
+        found += [_finding("warning", "unused", error) for error in findings(prim, members)]
         times = [time] if time is not None else _times(stage, [prim, *members])
         try:
             for recipe in recipes(stage, prim, start=times[0]):

@@ -1,0 +1,219 @@
+"""Rows of one element of a PLY file, a block at a time, whatever the encoding of the data.
+
+What the header claims is compared with the size of the file before anything is read.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from io import FileIO
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.errors import FormatError
+from usdsplat.formats.cloud_builder import in_parallel
+from usdsplat.formats.ply.header import Element, Header
+
+Block = npt.NDArray[np.void]
+
+BLOCK_BYTES = 1 << 20
+"""Of a block in the file: small enough to stay in the cache while it is decoded."""
+
+_LINE_LIMIT = 1 << 16
+
+
+def open_table(path: Path, header: Header, name: str) -> Table:
+    """The element called `name`, whose rows the file is long enough to hold.
+
+    Raises:
+        FormatError: If the element is missing, has list properties, stands behind one whose size is
+            unknown, or if the file is too short.
+    """
+    element = header.element(name)
+    if element is None:
+        raise FormatError(str(path), f"no element {name}", "one in the header")
+    if element.has_list:
+        raise FormatError(str(path), f"a list property in element {name}", "numbers only")
+    kind = BinaryTable if header.byte_order else TextTable
+    return kind(path, header, element)
+
+
+class Table(ABC):
+    """Rows of one element, of fixed size."""
+
+    dtype: np.dtype[np.void]
+    """Of the blocks: one field per property, native byte order."""
+
+    def __init__(self, path: Path, header: Header, element: Element) -> None:
+        self._path = path
+        self._header = header
+        self._element = element
+        self._before = header.elements[: header.elements.index(element)]
+        self.types = element.types
+        self.count = element.count
+        self.rows_per_block = max(1, BLOCK_BYTES // max(1, element.row_bytes))
+        needed = header.size + self._smallest()
+        size = path.stat().st_size
+        if needed > size:
+            found = f"{size} bytes"
+            expected = f"at least {needed} for {element.count} rows of element {element.name}"
+            raise FormatError(str(path), found, expected)
+
+    @abstractmethod
+    def _smallest(self) -> int:
+        """Bytes behind the header that the rows, and those before them, take at least."""
+
+    @abstractmethod
+    def _pieces(self, rows: int) -> Generator[Block]:
+        """Blocks of `rows` rows, the last one shorter."""
+
+    def blocks(self, rows: int | None = None) -> Iterator[tuple[slice, Block]]:
+        """Yield (slice of rows, block); a block is valid until the next one is asked for.
+
+        Args:
+            rows: Rows per block; `rows_per_block` by default.
+
+        Raises:
+            FormatError: If the rows end early after all, or hold no numbers.
+        """
+        start = 0
+        with closing(self._pieces(rows or self.rows_per_block)) as pieces:
+            for block in pieces:
+                yield slice(start, start + len(block)), block
+                start += len(block)
+
+    def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
+        """Do `work` on (slice of rows, block), for all rows; a block is valid until it returns.
+
+        Rows of a fixed size are read and worked on in threads.
+
+        Args:
+            work: May be called by several threads at once.
+            told: Called with the number of rows that are done, by the caller's own thread.
+
+        Raises:
+            FormatError: As for `blocks`.
+            Exception: What `work` raised first, in the order of the rows.
+        """
+        for rows, block in self.blocks():
+            work(rows, block)
+            told(rows.stop)
+
+    def remarks(self) -> tuple[str, ...]:
+        """What is odd about the file's length, a sentence or none."""
+        total = self._header.size
+        for element in self._header.elements:
+            if element.has_list or not self._header.byte_order:
+                return ()  # unknown without reading all of it
+            total += element.count * element.row_bytes
+        surplus = self._path.stat().st_size - total
+        return (f"ignored {surplus} bytes behind the last element",) if surplus > 0 else ()
+
+    def whole(self) -> Block:
+        """All rows at once, for small elements."""
+        if not self.count:
+            return np.empty(0, self.dtype)
+        return next(iter(self.blocks(self.count)))[1]
+
+    def _short(self, found: int) -> FormatError:
+        what = f"{found} rows of element {self._element.name}"
+        return FormatError(str(self._path), what, str(self.count))
+
+
+class BinaryTable(Table):
+    """Rows as the machine stores numbers, in either byte order."""
+
+    def __init__(self, path: Path, header: Header, element: Element) -> None:
+        for earlier in header.elements[: header.elements.index(element)]:
+            if earlier.has_list:
+                found = f"a list property in element {earlier.name}, ahead of {element.name}"
+                raise FormatError(str(path), found, "rows of fixed size there")
+        fields = [(name, header.byte_order + code) for name, code in element.types.items()]
+        self._stored = np.dtype(fields)
+        self.dtype = self._stored.newbyteorder("=")
+        super().__init__(path, header, element)
+
+    def _smallest(self) -> int:
+        return self._offset() + self.count * self._stored.itemsize
+
+    def _offset(self) -> int:
+        return sum(earlier.count * earlier.row_bytes for earlier in self._before)
+
+    def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
+        buffers: list[Block] = []  # of threads that are between two blocks
+
+        def read_and_work(rows: slice) -> None:
+            buffer = buffers.pop() if buffers else self._buffer(self.rows_per_block)
+            with self._path.open("rb", buffering=0) as file:
+                work(rows, self._read(file, rows, buffer))
+            buffers.append(buffer)
+
+        in_parallel(self.count, read_and_work, rows=self.rows_per_block, told=told)
+
+    def _pieces(self, rows: int) -> Generator[Block]:
+        buffer = self._buffer(rows)
+        with self._path.open("rb", buffering=0) as file:
+            for start in range(0, self.count, rows):
+                yield self._read(file, slice(start, min(start + rows, self.count)), buffer)
+
+    def _buffer(self, rows: int) -> Block:
+        return np.empty(min(rows, self.count), self._stored)
+
+    def _read(self, file: FileIO, rows: slice, buffer: Block) -> Block:
+        """Some rows, in `buffer` if it can be."""
+        block = buffer[: rows.stop - rows.start]
+        file.seek(self._header.size + self._offset() + rows.start * self._stored.itemsize)
+        if file.readinto(block.view(np.uint8).data) < block.nbytes:
+            raise self._short(rows.start)  # somebody cut the file since
+        return block.astype(self.dtype, copy=False)
+
+
+class TextTable(Table):
+    """Rows as lines of decimal numbers; float64 holds every type of PLY exactly."""
+
+    def __init__(self, path: Path, header: Header, element: Element) -> None:
+        self.dtype = np.dtype([(name, "f8") for name in element.types])
+        super().__init__(path, header, element)
+
+    def _smallest(self) -> int:
+        # A digit and what parts it from the next; the last line may lack its end.
+        numbers = sum(e.count * len(e.types) for e in (*self._before, self._element))
+        return max(0, 2 * numbers - 1)
+
+    def _pieces(self, rows: int) -> Generator[Block]:
+        lines = self._lines()
+        skipped = sum(earlier.count for earlier in self._before if earlier.types)
+        for _ in islice(lines, skipped):
+            pass
+        for start in range(0, self.count, rows):
+            piece = list(islice(lines, min(rows, self.count - start)))
+            if len(piece) < min(rows, self.count - start):
+                raise self._short(start + len(piece))
+            yield self._parse(piece, start)
+
+    def _lines(self) -> Iterator[bytes]:
+        """Lines of the data that are not blank."""
+        with self._path.open("rb") as file:
+            file.seek(self._header.size)
+            while line := file.readline(_LINE_LIMIT):
+                if len(line) == _LINE_LIMIT:
+                    raise FormatError(str(self._path), f"a line of {_LINE_LIMIT} bytes", "a row")
+                if not line.isspace():
+                    yield line
+
+    def _parse(self, lines: list[bytes], start: int) -> Block:
+        name, width = self._element.name, len(self._element.types)
+        where = f"{self._path}: rows of element {name} from {start} on"
+        try:
+            numbers = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="latin-1")
+        except ValueError as error:
+            found = "text that is no number, or rows of several lengths"
+            raise FormatError(where, found, f"{width} numbers a row") from error
+        if numbers.shape[1] != width:
+            raise FormatError(where, f"{numbers.shape[1]} numbers a row", str(width))
+        return numbers.view(self.dtype)[:, 0]

@@ -1,0 +1,100 @@
+"""PlayCanvas's SOG, versions 1 and 2: lossless WebP images of codes, one pixel per splat.
+
+A zip archive, or a folder with `meta.json`. 16-bit positions on a logarithmic scale, 8-bit codes
+into tables for the rest, harmonics from a palette. Lossy: see `ERROR_BOUNDS`. Version 2 is written.
+
+Source: PlayCanvas, "The SOG Format"; for version 1 the reader of splat-transform. The document says
+"rub"; the files that its tools write hold the axes of the capture they came from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
+from usdsplat.formats.cloud_builder import CloudBuilder
+from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
+from usdsplat.formats.sog import target
+from usdsplat.formats.sog.decoding import decode, survey
+from usdsplat.formats.sog.encoding import encode
+from usdsplat.formats.sog.files import open_sog
+from usdsplat.formats.sog.meta import META
+
+SUFFIXES: tuple[str, ...] = (".sog", f"/{META}")
+FRAME = "rdf"
+MAX_DEGREE = 3
+"""Readers of others know no higher, though there would be room."""
+
+ERROR_BOUNDS = {
+    "positions": "1/65535 of the range of sign(x) ln(1 + |x|)",
+    "scales": "an interval of the file's table of 256 logarithms",
+    "rotations": "1.5 degrees",
+    "opacities": "1/255",
+    "sh": "degree 0: an interval of the file's table of 256; above: the nearest of the palette",
+}
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether `path` is a zip file, `meta.json`, or a folder that holds one."""
+    is_folder = path.is_dir() and (path / META).is_file()
+    return is_folder or path.name.lower() == META or head.startswith(b"PK\x03\x04")
+
+
+def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
+    """Read splats.
+
+    Raises:
+        FormatError: If a file is missing or damaged, an image has another size than the splats or
+            the palette need, or `meta.json` has impossible values.
+    """
+    with open_sog(path) as files:
+        sog = survey(files)
+        count = sog.meta.count
+        builder = CloudBuilder(str(path), count, sog.degree, how)
+        decode(
+            sog,
+            [(0, count)],
+            builder,
+            0,
+            lambda done: how.progress.step(f"reading {path}", done, count),
+        )
+        paths = files.paths(sog.meta.files)
+    cloud, notes = builder.cloud()
+    return Capture(
+        cloud=cloud,
+        format=f"SOG {sog.meta.version}",
+        files=paths,
+        frame=FRAME,
+        antialiased=sog.meta.antialiased,
+        error_bounds=ERROR_BOUNDS,
+        notes=(UNKNOWN_AXES, *notes),
+    )
+
+
+def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
+    """Write version 2; identities, velocities and the order of the splats are lost.
+
+    Args:
+        cloud: Finite splats; a scale of 0 becomes exp(-20), for a table holds no logarithm of it.
+        path: A file, or `meta.json` in a folder that is new, empty or holds a SOG.
+        how: Whether the file says that the splats are meant for the antialiased projection.
+
+    Returns:
+        What that costs, field by field, as a `Capture` has it.
+
+    Raises:
+        OutputError: If nothing can be written there.
+    """
+    encoded = encode(
+        str(path),
+        cloud,
+        antialiased=how.antialiased,
+        told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
+    )
+    if path.name.lower() == META:
+        target.write_folder(path, encoded)
+    else:
+        target.write_archive(path, encoded)
+    return ERROR_BOUNDS

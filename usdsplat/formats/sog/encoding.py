@@ -1,0 +1,162 @@
+"""Splats as the images and the `meta.json` of a SOG, version 2.
+
+Source: PlayCanvas, "The SOG Format". Splats go along a Z-order curve, so that pixels resemble their
+neighbours and pack well.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core import morton
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.encoding import encode_smallest_three, quantize
+from usdsplat.core.errors import OutputError
+from usdsplat.formats import webp
+from usdsplat.formats.cloud_builder import threads
+from usdsplat.formats.sog import codebook, palette
+from usdsplat.formats.sog.meta import PALETTE_COLUMNS, ROTATION_TAG
+
+Codes = npt.NDArray[np.uint8]
+
+SMALLEST_LOGARITHM = -20.0
+"""Of a scale: a table of numbers holds no logarithm of 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class EncodedSog:
+    """A SOG that has no place yet."""
+
+    images: Mapping[str, bytes]
+    """WebP files by their usual names."""
+    sections: Mapping[str, Any]
+    """What `meta.json` says of them; each image is named under "files" of one section."""
+
+    def meta(self, names: Mapping[str, str]) -> bytes:
+        """The text of `meta.json` where images have other names: usual name -> that one."""
+        named = {
+            key: value | {"files": [names.get(name, name) for name in value["files"]]}
+            if isinstance(value, dict) and "files" in value
+            else value
+            for key, value in self.sections.items()
+        }
+        return json.dumps(named, allow_nan=False).encode()
+
+
+def encode(
+    target: str, cloud: SplatCloud, *, antialiased: bool, told: Callable[[int], None]
+) -> EncodedSog:
+    """Encode splats.
+
+    Args:
+        target: Named in errors.
+        cloud: Finite splats; identities and velocities have no place in the files.
+        antialiased: Whether they are meant for the antialiased projection.
+        told: Called with the number of splats that are done, now and then.
+
+    Raises:
+        OutputError: If there are more splats than an image has pixels.
+    """
+    if len(cloud) > webp.LONGEST_SIDE**2:
+        raise OutputError(target, f"{len(cloud)} splats", f"at most {webp.LONGEST_SIDE**2}")
+    order = morton.order(cloud.positions)
+    images: dict[str, Codes] = {}
+    sections: dict[str, Any] = {
+        "version": 2,
+        "asset": {"generator": "usdsplat"},
+        "count": len(cloud),
+        "means": _means(cloud.positions[order], images),
+        "scales": _scales(cloud.scales[order], images),
+        "quats": _rotations(cloud.rotations[order], images),
+        "sh0": _colors(cloud.sh[order, 0], cloud.opacities[order], images),
+    }
+    if antialiased:
+        sections |= {"antialias": True, "model": "antialiased"}  # as the document, as its tool say
+    if cloud.sh_degree:
+        sections["shN"] = _harmonics(cloud, order, images, told)
+    with threads() as workers:
+        packed = dict(zip(images, workers.map(webp.encode, images.values()), strict=True))
+    told(len(cloud))
+    return EncodedSog(images=packed, sections=sections)
+
+
+def _means(positions: F32, images: dict[str, Codes]) -> dict[str, Any]:
+    """16 bits for each axis of sign(x) ln(1 + |x|), low bytes and high bytes apart."""
+    places = positions.astype(np.float64)
+    logarithms = np.copysign(np.log1p(np.abs(places)), places)
+    lower, upper = np.zeros(3), np.zeros(3)
+    if len(places):
+        lower, upper = logarithms.min(axis=0), logarithms.max(axis=0)
+    codes = quantize(logarithms, lower, upper, 65535)
+    images["means_l.webp"] = _image(codes & 255)
+    images["means_u.webp"] = _image(codes >> 8)
+    files = ["means_l.webp", "means_u.webp"]
+    return {"mins": lower.tolist(), "maxs": upper.tolist(), "files": files}
+
+
+def _scales(scales: F32, images: dict[str, Codes]) -> dict[str, Any]:
+    """Logarithms by a table."""
+    smallest = np.float32(np.exp(SMALLEST_LOGARITHM))
+    return _by_table("scales.webp", np.log(np.maximum(scales, smallest)), images)
+
+
+def _rotations(rotations: F32, images: dict[str, Codes]) -> dict[str, Any]:
+    """Three components, and in alpha which one is missing."""
+    largest, codes = encode_smallest_three(rotations, top=255)
+    images["quats.webp"] = _image(codes, ROTATION_TAG + largest)
+    return {"files": ["quats.webp"]}
+
+
+def _colors(dc: F32, opacities: F32, images: dict[str, Codes]) -> dict[str, Any]:
+    """Degree 0 by a table, and opacity in alpha."""
+    return _by_table("sh0.webp", dc, images, alpha=quantize(opacities, 0, 1, 255))
+
+
+def _harmonics(
+    cloud: SplatCloud,
+    order: npt.NDArray[np.intp],
+    images: dict[str, Codes],
+    told: Callable[[int], None],
+) -> dict[str, Any]:
+    """Labels of a palette, and the palette by a table, 64 entries a row."""
+    labels, entries = palette.palette(cloud.sh[:, 1:], told)
+    table = codebook.codebook(entries)
+    rows = max(-(-len(entries) // PALETTE_COLUMNS), 1)
+    rest = cloud.sh.shape[1] - 1
+    texels = np.zeros((rows * PALETTE_COLUMNS, rest, 4), np.uint8)
+    texels[..., 3] = 255
+    texels[: len(entries), :, :3] = codebook.encode(entries, table).reshape(-1, rest, 3)
+    images["shN_centroids.webp"] = texels.reshape(rows, -1, 4)
+    ordered = labels[order]
+    images["shN_labels.webp"] = _image(np.stack([ordered & 255, ordered >> 8], axis=1))
+    return {
+        "count": len(entries),
+        "bands": cloud.sh_degree,
+        "codebook": table.tolist(),
+        "files": ["shN_centroids.webp", "shN_labels.webp"],
+    }
+
+
+def _by_table(
+    name: str, values: F32, images: dict[str, Codes], alpha: npt.NDArray[Any] | int = 255
+) -> dict[str, Any]:
+    """An image of places in a table that is made for these numbers."""
+    table = codebook.codebook(values)
+    images[name] = _image(codebook.encode(values, table), alpha)
+    return {"codebook": table.tolist(), "files": [name]}
+
+
+def _image(codes: npt.NDArray[Any], alpha: npt.NDArray[Any] | int = 255) -> Codes:
+    """Up to three channels and alpha, a pixel for each row, as a nearly square image."""
+    width, height = webp.size_for(len(codes))
+    pixels = np.zeros((height * width, 4), np.uint8)
+    pixels[:, 3] = 255
+    pixels[: len(codes), : codes.shape[1]] = codes
+    pixels[: len(codes), 3] = alpha
+    return pixels.reshape(height, width, 4)

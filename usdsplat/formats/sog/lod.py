@@ -1,0 +1,134 @@
+"""Streamed SOG: `lod-meta.json` beside many SOGs, which hold a capture at several levels of detail.
+
+One level is read, whole: 0 is the finest. Nothing is unpacked until every file of the level has
+told its number of splats.
+
+Source: splat-transform, which writes and reads it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from usdsplat.core.errors import FormatError, UsageError
+from usdsplat.formats.capture import UNKNOWN_AXES, Capture
+from usdsplat.formats.cloud_builder import CloudBuilder
+from usdsplat.formats.inflate import check_count
+from usdsplat.formats.options import READ_OPTIONS, ReadOptions
+from usdsplat.formats.sog import ERROR_BOUNDS
+from usdsplat.formats.sog.decoding import Range, Sog, decode, survey
+from usdsplat.formats.sog.files import open_sog
+from usdsplat.formats.sog.lod_meta import LOD_META, LOD_META_LIMIT, LodMeta, parse_lod_meta
+
+SUFFIXES: tuple[str, ...] = (f"/{LOD_META}",)
+HAS_LEVELS = True
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether `path` is `lod-meta.json`, or a folder that holds one."""
+    is_folder = path.is_dir() and (path / LOD_META).is_file()
+    return is_folder or path.name.lower() == LOD_META
+
+
+def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
+    """Read the level `how.lod`; a SOG of the surroundings is left out, and a note says so.
+
+    Raises:
+        FormatError: If a file is missing or damaged, lies about what it holds, or has less than
+            `lod-meta.json` says.
+        UsageError: If there is no such level.
+    """
+    path = path / LOD_META if path.is_dir() else path
+    with path.open("rb") as file:
+        text = file.read(LOD_META_LIMIT + 1)
+    if len(text) > LOD_META_LIMIT:
+        raise FormatError(str(path), f"over {LOD_META_LIMIT} bytes", "no more")
+    meta = parse_lod_meta(str(path), text)
+    if not 0 <= how.lod < len(meta.counts):
+        levels = f"a level from 0 to {len(meta.counts) - 1}"
+        raise UsageError(str(path), f"no level {how.lod}", levels)
+    units = _survey(path, meta, how.lod)
+    degree = max((unit.degree for unit in units), default=0)
+    count = meta.counts[how.lod]
+    builder = CloudBuilder(str(path), count, degree, how)
+
+    def told(done: int) -> None:
+        how.progress.step(f"reading {path}", done, count)
+
+    row = 0
+    for unit in units:
+        with _opened(path, unit.name) as sog:
+            decode(sog, unit.ranges, builder, row, told)
+        row += sum(last - first for first, last in unit.ranges)
+    cloud, notes = builder.cloud()
+    versions = sorted({unit.version for unit in units})
+    return Capture(
+        cloud=cloud,
+        format=f"streamed SOG {' and '.join(map(str, versions))}".rstrip(),
+        files=(path, *(file for unit in units for file in unit.paths)),
+        frame="rdf",
+        antialiased=any(unit.antialiased for unit in units),
+        error_bounds=ERROR_BOUNDS,
+        notes=(UNKNOWN_AXES, *_remarks(meta, how.lod), *notes),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Unit:
+    """One file of the level, surveyed."""
+
+    name: str
+    ranges: tuple[Range, ...]
+    paths: tuple[Path, ...]
+    degree: int
+    version: int
+    antialiased: bool
+
+
+def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
+    """Ask every file of a level what it holds before memory is taken for any."""
+    units = []
+    splats = total_bytes = 0
+    for name, ranges in zip(meta.files[level], meta.ranges[level], strict=True):
+        with _opened(path, name) as sog:
+            if ranges[-1][1] > sog.meta.count:
+                found = f"splat {ranges[-1][1] - 1} of {name}"
+                raise FormatError(str(path), found, f"one of its {sog.meta.count}")
+            splats += sog.meta.count
+            total_bytes += sog.files.total_bytes
+            unit = _Unit(
+                name=name,
+                ranges=ranges,
+                paths=sog.files.paths(sog.meta.files),
+                degree=sog.degree,
+                version=sog.meta.version,
+                antialiased=sog.meta.antialiased,
+            )
+        units.append(unit)
+    check_count(str(path), splats, total_bytes)
+    return units
+
+
+@contextmanager
+def _opened(path: Path, name: str) -> Iterator[Sog]:
+    """A SOG beside `lod-meta.json`, open and surveyed."""
+    file = path.parent / name
+    if not os.path.isfile(file):  # unlike Path's, it takes names too long for a disk
+        raise FormatError(str(path), f"no file {name[:60]!r}", "one in its folder")
+    with open_sog(file) as files:
+        yield survey(files)
+
+
+def _remarks(meta: LodMeta, level: int) -> list[str]:
+    """What a caller may want to ask for instead."""
+    notes = []
+    if len(meta.counts) > 1:
+        others = ", ".join(str(count) for count in meta.counts)
+        notes.append(f"level {level} of {len(meta.counts)}, which have {others} splats")
+    if meta.environment is not None:
+        notes.append(f"its surroundings, {meta.environment}, are a capture of their own")
+    return notes

@@ -1,0 +1,167 @@
+"""What all panels of one session share: the session proxy, the viewer and edits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
+from PySide6.QtWidgets import QWidget
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.document import Document
+from usdsplat.preview.latest_request import LatestRequest
+from usdsplat.preview.qt.session_proxy import SessionProxy
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.values import Picture, Problem, StageChanged
+from usdsplat.preview.viewer import Viewer
+
+GLIDE = 0.25
+"""Duration of a camera move when something is framed [s]."""
+PAUSE = 80
+"""Least time between two queries of a panel [ms]: a simulation changes the stage each frame."""
+
+
+class PanelContext(QObject):
+    """One session, one viewer, many panels.
+
+    Args:
+        proxy: Proxy of the session; the caller closes it.
+        parent: Qt parent.
+    """
+
+    view_changed = Signal()
+    """The viewer's state, timeline, bookmarks or selection are other than before."""
+    history_changed = Signal(object, object)
+    """What undo would take back, and what redo would do again; a text or None."""
+
+    def __init__(self, proxy: SessionProxy, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.proxy = proxy
+        self.viewer = Viewer(proxy, changed=self.view_changed.emit, glide=GLIDE)
+        self.picture: Picture | None = None
+        """The last one that came."""
+        self._drags: dict[str, LatestRequest] = {}
+        """Drags that the stage has not caught up with, by name."""
+        self._history = Question(self, self._ask_history)
+        proxy.picture.connect(self._keep)
+        proxy.simulation.connect(self.viewer.simulated)
+        proxy.stage_changed.connect(self._stage_changed)
+
+    @property
+    def time(self) -> float | None:
+        """That the viewport shows [time code]."""
+        return self.viewer.state.time
+
+    @property
+    def selected(self) -> str:
+        """Path of the prim that panels speak of; "" for none."""
+        chosen = self.viewer.state.selected
+        return chosen[-1] if chosen else ""
+
+    def edit(
+        self,
+        step: Callable[[Edits], object],
+        *,
+        failed: Callable[[], None] = lambda: None,
+        drag: str = "",
+    ) -> None:
+        """Have a step done to the stage; what cannot be done becomes a problem.
+
+        Args:
+            step: Given the document's edits, in the session's thread.
+            failed: Called after a problem, such as to show the old value again.
+            drag: Names a drag, of whose steps only the last one that waits is done; "" for a step
+                alone.
+        """
+
+        def task(document: Document) -> tuple[str | None, str | None]:
+            step(document.edits)
+            return document.edits.undoable, document.edits.redoable
+
+        def done(names: tuple[str | None, str | None]) -> None:
+            self.history_changed.emit(*names)
+
+        def refused(error: UsdSplatError) -> None:
+            self.proxy.complain(error)
+            failed()
+
+        self._drags = {name: each for name, each in self._drags.items() if each.is_busy}
+        asks = self._drags.setdefault(drag, LatestRequest(self.proxy)) if drag else self.proxy
+        asks.ask(task, done, refused)
+
+    def attempt(self, act: Callable[[], object]) -> None:
+        """Do something to the viewer; what cannot be done becomes a problem."""
+        try:
+            act()
+        except UsdSplatError as error:
+            self.complain(str(error))
+
+    def complain(self, sentence: str) -> None:
+        """Show a sentence as the session's own problems are shown."""
+        self.proxy.problem.emit(Problem(sentence=sentence))
+
+    def _stage_changed(self, event: StageChanged) -> None:
+        self._history.refresh()
+        self.viewer.stage_changed(event)
+
+    def _keep(self, picture: Picture) -> None:
+        self.picture = picture
+        self.viewer.shown(picture)
+
+    def _ask_history(self, done: Callable[[], None]) -> None:
+        def answered(names: tuple[str | None, str | None]) -> None:
+            done()
+            self.history_changed.emit(*names)
+
+        self.proxy.ask(
+            lambda document: (document.edits.undoable, document.edits.redoable),
+            answered,
+            lambda error: done(),
+        )
+
+
+class Question(QObject):
+    """What a panel asks again and again: one at a time, not too often, only while it is seen.
+
+    Args:
+        owner: Whose question; a widget that cannot be seen asks when it can be.
+        ask: Asks, and calls what it is given when the answer has come or failed.
+        pause: Between two questions [ms].
+    """
+
+    def __init__(
+        self, owner: QObject, ask: Callable[[Callable[[], None]], None], *, pause: int = PAUSE
+    ) -> None:
+        super().__init__(owner)
+        self._owner = owner
+        self._ask = ask
+        self._pause = pause
+        self._is_asking = False
+        self._is_wanted = False
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self._go)
+        if isinstance(owner, QWidget):
+            owner.installEventFilter(self)
+
+    def refresh(self, *, at_once: bool = False) -> None:
+        """Ask soon, with what is so by then."""
+        self._is_wanted = True
+        if not self._is_asking and (at_once or not self._timer.isActive()):
+            self._timer.start(0 if at_once else self._pause)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and self._is_wanted:
+            self.refresh(at_once=True)
+        return False
+
+    def _go(self) -> None:
+        if isinstance(self._owner, QWidget) and not self._owner.isVisible():
+            return
+        self._is_asking, self._is_wanted = True, False
+        self._ask(self._answered)
+
+    def _answered(self) -> None:
+        self._is_asking = False
+        if self._is_wanted:
+            self.refresh()

@@ -1,0 +1,117 @@
+"""A session's events and answers, delivered in the server's thread, with a bounded queue.
+
+Only the latest picture is delivered. Of requests with the same key only the latest waits while
+another is being answered.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.preview.document import Document
+from usdsplat.preview.latest_request import LatestRequest
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import Event, Picture, Problem, ViewState
+
+T = TypeVar("T")
+
+MOST = 64
+"""Requests that may wait for answers."""
+
+
+class SessionProxy:
+    """Proxy of a session for a server; created and used in the server's thread.
+
+    Args:
+        session: The session.
+        heard: Called with each event, in the thread of the running loop.
+    """
+
+    def __init__(self, session: Session, *, heard: Callable[[Event], None]) -> None:
+        self._session = session
+        self._heard = heard
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._is_closed = False
+        self._latest: Picture | None = None
+        self._asked = 0
+        self._keys: dict[str, LatestRequest] = {}
+        self._stop_listening = session.listen(self._happened)
+
+    @property
+    def is_overrun(self) -> bool:
+        """Whether so much was asked that more had better not be."""
+        return self._asked >= MOST
+
+    def look(self, state: ViewState) -> None:
+        """Say what shall be seen."""
+        self._session.look(state)
+
+    def ask(
+        self,
+        task: Callable[[Document], T],
+        done: Callable[[T], None] = lambda result: None,
+        failed: Callable[[UsdSplatError], None] | None = None,
+        *,
+        key: str | None = None,
+    ) -> None:
+        """Have something done with the document; `done` or `failed` is called in this thread.
+
+        Args:
+            task: What is done, in the session's thread.
+            done: Given its result.
+            failed: Given its error; without it, the error is heard as a `Problem`.
+            key: Of questions where only the latest matters.
+        """
+        if key is not None:
+            self._keys = {name: each for name, each in self._keys.items() if each.is_busy}
+            self._keys.setdefault(key, LatestRequest(self)).ask(task, done, failed)
+            return
+        self._asked += 1
+        self._session.ask(
+            task,
+            lambda result: self._post(self._answered, done, result),
+            lambda error: self._post(self._answered, failed or self.complain, error),
+        )
+
+    def complain(self, error: UsdSplatError) -> None:
+        """Have an error heard as a `Problem`."""
+        self._heard(Problem(sentence=str(error)))
+
+    def close(self) -> None:
+        """Let nothing arrive any more. The session itself goes on."""
+        with self._lock:
+            self._is_closed = True
+        self._stop_listening()
+
+    # --- in the server's thread ------------------------------------------------------------
+
+    def _answered(self, call: Callable[[Any], None], result: Any) -> None:
+        self._asked -= 1
+        call(result)
+
+    def _deliver_picture(self) -> None:
+        with self._lock:
+            picture, self._latest = self._latest, None
+        if picture is not None:
+            self._heard(picture)
+
+    # --- in the session's thread -----------------------------------------------------------
+
+    def _happened(self, event: Event) -> None:
+        if not isinstance(event, Picture):
+            self._post(self._heard, event)
+            return
+        with self._lock:
+            is_first, self._latest = self._latest is None, event
+        if is_first:
+            self._post(self._deliver_picture)
+
+    def _post(self, call: Callable[..., None], *arguments: Any) -> None:
+        with self._lock:  # a loop that closes meanwhile would raise
+            if not self._is_closed:
+                self._loop.call_soon_threadsafe(call, *arguments)

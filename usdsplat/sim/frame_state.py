@@ -1,0 +1,146 @@
+"""Splats of a frame, computed from rest and particle state; errors do not accumulate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.kernels.device import Device
+from usdsplat.sim.drivers import drive
+from usdsplat.sim.specs import Driver, Moment
+from usdsplat.sim.state import Frame, State
+from usdsplat.sim.strain import Strain
+from usdsplat.sim.transport import rotate_harmonics, thin, transport
+
+TURNED = "drawn:turned"
+"""What the state remembers: which rows of `sh` differ from rest, uint8, shape (n,)."""
+
+
+class FrameEvaluator:
+    """Computes the frames of one field.
+
+    Args:
+        device: Computes.
+        strain: Finds how space is deformed about splats that were pushed; None where none are.
+    """
+
+    def __init__(self, device: Device, strain: Strain | None) -> None:
+        self._device, self._strain = device, strain
+
+    def frame(
+        self,
+        state: State,
+        moment: Moment,
+        wanted: F32,
+        gradient: F32 | None,
+        *,
+        normals: F32,
+        crowding: F32,
+        alpha: F32 | None,
+        size: F32 | None,
+        seconds: float,
+    ) -> Frame:
+        """Return the splats of a frame; its arrays are its own, or never change again.
+
+        Args:
+            state: Its rotations, scales, opacities and harmonics are brought up to date.
+            moment: When.
+            wanted: Where splats want to be then [unit], shape (n, 3).
+            gradient: Deformation from rest to there, shape (n, 3, 3); None where there is none.
+            normals: At rest, shape (n, 3).
+            crowding: Neighbours over those wanted, shape (n,); empty where nobody asks.
+            alpha, size: Factors of opacities and sizes, shape (n,); None for 1.
+            seconds: Since the simulation's start [s].
+        """
+        if self._strain is not None:
+            gradient = self._strain.add(state, wanted, gradient, normals)
+        areas = None if gradient is None else self._deform(state, moment, gradient)
+        drawn = SplatCloud(
+            positions=state.positions.copy(),
+            rotations=state.rotations.copy(),
+            scales=state.scales if size is None else state.scales * size[:, None],
+            opacities=self._opacities(state, areas, alpha),
+            sh=state.sh,
+            ids=state.ids.copy(),
+            velocities=state.velocities.copy(),
+        )
+        if drawn.scales is state.scales:
+            drawn = replace(drawn, scales=state.scales.copy())
+        facing = turned(normals, gradient) if moment.drivers else normals
+        for driver in moment.drivers:
+            drawn = self._drive(state, drawn, driver, facing, crowding, seconds)
+        state.opacities = drawn.opacities.copy()
+        return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
+
+    def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
+        """Bring rotations, scales and harmonics of the state up to date; returns areas."""
+        look = moment.parameters.appearance
+        areas = transport(
+            self._device,
+            gradient,
+            state.rest_rotations,
+            state.rest_scales,
+            state.rotations,
+            state.scales,
+            policy=look.covariance,
+            max_stretch=look.max_stretch,
+            keep_opacity=look.keep_opacity,
+        )
+        if TURNED not in state.memory:
+            state.memory[TURNED] = np.zeros(len(state), np.uint8)
+        sh = state.sh
+        if sh is not state.rest_sh:
+            sh = sh.copy()  # that of the last frame is somebody else's now
+        state.sh, _ = rotate_harmonics(
+            self._device,
+            gradient,
+            state.rest_sh,
+            sh,
+            state.memory[TURNED],
+            min_angle=look.sh_min_angle,
+        )
+        return areas
+
+    def _opacities(self, state: State, areas: F32 | None, alpha: F32 | None) -> F32:
+        opacities = state.rest_opacities.copy()
+        if areas is not None:
+            thin(self._device, state.rest_opacities, areas, opacities)
+        if alpha is not None:
+            np.clip(opacities * alpha, 0, 1, out=opacities)
+        return opacities
+
+    def _drive(
+        self,
+        state: State,
+        drawn: SplatCloud,
+        driver: Driver,
+        normals: F32,
+        crowding: F32,
+        seconds: float,
+    ) -> SplatCloud:
+        """One driver's change, to arrays that are the frame's own."""
+        if driver.parameters.output == "color" and drawn.sh is state.sh:
+            drawn = replace(drawn, sh=state.sh.copy())
+        drive(
+            self._device,
+            state,
+            drawn,
+            driver.parameters,
+            crowding=crowding,
+            normals=normals,
+            now=seconds,
+        )
+        return drawn
+
+
+def turned(normals: F32, gradient: F32 | None) -> F32:
+    """Normals of a deformed surface, shape (n, 3): those of rest by the inverse transpose, unit."""
+    if gradient is None:
+        return normals
+    a, b, c = gradient[:, :, 0], gradient[:, :, 1], gradient[:, :, 2]
+    cofactors = (np.cross(b, c), np.cross(c, a), np.cross(a, b))
+    found = sum(n[:, None] * each for n, each in zip(normals.T, cofactors, strict=True))
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    return np.where(length > 0, found / np.where(length > 0, length, 1), normals).astype(np.float32)

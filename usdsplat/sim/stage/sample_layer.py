@@ -1,0 +1,152 @@
+"""A layer of time samples, saved while it is written, so that memory holds one frame."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Tf, UsdUtils
+
+from usdsplat.core.output import atomic_path
+
+_UPGRADE = "requires crate version"
+
+
+class SampleLayer:
+    """Writes time samples as `over`s."""
+
+    def __init__(self, layer: Sdf.Layer) -> None:
+        self.layer = layer
+
+    def prim(self, path: str, type_name: str = "") -> Sdf.PrimSpec:
+        """The prim; a type retypes it."""
+        spec = Sdf.CreatePrimInLayer(self.layer, path)
+        if type_name and spec.typeName != type_name:
+            spec.typeName = type_name
+        return spec
+
+    def attribute(
+        self, path: str, name: str, kind: Sdf.ValueTypeName, *, uniform: bool = False
+    ) -> Sdf.AttributeSpec:
+        """An attribute of the prim."""
+        found = self.layer.GetAttributeAtPath(f"{path}.{name}")
+        if found:
+            return found
+        variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
+        return Sdf.AttributeSpec(self.prim(path), name, kind, variability)
+
+    def sample(
+        self, path: str, name: str, kind: Sdf.ValueTypeName, value: Any, time: float
+    ) -> Sdf.AttributeSpec:
+        """Write a value at a time."""
+        spec = self.attribute(path, name, kind)
+        self.layer.SetTimeSample(spec.path, time, value)
+        return spec
+
+    def save(self) -> None:
+        """Put on disk what was written, and out of memory."""
+        with _quiet_upgrade():
+            self.layer.Save()
+
+
+@contextmanager
+def new_part(target: Path, rate: float) -> Iterator[SampleLayer]:
+    """Write a layer that appears at `target` when it is complete.
+
+    Args:
+        target: A .usdc.
+        rate: Time codes in a second.
+
+    Raises:
+        OutputError: If it cannot be written there.
+    """
+    with atomic_path(target) as path:
+        part = SampleLayer(Sdf.Layer.CreateNew(str(path)))
+        part.layer.timeCodesPerSecond = rate
+        yield part
+        part.save()
+        del part
+
+
+def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
+    """Say in `target` all that `source` says, but for time samples."""
+
+    def visit(path: Sdf.Path) -> None:
+        if not path.IsPrimPath():
+            return
+        prim = source.GetPrimAtPath(path)
+        copy = Sdf.CreatePrimInLayer(target, path)
+        for key in sorted(prim.ListInfoKeys()):
+            if key not in ("specifier", "typeName") or prim.GetInfo(key):
+                copy.SetInfo(key, prim.GetInfo(key))
+        for spec in prim.properties:
+            if isinstance(spec, Sdf.AttributeSpec):
+                known = target.GetAttributeAtPath(spec.path)
+                new = known or Sdf.AttributeSpec(copy, spec.name, spec.typeName, spec.variability)
+                for key in sorted(spec.ListInfoKeys()):  # else the order is that of addresses
+                    if key not in ("timeSamples", "typeName", "variability", "default"):
+                        new.SetInfo(key, spec.GetInfo(key))
+                if spec.HasDefaultValue():
+                    new.default = spec.default  # SetInfo would take tokens for strings
+            else:
+                Sdf.CopySpec(source, spec.path, target, spec.path)
+
+    source.Traverse(Sdf.Path.absoluteRootPath, visit)
+
+
+def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> None:
+    """Write the samples of several parts into one file.
+
+    Args:
+        parts: In order of time, at least one.
+        target: A .usdc.
+        silenced: Attributes whose default values in weaker layers do not count.
+
+    Raises:
+        OutputError: If it cannot be written there.
+    """
+    first, *others = parts
+    with atomic_path(target) as path:
+        shutil.copyfile(first, path)  # samples of the others are added one by one
+        whole = SampleLayer(Sdf.Layer.FindOrOpen(str(path)))
+        for other in others:
+            part = Sdf.Layer.OpenAsAnonymous(str(other))
+            declare(part, whole.layer)
+            for attribute in sampled(part):
+                for time in part.ListTimeSamplesForPath(attribute):
+                    value = part.QueryTimeSample(attribute, time)
+                    whole.layer.SetTimeSample(attribute, time, value)
+            whole.save()
+        for name in silenced:
+            whole.layer.GetAttributeAtPath(name).default = Sdf.ValueBlock()
+        whole.save()
+        del whole
+
+
+def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Attributes that have samples."""
+    found: list[Sdf.Path] = []
+
+    def visit(path: Sdf.Path) -> None:
+        if path.IsPropertyPath() and layer.GetNumTimeSamplesForPath(path):
+            found.append(path)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return found
+
+
+@contextmanager
+def _quiet_upgrade() -> Iterator[None]:
+    """Array edits need a newer file than USD writes unasked, which is no news to us."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        others = delegate.TakeUncoalescedDiagnostics()
+        del delegate
+        for each in others:
+            if _UPGRADE not in each.commentary:
+                Tf.Warn(each.commentary)

@@ -1,0 +1,154 @@
+"""Target pose of each splat: as captured, then deformed, skinned, and conformed to a target.
+
+The deformation gradient of these steps is known too, and turns and stretches the splats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.kernels.device import Device
+from usdsplat.sim.conform import Conform
+from usdsplat.sim.deform import deform
+from usdsplat.sim.skin import Skin
+from usdsplat.sim.specs import Deformer, Moment, Recipe
+from usdsplat.sim.state import State
+
+MASKED = "goal:masked"
+"""In `State.memory`: row of the capture by which a deformer's mask is read, int32, shape (n,)."""
+
+
+class TargetPose:
+    """Target pose of the splats of one field over time.
+
+    Args:
+        device: Computes.
+        recipe: The field.
+        first: What is so at the first frame.
+    """
+
+    def __init__(self, device: Device, recipe: Recipe, first: Moment) -> None:
+        self._device = device
+        self._skin: Skin | None = None
+        rest, p = recipe.rest, first.parameters
+        if recipe.binding is not None:
+            self._skin = Skin(device, recipe.binding, rest.positions, p.skin)
+        self._conform: Conform | None = None
+        if first.target is not None:
+            ids = np.arange(len(rest)) if rest.ids is None else rest.ids
+            selected = recipe.selection
+            self._conform = Conform(
+                device,
+                rest.positions,
+                rest.rotations,
+                rest.scales,
+                ids=ids,
+                select=np.ones(len(rest), np.float32) if selected is None else selected,
+                parameters=p,
+            )
+
+    def begin(self, state: State, first: Moment, *, changes: bool) -> None:
+        """Add to the state what children take from their parents.
+
+        Args:
+            state: The capture's splats.
+            first: What is so at the first frame.
+            changes: Whether splats are born or die.
+        """
+        if changes and any(each.mask is not None for each in first.deformers):
+            state.memory[MASKED] = np.arange(len(state), dtype=np.int32)
+
+    def at(
+        self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
+    ) -> tuple[F32, F32 | None]:
+        """Where all splats want to be.
+
+        Args:
+            state: The splats; only where they rest and whose children they are counts.
+            moment: When.
+            seconds: Since the simulation's start [s].
+            gradient: Whether to say how space is deformed there too.
+
+        Returns:
+            Positions [unit], shape (n, 3), the state's own where nothing carries them; and
+            deformation gradients, shape (n, 3, 3), or None where nothing deforms.
+        """
+        if not moment.deformers and self._skin is None and self._conform is None:
+            return state.rest_positions, None
+        positions = state.rest_positions.copy()
+        turned = None
+        binds = self._conform is not None and not self._conform.is_bound
+        if gradient or binds:  # what is bound is bound as it lies
+            turned = np.empty((len(state), 3, 3), np.float32)
+            turned[:] = np.eye(3)
+        deformers = moment.deformers
+        if MASKED in state.memory:
+            deformers = tuple(_masked(each, state.memory[MASKED]) for each in deformers)
+        deform(self._device, deformers, seconds, positions, turned)
+        if self._skin is not None and moment.skin is not None:
+            self._skin.apply(moment.skin, moment.parameters.skin, positions, turned)
+        if self._conform is not None and moment.target is not None:
+            self._conform.apply(
+                moment.target, seconds, moment.parameters.conform, positions, turned
+            )
+        return positions, turned if gradient else None
+
+    def bear(self, parents: I64, state: State) -> None:
+        """Let children follow what their parents do.
+
+        Args:
+            parents: Rows of the parents, shape (c,).
+            state: Its last c rows are the children.
+        """
+        n = len(state) - len(parents)
+        if self._skin is not None:
+            self._skin = self._skin.extended(parents)
+        if self._conform is not None:
+            self._conform = self._conform.extended(
+                parents,
+                state.rest_positions[n:],
+                state.rest_rotations[n:],
+                state.rest_scales[n:],
+                state.ids[n:],
+            )
+
+    def keep(self, rows: I64) -> None:
+        """Let go of all others."""
+        if self._skin is not None:
+            self._skin = self._skin.selected(rows)
+        if self._conform is not None:
+            self._conform = self._conform.selected(rows)
+
+    def remember(self, state: State) -> None:
+        """Add to the state what `restore` needs."""
+        for name, part in self._parts():
+            for key, array in part.memory().items():
+                state.globals[f"{name}:{key}"] = array
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of `remember`, with the same bits."""
+        for name, part in self._parts():
+            lead = f"{name}:"
+            part.restore(
+                {
+                    key.removeprefix(lead): array
+                    for key, array in state.globals.items()
+                    if key.startswith(lead)
+                }
+            )
+
+    def _parts(self) -> Iterator[tuple[str, Skin | Conform]]:
+        if self._skin is not None:
+            yield "skin", self._skin
+        if self._conform is not None:
+            yield "conform", self._conform
+
+
+def _masked(deformer: Deformer, rows: I32) -> Deformer:
+    """With the mask of these rows of the capture."""
+    mask = deformer.mask
+    return deformer if mask is None else replace(deformer, mask=mask[rows])
