@@ -20,6 +20,7 @@ from benchmarks.report import Report
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange import import_capture
+from usdsplat.interchange.options import ImportOptions
 from usdsplat.schema import Form
 
 FORMS: tuple[Form, ...] = ("float", "half", "packed")
@@ -70,7 +71,7 @@ def main(report: Report, count: int = 1_000_000) -> None:
             target = folder / f"{form}.usdc"
 
             def run(target: Path = target, form: Form = form) -> None:
-                import_capture(source, target, form=form)
+                import_capture(source, target, options=ImportOptions(form=form))
 
             wall, cpu = seconds(run)
             size = target.stat().st_size

@@ -32,6 +32,7 @@ from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange import convert
+from usdsplat.interchange.options import ExportOptions, ImportOptions
 from usdsplat.schema import Form
 
 VISIBLE = 1 / 255
@@ -167,14 +168,19 @@ def write(case: Case, source: Path, folder: Path) -> Path:
     target = folder / str(case.written)
     form: Form = "half" if case.name == "USD half" else "float"
     form = "packed" if case.name == "USD packed" else form
-    convert(source, target, form=form, writing=formats.WriteOptions(spz_version=case.version))
+    convert(
+        source,
+        target,
+        options=ImportOptions(form=form),
+        export=ExportOptions(writing=formats.WriteOptions(spz_version=case.version)),
+    )
     return target
 
 
 def back(case: Case, target: Path, folder: Path) -> SplatCloud:
     """Our reading of our file, in the axes of the source."""
     if target.suffix == ".usdc" or case.name == ".glb":
-        convert(target, folder / "back.ply", frame="rdf")
+        convert(target, folder / "back.ply", options=ImportOptions(axes="rdf"))
         return formats.read(folder / "back.ply").cloud
     return formats.read(target).cloud
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from usdsplat import formats, import_capture, procedural_capture
+from usdsplat import ImportOptions, formats, import_capture, procedural_capture
 from usdsplat import main as usdsplat
 
 
@@ -19,7 +19,8 @@ def main(folder: Path) -> Path:
     """Write capture.ply, capture.usdc and capture.exr; returns the picture."""
     scan, stage, picture = (folder / f"capture{suffix}" for suffix in (".ply", ".usdc", ".exr"))
     formats.write(procedural_capture(20_000), scan)
-    report = import_capture(scan, stage, frame="rub")  # y is up in this one, unlike most scans
+    y_up = ImportOptions(axes="rub")  # unlike most scans
+    report = import_capture(scan, stage, options=y_up)
     print(f"{report.splats} splats at {report.prim_path}")
     usdsplat(["render", str(stage), "-o", str(picture), "--resolution", "320x240"])
     return picture

@@ -54,7 +54,7 @@ def main(folder: Path) -> Path:
     for suffix in PROMISED:
         if suffix != "ply":
             convert(edited, f"{folder}/edited.{suffix}")
-        convert(f"{folder}/edited.{suffix}", f"{folder}/back_{suffix}.ply", "--frame", "rdf")
+        convert(f"{folder}/edited.{suffix}", f"{folder}/back_{suffix}.ply", "--axes", "rdf")
 
     stage = Usd.Stage.CreateNew(str(folder / "pair.usda"))
     for name, move in (("Left", Gf.Vec3d(-1, 0, 0)), ("Right", Gf.Vec3d(1, 0, 0))):
@@ -63,8 +63,8 @@ def main(folder: Path) -> Path:
         place.AddTranslateOp().Set(move)
         place.AddRotateYOp().Set(90)
     stage.Save()
-    convert(f"{folder}/pair.usda", f"{folder}/pair.ply", "--frame", "rub")  # as the stage has it
-    convert(f"{folder}/pair.usda", f"{folder}/one.ply", "--frame", "rub", "--split")
+    convert(f"{folder}/pair.usda", f"{folder}/pair.ply", "--axes", "rub")  # as the stage has it
+    convert(f"{folder}/pair.usda", f"{folder}/one.ply", "--axes", "rub", "--split")
 
     for frame in FRAMES:
         convert(edited, "--translate", f"{frame},0,0", f"{folder}/frame.{frame:04}.ply")

@@ -10,6 +10,7 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.cli.main import main
 from usdsplat.interchange import import_capture
+from usdsplat.interchange.options import ImportOptions
 
 CAPTURES = ("statue_angel.sog", "playbot_lod2.sog", "flowers_lod2_0.sog", "pod.spz")
 
@@ -34,7 +35,7 @@ def test_a_capture_becomes_its_reference_picture(data, tmp_path, name, form):
     oracle = np.load(data / "oracle" / "images" / f"{name.split('.')[0]}.npz")
     size = int(oracle["width"]), int(oracle["height"])
     shot = tmp_path / "shot.usdc"
-    import_capture(data / "splats" / name, shot, form=form)
+    import_capture(data / "splats" / name, shot, options=ImportOptions(form=form))
     stage = Usd.Stage.Open(str(shot))
     for i, view in enumerate(oracle["viewmats"]):
         add_camera(stage, f"/World/view{i}", view, oracle["K"], size)

@@ -7,6 +7,9 @@ from usdsplat.core.errors import UsdSplatError as UsdSplatError
 from usdsplat.delegate.engine import Engine as Engine
 from usdsplat.images.deep_reader import DeepImage as DeepImage
 from usdsplat.images.deep_reader import read_deep as read_deep
+from usdsplat.interchange import ExportOptions as ExportOptions
+from usdsplat.interchange import ImportOptions as ImportOptions
+from usdsplat.interchange import SequenceOptions as SequenceOptions
 from usdsplat.interchange import convert as convert
 from usdsplat.interchange import export_capture as export_capture
 from usdsplat.interchange import import_capture as import_capture

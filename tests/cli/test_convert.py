@@ -37,7 +37,7 @@ def test_the_form_is_the_one_asked_for(run_json, capture, tmp_path, flags, form)
 
 def test_options_reach_the_stage(run_json, capture, tmp_path):
     """Oracle: the stage: unit, prim and, with baked axes, no transform; its frame is rub."""
-    flags = ("--prim", "/Shot/Ball", "--bake-axes", "--meters-per-unit", "0.01", "--frame", "rub")
+    flags = ("--prim", "/Shot/Ball", "--bake-axes", "--meters-per-unit", "0.01", "--axes", "rub")
     report = run_json("convert", capture, tmp_path / "a.usdc", *flags)
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
     prim = stage.GetPrimAtPath("/Shot/Ball")
@@ -50,7 +50,7 @@ def test_options_reach_the_stage(run_json, capture, tmp_path):
 
 def test_a_stage_becomes_a_capture_at_a_frame(run, shot, tmp_path):
     """Oracle: at frame 3 the ball stands 0.4 units to the right; rub is the stage's own frame."""
-    status, out, _ = run("convert", shot, tmp_path / "a.ply", "--time", "3", "--frame", "rub")
+    status, out, _ = run("convert", shot, tmp_path / "a.ply", "--frame", "3", "--axes", "rub")
     assert status == 0
     assert "300 splats, degree 1\n  prim   /World/Ball\n  axes   rub" in out
     here = formats.read(tmp_path / "a.ply").cloud.positions
@@ -75,7 +75,7 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
         (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of ."),
         (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
-        (["ball.ply", "a.usdc", "--frame", "xyz"], "--frame: found 'xyz', expected where x, y"),
+        (["ball.ply", "a.usdc", "--axes", "xyz"], "--axes: found 'xyz', expected where x, y"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
     ],
 )
@@ -98,8 +98,8 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
             "--packed: found it with a capture that becomes a capture",
         ),
         (
-            ["ball.ply", "b.usda", "--time", "1"],
-            "--time: found it with a capture that becomes a stage",
+            ["ball.ply", "b.usda", "--frame", "1"],
+            "--frame: found it with a capture that becomes a stage",
         ),
         (["shot.usda", "b.ply", "--half"], "--half: found it with a stage that becomes a capture"),
         (
@@ -107,16 +107,16 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
             "--up-axis: found it with a stage that becomes a",
         ),
         (
-            ["shot.usda", "b.usda", "--frame", "rub"],
-            "--frame: found it with a stage that becomes a stage",
+            ["shot.usda", "b.usda", "--axes", "rub"],
+            "--axes: found it with a stage that becomes a stage",
         ),
         (
             ["ball.ply", "b.usda", "--frames", "1"],
             "--frames: found it with a capture that becomes a stage",
         ),
         (
-            ["shot.usda", "b.#.ply", "--time", "1"],
-            "--time: found it with a stage that becomes a capture, fra",
+            ["shot.usda", "b.#.ply", "--frame", "1"],
+            "--frame: found it with a stage that becomes a capture, fra",
         ),
         (
             ["ball.ply", "b.ply", "--split"],
@@ -178,8 +178,8 @@ def test_several_captures_become_one(run, run_json, capture, tmp_path):
 
 def test_a_stage_and_a_capture_become_one_capture(run, capture, shot, tmp_path):
     """Oracle: the same two, each converted alone."""
-    run("convert", shot, tmp_path / "still.ply", "--time", "2")
-    assert run("convert", shot, capture, tmp_path / "both.ply", "--time", "2")[0] == 0
+    run("convert", shot, tmp_path / "still.ply", "--frame", "2")
+    assert run("convert", shot, capture, tmp_path / "both.ply", "--frame", "2")[0] == 0
     parts = [formats.read(p).cloud.positions for p in (tmp_path / "still.ply", capture)]
     both = formats.read(tmp_path / "both.ply").cloud.positions
     np.testing.assert_array_equal(both, np.concatenate(parts))

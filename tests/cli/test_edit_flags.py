@@ -19,7 +19,7 @@ from usdsplat.core.edits import KINDS
         "a.ply b.ply --scale 2 --translate 1,0,0 --scale 3",
         "--scale 2 --translate 1,0,0 a.ply --scale 3 b.ply",
         "a.ply --scale=2 b.ply --translate=1,0,0 --json --scale=3",
-        "a.ply --json --scale 2 --translate 1,0,0 --scale 3 --frame rub b.ply",
+        "a.ply --json --scale 2 --translate 1,0,0 --scale 3 --axes rub b.ply",
     ],
 )
 def test_files_and_flags_may_stand_in_any_order_but_edits_keep_theirs(typed) -> None:
@@ -92,9 +92,9 @@ def test_edits_are_done_in_the_order_in_which_they_are_typed(run, capture, tmp_p
 
 def test_edits_of_a_stage_act_on_the_capture_that_it_becomes(run, shot, tmp_path) -> None:
     """Oracle: y of rdf points down, so what is above is y < 0 there; at frame 4 x is 0.6 more."""
-    flags = ("--time", "4", "--crop-box", "0,-9,-9,9,0,9")
+    flags = ("--frame", "4", "--crop-box", "0,-9,-9,9,0,9")
     assert run("convert", shot, tmp_path / "a.ply", *flags)[0] == 0
-    run("convert", shot, tmp_path / "whole.ply", "--time", "4")
+    run("convert", shot, tmp_path / "whole.ply", "--frame", "4")
     whole = formats.read(tmp_path / "whole.ply").cloud.positions
     kept = whole[(whole[:, 0] >= 0) & (whole[:, 1] <= 0)]
     assert 0 < len(kept) < 300

@@ -55,7 +55,7 @@ def test_time_samples_are_counted_and_chosen(run_json, tmp_path):
     moved = dataclasses.replace(cloud, positions=cloud.positions + np.float32([0, 4, 0]))
     schema.author(stage, "/Ball", moved, time=2)
     stage.GetRootLayer().Save()
-    (field,) = run_json("info", tmp_path / "a.usda", "--time", 2)["fields"]
+    (field,) = run_json("info", tmp_path / "a.usda", "--frame", 2)["fields"]
     assert (field["samples"], field["sampled"]) == (2, [1.0, 2.0])
     assert field["bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
 
@@ -119,7 +119,7 @@ def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
     assert told["frame"] == "rdf"
     assert (told["frame_guess"]["up"], told["frame_guess"]["agrees"]) == ("+y", False)
     _, out, _ = run("info", data / "splats" / "statue_angel.compressed.ply")
-    assert "+y looks like up, as in 'rub': --frame if that is so" in out
+    assert "+y looks like up, as in 'rub': --axes if that is so" in out
     told = run_json("info", data / "splats" / "statue_angel.sog")["frame_guess"]
     assert (told["up"], told["agrees"], told["remark"]) == ("-y", True, "")
 
@@ -179,7 +179,7 @@ def test_instances_are_counted_as_a_render_counts_them(run_json, shot):
 
 def test_a_capture_has_no_time(run, capture):
     """Oracle: one sentence rather than an option that does nothing."""
-    for flags in (("--time", 1), ("--mute", "x"), ("--mask", "/World")):
+    for flags in (("--frame", 1), ("--mute", "x"), ("--mask", "/World")):
         status, out, err = run("info", capture, *flags)
         expected = f"{flags[0]}: found a capture, {capture}, expected a stage"
         assert (status, out, err) == (2, "", f"usdsplat: {expected}\n")

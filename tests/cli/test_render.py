@@ -183,15 +183,15 @@ def test_the_frame_of_a_capture_can_be_told(run, run_json, capture, tmp_path):
     """Oracle: a picture in the frame rub is the stage's own way up, and the other one upside down,
     so that they differ; a stage says where its axes point."""
     for frame in ("rdf", "rub"):
-        run_json("render", capture, "-o", tmp_path / f"{frame}.png", *SMALL, "--frame", frame)
+        run_json("render", capture, "-o", tmp_path / f"{frame}.png", *SMALL, "--axes", frame)
     run_json("render", capture, "-o", tmp_path / "own.png", *SMALL)
     told, other, own = (read(tmp_path / f"{name}.png") for name in ("rdf", "rub", "own"))
     np.testing.assert_array_equal(told, own)
     assert not np.array_equal(told, other)
     run("convert", capture, tmp_path / "a.usda")
-    status, _, err = run("render", tmp_path / "a.usda", "-o", tmp_path / "a.png", "--frame", "rub")
+    status, _, err = run("render", tmp_path / "a.usda", "-o", tmp_path / "a.png", "--axes", "rub")
     assert status == 2
-    expected = "--frame: found a stage, which says where its axes point, expected a capture"
+    expected = "--axes: found a stage, which says where its axes point, expected a capture"
     assert err == f"usdsplat: {expected}\n"
 
 

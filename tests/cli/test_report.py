@@ -115,7 +115,7 @@ def test_a_page_of_a_stage_needs_no_other_file(run, shot, tmp_path, compiled) ->
     from PIL import Image
 
     plot = tmp_path / "page.HTML"
-    status, out, _ = run("info", shot, "--time", "2", "--plot", plot)
+    status, out, _ = run("info", shot, "--frame", "2", "--plot", plot)
     assert status == 0
     text = plot.read_text(encoding="utf-8")
     assert not re.search(r"https?:|//|src=\"(?!data:)|href=", re.sub(r"base64,[^\"]+", "", text))

@@ -54,7 +54,7 @@ def test_help_shows_every_flag_and_how_it_is_used(run):
     status, out, err = run("simulate", "--help")
     assert (status, err) == (0, "")
     for flag in ("--output", "--frames", "--preset", "--set", "--list-parameters", "--resume",
-                 "--force", "--frame", "--device", "--threads", "--json", "--mute"):  # fmt: skip
+                 "--force", "--axes", "--device", "--threads", "--json", "--mute"):  # fmt: skip
         assert flag in out
     assert "usdsplat simulate --preset grow scan.ply -o grow.usda" in out
 
@@ -264,7 +264,7 @@ def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch
         (("{sim}", "-o", "{out}", "--threads", "0"), "found "),
         (("--preset", "melt", "{ply}", "-o", "{out}"), "found 'melt', expected one of grow, push"),
         (("--preset", "push", "{ply}", "-o", "{out}", "--frames", "1:2"), "--frames: found --pres"),
-        (("--preset", "push", "{sim}", "-o", "{out}", "--frame", "rdf"), "--frame: found a stage"),
+        (("--preset", "push", "{sim}", "-o", "{out}", "--axes", "rdf"), "--axes: found a stage"),
         (("--preset", "push", "{ply}no", "-o", "{out}"), "found "),
     ],
 )

@@ -76,7 +76,7 @@ def test_a_file_that_cannot_be_meant_is_refused_before_anything_is_shown(
         (("--no-open",), "--no-open: found no --web"),
         (("--allow-remote",), "--allow-remote: found no --web"),
         (("--web", "--port", 65536), "--port: found 65536, expected 0 to 65535"),
-        (("--time", "nan"), "--time: found nan"),
+        (("--frame", "nan"), "--frame: found nan"),
         (("--variant", "/A:b=c"), "--variant: found a capture, "),
     ],
 )
@@ -89,8 +89,8 @@ def test_options_that_cannot_be_meant_are_refused(run, capture, argv, words):
 
 def test_axes_are_for_captures(run, shot):
     """Oracle: the sentence that render has for it."""
-    status, _, err = run("view", shot, "--frame", "rdf")
-    assert (status, err) == (2, run("render", shot, "--frame", "rdf", "-o", "a.png")[2])
+    status, _, err = run("view", shot, "--axes", "rdf")
+    assert (status, err) == (2, run("render", shot, "--axes", "rdf", "-o", "a.png")[2])
 
 
 def test_a_page_of_nothing_is_refused(run):

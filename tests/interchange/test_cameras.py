@@ -25,6 +25,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.formats.cameras.lens import lens
 from usdsplat.interchange import import_capture
 from usdsplat.interchange.cameras import import_cameras
+from usdsplat.interchange.options import ImportOptions
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
@@ -55,7 +56,7 @@ def staged(folder, cloud, **options):
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, options.pop("stage_up", "Y"))
     UsdGeom.SetStageMetersPerUnit(stage, 0.1)
-    report = import_capture(folder / "scan.ply", stage, **options)
+    report = import_capture(folder / "scan.ply", stage, options=ImportOptions(**options))
     return stage, stage.GetPrimAtPath(report.prim_path)
 
 
@@ -123,7 +124,9 @@ def test_a_capture_is_seen_as_its_photographs_saw_it(data, tmp_path, name: str) 
         turn = quaternion.from_matrix(matrix[None, :3, :3])[0]
         shots.append(Shot(f"view{i}.png", tuple(turn), tuple(matrix[:3, 3])))
     stage = Usd.Stage.CreateInMemory()
-    report = import_capture(data / "splats" / name, stage, meters_per_unit=0.5)
+    report = import_capture(
+        data / "splats" / name, stage, options=ImportOptions(meters_per_unit=0.5)
+    )
     path = colmap_binary(tmp_path / "sparse", shots, lenses)
     field = stage.GetPrimAtPath(report.prim_path)
     seen = import_cameras(path, field, meters_per_unit=0.5)

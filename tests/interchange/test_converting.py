@@ -12,6 +12,7 @@ from tests.interchange.samples import capture, covariances, read_ply
 from usdsplat import formats, schema
 from usdsplat.core.errors import OutputError, UnknownFormatError
 from usdsplat.interchange import ExportReport, ImportReport, RepackReport, convert
+from usdsplat.interchange.options import ImportOptions
 from usdsplat.interchange.provenance import joined_bounds
 
 
@@ -19,11 +20,13 @@ def test_a_capture_becomes_a_stage_and_a_capture_again(tmp_path: Path) -> None:
     """Oracle: plyfile on the first and the last file, and the kinds of report."""
     source = capture(tmp_path)
     stage, packed, back = (tmp_path / name for name in ("a.usda", "b.usdc", "c.ply"))
-    assert isinstance(convert(source, stage, up_axis="Z", prim_path="/Tree"), ImportReport)
-    assert isinstance(convert(stage, packed, form="packed"), RepackReport)
+    assert isinstance(
+        convert(source, stage, options=ImportOptions(up_axis="Z", prim_path="/Tree")), ImportReport
+    )
+    assert isinstance(convert(stage, packed, options=ImportOptions(form="packed")), RepackReport)
     opened = Usd.Stage.Open(str(packed))
     assert schema.is_packed(opened.GetPrimAtPath("/Tree"))
-    assert isinstance(convert(packed, back, prim_path="/Tree"), ExportReport)
+    assert isinstance(convert(packed, back, options=ImportOptions(prim_path="/Tree")), ExportReport)
     np.testing.assert_allclose(
         read_ply(back)["positions"], read_ply(source)["positions"], atol=1e-6
     )
@@ -43,7 +46,7 @@ def test_a_capture_becomes_another_capture(data: Path, tmp_path: Path) -> None:
 def test_a_capture_can_be_turned_on_the_way(tmp_path: Path) -> None:
     """Oracle: right-down-forward to right-up-back is minus y and minus z."""
     source = capture(tmp_path)
-    convert(source, tmp_path / "turned.ply", frame="rub")
+    convert(source, tmp_path / "turned.ply", options=ImportOptions(axes="rub"))
     before, after = (formats.read(p).cloud for p in (source, tmp_path / "turned.ply"))
     flip = np.diag([1.0, -1.0, -1.0])
     np.testing.assert_array_equal(after.positions, before.positions @ flip.astype(np.float32))

@@ -16,6 +16,7 @@ from usdsplat.core import sh
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
 from usdsplat.interchange import export_capture, export_each, import_capture
 from usdsplat.interchange.appearances import Appearance
+from usdsplat.interchange.options import ImportOptions
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def stage() -> Usd.Stage:
 def test_there_and_back_is_the_same_capture(data, tmp_path, up_axis: str, suffix: str) -> None:
     """Oracle: plyfile on both files: the axes op and the export's turn cancel exactly."""
     source = data / "oracle" / "tiny.ply"
-    import_capture(source, tmp_path / f"a{suffix}", up_axis=up_axis)
+    import_capture(source, tmp_path / f"a{suffix}", options=ImportOptions(up_axis=up_axis))
     report = export_capture(tmp_path / f"a{suffix}", tmp_path / "back.ply")
     before, after = read_ply(source), read_ply(tmp_path / "back.ply")
     np.testing.assert_array_equal(after["positions"], before["positions"])
@@ -48,7 +49,7 @@ def test_transforms_are_applied_to_centres_covariances_and_colours(stage, tmp_pa
     op = UsdGeom.Xformable(prim).AddTransformOp()
     turn = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d(1, 2, 3), 50))
     op.Set(turn * Gf.Matrix4d().SetScale(2) * Gf.Matrix4d().SetTranslate((5, 0, -1)))
-    export_capture(stage, tmp_path / "out.ply", frame="rub")
+    export_capture(stage, tmp_path / "out.ply", axes="rub")
     found = formats.read(tmp_path / "out.ply").cloud
     matrix = op.Get()
     expected = [matrix.Transform(Gf.Vec3d(*map(float, p))) for p in source.positions]
@@ -74,7 +75,7 @@ def test_fields_and_instances_are_merged_each_in_its_place(stage, tmp_path: Path
         instance.GetPrim().GetReferences().AddInternalReference("/Source")
         instance.GetPrim().SetInstanceable(True)
     schema.author(stage, "/Other", cloud(2, n=2, degree=1))
-    report = export_capture(stage, tmp_path / "out.ply", frame="rub")
+    report = export_capture(stage, tmp_path / "out.ply", axes="rub")
     assert report.prim_paths == ("/Source/Splats", "/A/Splats", "/B/Splats", "/Other")
     assert (report.splats, report.degree) == (11, 1)
     found = formats.read(tmp_path / "out.ply").cloud.positions
@@ -123,7 +124,7 @@ def test_point_instances_are_exported_where_they_are_seen(stage, tmp_path, time,
     forest.GetOrientationsAttr().Set([Gf.Quath(0, Gf.Vec3h(0, 0, 1)), *[Gf.Quath(1)] * 2], code)
     forest.GetInvisibleIdsAttr().Set([2])
     schema.author(stage, "/Rock", cloud(n=4))
-    report = export_capture(stage, tmp_path / "out.ply", frame="rub", time=time)
+    report = export_capture(stage, tmp_path / "out.ply", axes="rub", time=time)
     assert report.prim_paths == ("/Forest/Oak/Splats", "/Forest/Fir/Splats", "/Rock")
     found = formats.read(tmp_path / "out.ply").cloud
     assert len(found) == 2 + 3 + 4
@@ -150,7 +151,7 @@ def test_prototypes_that_do_not_show_by_themselves_are_exported_at_their_instanc
         forest.GetPrototypesRel().AddTarget(path)
     forest.GetProtoIndicesAttr().Set([0, 1, 0])
     forest.GetPositionsAttr().Set([(10, 0, 0), (20, 0, 0), (30, 0, 0)])
-    export_capture(stage, tmp_path / "out.ply", frame="rub")
+    export_capture(stage, tmp_path / "out.ply", axes="rub")
     found = formats.read(tmp_path / "out.ply").cloud
     assert len(found) == 2 + 3 + 2
     np.testing.assert_allclose(found.positions[:2], np.add(tree.positions, (10, 0, 0)), atol=1e-5)
@@ -214,7 +215,7 @@ def test_a_time_chooses_the_frame(stage, tmp_path: Path) -> None:
     op = UsdGeom.Xformable(prim).AddTranslateOp()
     op.Set((0, 0, 0), 1)
     op.Set((10, 0, 0), 3)
-    export_capture(stage, tmp_path / "out.ply", time=2, frame="rub")
+    export_capture(stage, tmp_path / "out.ply", time=2, axes="rub")
     found = formats.read(tmp_path / "out.ply").cloud.positions
     np.testing.assert_allclose(found, first.positions + np.array([6, 1, 1]), atol=1e-5)
 
@@ -246,7 +247,7 @@ def test_a_field_in_its_own_axes_is_written_bit_for_bit(stage, tmp_path: Path) -
     """Oracle: the writer given the same cloud."""
     source = cloud(n=20)
     schema.author(stage, "/Splats", source)
-    export_capture(stage, tmp_path / "out.ply", frame="rub")
+    export_capture(stage, tmp_path / "out.ply", axes="rub")
     formats.write(source, tmp_path / "expected.ply")
     assert_same(
         formats.read(tmp_path / "out.ply").cloud, formats.read(tmp_path / "expected.ply").cloud
@@ -272,8 +273,8 @@ def test_targets_that_cannot_be_are_refused(stage, tmp_path: Path) -> None:
     schema.author(stage, "/Splats", cloud(n=3))
     with pytest.raises(UnknownFormatError):
         export_capture(stage, tmp_path / "out.obj")
-    with pytest.raises(UsageError, match="frame"):
-        export_capture(stage, tmp_path / "out.ply", frame="up")
+    with pytest.raises(UsageError, match="axes"):
+        export_capture(stage, tmp_path / "out.ply", axes="up")
     import_capture(capture(tmp_path), tmp_path / "a.usdc")
     link = tmp_path / "link.ply"
     link.symlink_to(tmp_path / "a.usdc")

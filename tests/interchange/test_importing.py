@@ -23,6 +23,7 @@ from usdsplat.core.errors import (
     UsageError,
 )
 from usdsplat.interchange import import_capture
+from usdsplat.interchange.options import ImportOptions
 
 RDF_TO = {"Y": np.diag([1, -1, -1]), "Z": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])}
 
@@ -72,7 +73,7 @@ def test_axes_are_turned_the_way_that_is_reported(tmp_path, up_axis: str, bake: 
     """Oracle: right-down-forward in words: x stays, down becomes minus up."""
     source = capture(tmp_path, degree=0)
     target = tmp_path / "tree.usdc"
-    report = import_capture(source, target, up_axis=up_axis, bake_axes=bake)
+    report = import_capture(source, target, options=ImportOptions(up_axis=up_axis, bake_axes=bake))
     prim = field(target)
     assert UsdGeom.GetStageUpAxis(prim.GetStage()) == up_axis
     to_world = UsdGeom.XformCache().GetLocalToWorldTransform(prim)
@@ -89,7 +90,7 @@ def test_axes_are_turned_the_way_that_is_reported(tmp_path, up_axis: str, bake: 
 def test_baked_axes_turn_covariances_too(tmp_path: Path) -> None:
     """Oracle: A S A^T by hand."""
     source = capture(tmp_path, degree=1)
-    import_capture(source, tmp_path / "baked.usdc", bake_axes=True)
+    import_capture(source, tmp_path / "baked.usdc", options=ImportOptions(bake_axes=True))
     turn = RDF_TO["Y"].astype(float)
     expected = turn @ covariances(formats.read(source).cloud) @ turn.T
     found = covariances(schema.fetch(field(tmp_path / "baked.usdc")))
@@ -98,7 +99,9 @@ def test_baked_axes_turn_covariances_too(tmp_path: Path) -> None:
 
 def test_a_frame_that_is_given_wins(tmp_path: Path) -> None:
     """Oracle: with USD's own axes nothing is left to turn."""
-    report = import_capture(capture(tmp_path), tmp_path / "a.usdc", frame="rub")
+    report = import_capture(
+        capture(tmp_path), tmp_path / "a.usdc", options=ImportOptions(axes="rub")
+    )
     assert report.frame == "rub"
     assert report.axes == "rub, as the stage's"
     assert not UsdGeom.Xformable(field(tmp_path / "a.usdc")).GetOrderedXformOps()
@@ -107,7 +110,9 @@ def test_a_frame_that_is_given_wins(tmp_path: Path) -> None:
 
 def test_a_file_says_its_default_prim_axes_and_unit(tmp_path: Path) -> None:
     """Oracle: what usdchecker asks of every stage, by USD's validators."""
-    import_capture(capture(tmp_path), tmp_path / "a.usda", meters_per_unit=0.01)
+    import_capture(
+        capture(tmp_path), tmp_path / "a.usda", options=ImportOptions(meters_per_unit=0.01)
+    )
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     assert stage.GetDefaultPrim().GetPath() == "/World"
     assert stage.GetDefaultPrim().GetTypeName() == "Xform"
@@ -120,7 +125,7 @@ def test_an_unknown_size_is_said(tmp_path: Path) -> None:
     """Oracle: captures have no unit; the report and the prim say what was taken."""
     source = capture(tmp_path)
     assert any("how large" in note for note in import_capture(source, tmp_path / "a.usd").notes)
-    sized = import_capture(source, tmp_path / "b.usd", meters_per_unit=1)
+    sized = import_capture(source, tmp_path / "b.usd", options=ImportOptions(meters_per_unit=1))
     assert not any("how large" in note for note in sized.notes)
 
 
@@ -128,7 +133,7 @@ def test_an_unknown_size_is_said(tmp_path: Path) -> None:
 def test_the_prim_remembers_where_it_came_from(tmp_path: Path, form: str, bounds: set[str]) -> None:
     """Oracle: hashlib, and the report."""
     source = capture(tmp_path)
-    report = import_capture(source, tmp_path / "a.usdc", form=form)
+    report = import_capture(source, tmp_path / "a.usdc", options=ImportOptions(form=form))
     memory = field(tmp_path / "a.usdc").GetCustomDataByKey("usdsplat")
     assert memory["source"] == "tree.ply"
     assert memory["sha256"] == hashlib.sha256(source.read_bytes()).hexdigest()
@@ -144,7 +149,7 @@ def test_the_prim_remembers_where_it_came_from(tmp_path: Path, form: str, bounds
 def test_bounds_of_the_file_and_of_the_form_add_up(data: Path, tmp_path: Path) -> None:
     """Oracle: both texts stand in the sum."""
     source = data / "splats" / "pod.spz"
-    report = import_capture(source, tmp_path / "a.usdc", form="packed")
+    report = import_capture(source, tmp_path / "a.usdc", options=ImportOptions(form="packed"))
     own = formats.read(source).error_bounds["opacities"]
     assert report.error_bounds["opacities"] == f"{own} + 1/1022"
     assert report.error_bounds["positions"] == formats.read(source).error_bounds["positions"]
@@ -210,7 +215,9 @@ def test_prims_are_named_after_files(tmp_path: Path, name: str, expected: str) -
 
 def test_a_path_can_be_asked_for(tmp_path: Path) -> None:
     """Oracle: the prims on the way are groups, the first is the default prim."""
-    report = import_capture(capture(tmp_path), tmp_path / "a.usda", prim_path="/Set/Trees/Oak")
+    report = import_capture(
+        capture(tmp_path), tmp_path / "a.usda", options=ImportOptions(prim_path="/Set/Trees/Oak")
+    )
     assert report.prim_path == "/Set/Trees/Oak"
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     assert stage.GetDefaultPrim().GetName() == "Set"
@@ -224,7 +231,9 @@ def test_a_capture_joins_a_stage(tmp_path: Path) -> None:
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
     stage.SetDefaultPrim(stage.DefinePrim("/Shot", "Xform"))
     source = capture(tmp_path, degree=0)
-    reports = [import_capture(source, stage, meters_per_unit=1) for _ in range(2)]
+    reports = [
+        import_capture(source, stage, options=ImportOptions(meters_per_unit=1)) for _ in range(2)
+    ]
     assert [r.prim_path for r in reports] == ["/Shot/tree", "/Shot/tree_1"]
     assert (reports[0].target, reports[0].meters_per_unit) == ("", 0.01)
     assert "100 times as large" in reports[0].axes
@@ -238,17 +247,19 @@ def test_importing_again_replaces_the_field_and_keeps_its_place(tmp_path: Path) 
     """Oracle: the artist's op stays outermost, the axes op is there once, the cloud is new."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, "Y")
-    import_capture(capture(tmp_path, n=4), stage, prim_path="/Tree")
+    import_capture(capture(tmp_path, n=4), stage, options=ImportOptions(prim_path="/Tree"))
     xformable = UsdGeom.Xformable(stage.GetPrimAtPath("/Tree"))
     axes_op = xformable.GetOrderedXformOps()[0]
     move = xformable.AddTranslateOp()
     move.Set((1, 2, 3))
     xformable.SetXformOpOrder([move, axes_op])
-    import_capture(capture(tmp_path, n=7), stage, prim_path="/Tree")
+    import_capture(capture(tmp_path, n=7), stage, options=ImportOptions(prim_path="/Tree"))
     names = [op.GetOpName() for op in xformable.GetOrderedXformOps()]
     assert names == ["xformOp:translate", "xformOp:transform:axes"]
     assert len(schema.fetch(stage.GetPrimAtPath("/Tree"))) == 7
-    import_capture(capture(tmp_path, n=7), stage, prim_path="/Tree", bake_axes=True)
+    import_capture(
+        capture(tmp_path, n=7), stage, options=ImportOptions(prim_path="/Tree", bake_axes=True)
+    )
     assert [op.GetOpName() for op in xformable.GetOrderedXformOps()] == ["xformOp:translate"]
 
 
@@ -268,7 +279,7 @@ def test_the_default_prim_of_another_layer_is_not_touched(tmp_path: Path) -> Non
         ({"up_axis": "X"}, UsageError, "up_axis"),
         ({"meters_per_unit": 0.0}, UsageError, "meters_per_unit"),
         ({"meters_per_unit": float("nan")}, UsageError, "meters_per_unit"),
-        ({"frame": "xyz"}, UsageError, "frame"),
+        ({"axes": "xyz"}, UsageError, "axes"),
         ({"prim_path": "no path"}, UsageError, "prim_path"),
         ({"prim_path": "/"}, UsageError, "prim_path"),
         ({"prim_path": "relative/path"}, UsageError, "prim_path"),
@@ -279,7 +290,7 @@ def test_options_that_cannot_be_write_nothing(tmp_path, options, error, text) ->
     """Oracle: the documented error, and the folder afterwards."""
     source = capture(tmp_path)
     with pytest.raises(error, match=text):
-        import_capture(source, tmp_path / "a.usdc", **options)
+        import_capture(source, tmp_path / "a.usdc", options=ImportOptions(**options))
     assert [p.name for p in tmp_path.iterdir()] == ["tree.ply"]
 
 
@@ -288,7 +299,7 @@ def test_a_stage_keeps_its_up_axis(tmp_path: Path) -> None:
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, "Z")
     with pytest.raises(UsageError, match="Z, which the stage has"):
-        import_capture(capture(tmp_path), stage, up_axis="Y")
+        import_capture(capture(tmp_path), stage, options=ImportOptions(up_axis="Y"))
 
 
 def test_another_prim_is_not_overwritten(tmp_path: Path) -> None:
@@ -296,7 +307,7 @@ def test_another_prim_is_not_overwritten(tmp_path: Path) -> None:
     stage = Usd.Stage.CreateInMemory()
     stage.DefinePrim("/Mesh", "Mesh")
     with pytest.raises(StageError, match="a Mesh"):
-        import_capture(capture(tmp_path), stage, prim_path="/Mesh")
+        import_capture(capture(tmp_path), stage, options=ImportOptions(prim_path="/Mesh"))
 
 
 def test_targets_that_are_no_usd_file_are_refused(tmp_path: Path) -> None:
@@ -371,7 +382,7 @@ def test_a_usdz_is_one_package_that_others_can_read(tmp_path: Path) -> None:
 def test_a_field_equals_the_edited_cloud_in_world_space(tmp_path: Path) -> None:
     """Oracle: `core.edit` on the capture, against baked arrays."""
     source = capture(tmp_path)
-    import_capture(source, tmp_path / "a.usdc", bake_axes=True)
+    import_capture(source, tmp_path / "a.usdc", options=ImportOptions(bake_axes=True))
     turn = np.eye(4)
     turn[:3, :3] = RDF_TO["Y"]
     assert_same(
@@ -391,6 +402,8 @@ def test_a_field_equals_the_edited_cloud_in_world_space(tmp_path: Path) -> None:
 )
 def test_an_import_says_which_published_rule_its_form_breaks(tmp_path, form, degree, said) -> None:
     """Oracle: NVIDIA's rule VG.035 for stock prims: float attributes and degrees 0 to 3."""
-    report = import_capture(capture(tmp_path, degree=degree), tmp_path / "a.usdc", form=form)
+    report = import_capture(
+        capture(tmp_path, degree=degree), tmp_path / "a.usdc", options=ImportOptions(form=form)
+    )
     found = [note for note in report.notes if "VG.035" in note]
     assert [said in note for note in found] == ([True] if said else [])

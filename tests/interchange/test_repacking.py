@@ -16,6 +16,7 @@ from usdsplat.core.edits import parsed
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import import_capture, repack
+from usdsplat.interchange.options import ImportOptions
 from usdsplat.schema import packing
 
 
@@ -78,7 +79,7 @@ def test_time_samples_stay_time_samples(tmp_path: Path, form: str) -> None:
 def test_modes_colour_space_and_memory_of_the_import_stay(tmp_path: Path) -> None:
     """Oracle: the values on the original."""
     stage = Usd.Stage.CreateInMemory()
-    import_capture(capture(tmp_path), stage, prim_path="/Splats")
+    import_capture(capture(tmp_path), stage, options=ImportOptions(prim_path="/Splats"))
     prim = schema.author(
         stage,
         "/Splats",
@@ -268,7 +269,12 @@ def test_the_published_rule_that_a_form_breaks_is_noted(tmp_path: Path, form, ru
 def test_edits_are_done_to_each_field_in_its_own_coordinates(tmp_path: Path) -> None:
     """Oracle: the clouds and the extent, scaled by hand; ops stay; provenance has one more edit."""
     stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    import_capture(capture(tmp_path, n=20), stage, prim_path="/A", edits=[parsed("scale", "3")])
+    import_capture(
+        capture(tmp_path, n=20),
+        stage,
+        options=ImportOptions(prim_path="/A"),
+        edits=[parsed("scale", "3")],
+    )
     schema.author(stage, "/B", cloud(n=5))
     UsdGeom.Xformable(stage.GetPrimAtPath("/B")).AddTranslateOp().Set((7, 0, 0))
     stage.Save()

@@ -13,6 +13,7 @@ from tests.schema.clouds import cloud
 from usdsplat import formats, schema
 from usdsplat.core.errors import UnknownFormatError, UsageError
 from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.options import SequenceOptions
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequences import import_sequence
 
@@ -30,7 +31,9 @@ def test_a_sequence_comes_back(tmp_path: Path) -> None:
     """Oracle: the files that were imported, to the rounding of logits and logarithms."""
     for frame in (7, 8, 9):
         formats.write(cloud(seed=frame, n=frame), tmp_path / f"in.{frame}.ply")
-    import_sequence(tmp_path / "in.#.ply", tmp_path / "stage.usdc", clips=True)
+    import_sequence(
+        tmp_path / "in.#.ply", tmp_path / "stage.usdc", sequence=SequenceOptions(clips=True)
+    )
     report = export_sequence(tmp_path / "stage.usdc", tmp_path / "out.%04d.ply")
     assert (report.frames, report.counts, report.splats) == ((7, 8, 9), (7, 8, 9), 24)
     for frame in report.frames:
@@ -84,7 +87,7 @@ def test_an_export_that_is_asked_for_more_is_heeded(tmp_path: Path) -> None:
     stage = growing()
 
     def export(stage: Usd.Stage, path: Path, time: float):
-        return export_capture(stage, path, time=time, prim_path="/Growing", frame="rub")
+        return export_capture(stage, path, time=time, prim_path="/Growing", axes="rub")
 
     report = export_sequence(stage, tmp_path / "out.####.ply", export=export)
     assert (report.counts, report.frame) == ((2, 3, 5), "rub")

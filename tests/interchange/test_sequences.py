@@ -19,6 +19,7 @@ from usdsplat.core.edits import parsed
 from usdsplat.core.errors import FormatError, OutputError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.opening import open_capture
+from usdsplat.interchange.options import ImportOptions, SequenceOptions
 from usdsplat.interchange.sequences import import_sequence
 
 COUNTS = {1: 12, 2: 40, 3: 40, 4: 7}
@@ -43,7 +44,9 @@ def opened(path: Path, prim_path: str = "/World/cap") -> tuple[Usd.Stage, Usd.Pr
 def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> None:
     """Oracle: the reader, which has oracles of its own; between frames the earlier one is held."""
     target = tmp_path / f"out{suffix}"
-    report = import_sequence(sequence(tmp_path), target, clips=clips, rate=25)
+    report = import_sequence(
+        sequence(tmp_path), target, sequence=SequenceOptions(clips=clips, rate=25)
+    )
     assert (report.frames, report.counts) == (tuple(COUNTS), tuple(COUNTS.values()))
     assert (report.prim_path, report.splats) == ("/World/cap", sum(COUNTS.values()))
     stage, prim = opened(target)
@@ -65,7 +68,12 @@ def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> 
 def test_other_forms_hold_what_they_hold_of_one_capture(tmp_path, form: str, clips: bool) -> None:
     """Oracle: `schema.author` and `schema.fetch` of each capture alone."""
     target = tmp_path / "out.usdc"
-    import_sequence(sequence(tmp_path), target, form=form, clips=clips)
+    import_sequence(
+        sequence(tmp_path),
+        target,
+        options=ImportOptions(form=form),
+        sequence=SequenceOptions(clips=clips),
+    )
     stage, prim = opened(target)
     assert schema.form_of(prim) == form
     alone = Usd.Stage.CreateInMemory()
@@ -81,7 +89,9 @@ def test_other_forms_hold_what_they_hold_of_one_capture(tmp_path, form: str, cli
 def test_rows_that_are_the_same_splats_move_between_frames(tmp_path: Path, clips: bool) -> None:
     """Oracle: the mean of two frames, by hand; a frame of another count is held."""
     target = tmp_path / "out.usdc"
-    report = import_sequence(sequence(tmp_path), target, interpolate=True, clips=clips)
+    report = import_sequence(
+        sequence(tmp_path), target, sequence=SequenceOptions(interpolate=True, clips=clips)
+    )
     assert not any("held" in note for note in report.notes)
     _stage, prim = opened(target)
     clouds = {frame: schema.fetch(prim, frame) for frame in COUNTS}
@@ -94,7 +104,9 @@ def test_rows_that_are_the_same_splats_move_between_frames(tmp_path: Path, clips
 def test_frames_look_like_their_captures(data: Path, tmp_path: Path, clips: bool) -> None:
     """Oracle: pictures of two captures alone, bit for bit; their order of splats changes."""
     target = tmp_path / "monkey.usdc"
-    report = import_sequence(data / "seq_synthetic" / "monkey_%04d.sog", target, clips=clips)
+    report = import_sequence(
+        data / "seq_synthetic" / "monkey_%04d.sog", target, sequence=SequenceOptions(clips=clips)
+    )
     assert report.frames == (1, 2, 3, 4, 5, 6)
     with Engine(Usd.Stage.Open(str(target)), time=2.0) as engine:
         view = engine.view(resolution=(96, 64))
@@ -116,14 +128,18 @@ def test_a_package_holds_a_sequence(tmp_path: Path) -> None:
     read = formats.read(tmp_path / "cap.0003.ply").cloud
     assert_same(replace(schema.fetch(prim, 3), ids=None), read)
     with pytest.raises(UsageError, match=r"clips: found a \.usdz target, expected"):
-        import_sequence(tmp_path / "cap.####.ply", tmp_path / "clips.usdz", clips=True)
+        import_sequence(
+            tmp_path / "cap.####.ply", tmp_path / "clips.usdz", sequence=SequenceOptions(clips=True)
+        )
     assert not (tmp_path / "clips.usdz").exists()
 
 
 def test_chosen_frames_may_leave_gaps(tmp_path: Path) -> None:
     """Oracle: the choice; the numbers stay the time codes."""
     pattern = sequence(tmp_path)
-    report = import_sequence(pattern, tmp_path / "out.usdc", frames=(4, 1))
+    report = import_sequence(
+        pattern, tmp_path / "out.usdc", sequence=SequenceOptions(frames=(4, 1))
+    )
     assert report.frames == (1, 4)
     _stage, prim = opened(tmp_path / "out.usdc")
     assert [len(schema.fetch(prim, time)) for time in (1, 3, 4)] == [12, 12, 7]
@@ -133,7 +149,9 @@ def test_axes_are_turned_as_for_one_capture(tmp_path: Path) -> None:
     """Oracle: right-down-forward in words, z up: x stays, forward becomes y, down minus z."""
     pattern = sequence(tmp_path)
     for bake in (False, True):
-        report = import_sequence(pattern, tmp_path / "out.usdc", up_axis="Z", bake_axes=bake)
+        report = import_sequence(
+            pattern, tmp_path / "out.usdc", options=ImportOptions(up_axis="Z", bake_axes=bake)
+        )
         stage, prim = opened(tmp_path / "out.usdc")
         assert UsdGeom.GetStageUpAxis(stage) == "Z"
         matrix = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prim))[:3, :3]
@@ -174,7 +192,10 @@ def test_every_frame_is_edited_in_its_own_coordinates(tmp_path: Path) -> None:
         np.testing.assert_allclose(schema.fetch(prim, time).positions, expected, atol=1e-6)
     with pytest.raises(UsageError, match=r"^edit crop-box: found rows to interpolate"):
         import_sequence(
-            tmp_path / "cap.####.ply", tmp_path / "out.usdc", edits=edits, interpolate=True
+            tmp_path / "cap.####.ply",
+            tmp_path / "out.usdc",
+            edits=edits,
+            sequence=SequenceOptions(interpolate=True),
         )
 
 
@@ -192,7 +213,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path: Path, clips: bool) -> None
         return formats.read(path)
 
     with pytest.raises(KeyboardInterrupt):
-        import_sequence(pattern, target, clips=clips, read=tired)
+        import_sequence(pattern, target, sequence=SequenceOptions(clips=clips), read=tired)
     assert sorted(tmp_path.iterdir()) == before
     assert target.read_text() == "older"
 
@@ -215,10 +236,10 @@ def test_a_disk_that_is_full_leaves_nothing(tmp_path, suffix: str, limit: int, c
     code = f"""
 import resource, sys
 from usdsplat.core.errors import OutputError
-from usdsplat.interchange import import_sequence
+from usdsplat.interchange import SequenceOptions, import_sequence
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 try:
-    import_sequence(sys.argv[1], sys.argv[2], clips={clips})
+    import_sequence(sys.argv[1], sys.argv[2], sequence=SequenceOptions(clips={clips}))
 except OutputError as error:
     print(error)
 """
@@ -243,17 +264,21 @@ def test_frames_that_cannot_be_one_field_are_refused(tmp_path: Path) -> None:
 def test_a_rate_that_is_none_is_refused(tmp_path: Path, rate: float) -> None:
     """Oracle: one sentence, and nothing is written."""
     with pytest.raises(UsageError, match=r"rate: found .*, expected a positive number"):
-        import_sequence(sequence(tmp_path), tmp_path / "out.usdc", rate=rate)
+        import_sequence(
+            sequence(tmp_path), tmp_path / "out.usdc", sequence=SequenceOptions(rate=rate)
+        )
 
 
 def test_something_else_at_the_prim_path_is_no_matter_in_a_new_file(tmp_path: Path) -> None:
     """Oracle: the path that is asked for; one that is none is refused."""
     pattern = sequence(tmp_path, {1: 3})
-    report = import_sequence(pattern, tmp_path / "a.usdc", prim_path="/Set/Tree")
+    report = import_sequence(
+        pattern, tmp_path / "a.usdc", options=ImportOptions(prim_path="/Set/Tree")
+    )
     assert report.prim_path == "/Set/Tree"
     assert not any("held" in note for note in report.notes)
     with pytest.raises(UsageError, match="expected the path of a prim"):
-        import_sequence(pattern, tmp_path / "b.usdc", prim_path="Tree")
+        import_sequence(pattern, tmp_path / "b.usdc", options=ImportOptions(prim_path="Tree"))
     assert not (tmp_path / "b.usdc").exists()
 
 
@@ -261,15 +286,17 @@ def test_clips_replace_clips_and_nothing_else(tmp_path: Path) -> None:
     """Oracle: the files of the folder; what is not a clip is somebody's."""
     pattern = sequence(tmp_path)
     folder = tmp_path / "out.clips"
-    import_sequence(pattern, tmp_path / "out.usdc", clips=True)
-    import_sequence(pattern, tmp_path / "out.usdc", clips=True, frames=(2, 3))
+    import_sequence(pattern, tmp_path / "out.usdc", sequence=SequenceOptions(clips=True))
+    import_sequence(
+        pattern, tmp_path / "out.usdc", sequence=SequenceOptions(clips=True, frames=(2, 3))
+    )
     names = ["frame.0002.usdc", "frame.0003.usdc", "manifest.usda", "topology.usda"]
     assert sorted(path.name for path in folder.iterdir()) == names
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(
         OutputError, match=r"out\.clips: found something that is no folder of clips"
     ):
-        import_sequence(pattern, tmp_path / "out.usdc", clips=True)
+        import_sequence(pattern, tmp_path / "out.usdc", sequence=SequenceOptions(clips=True))
     assert (folder / "notes.txt").read_text() == "mine"
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
@@ -278,7 +305,12 @@ def test_clips_travel_with_their_stage(tmp_path: Path) -> None:
     """Oracle: the reader, after the folder was renamed; a clip can be looked at by itself."""
     (tmp_path / "here").mkdir()
     pattern = sequence(tmp_path)
-    import_sequence(pattern, tmp_path / "here" / "out.usda", clips=True, up_axis="Z")
+    import_sequence(
+        pattern,
+        tmp_path / "here" / "out.usda",
+        sequence=SequenceOptions(clips=True),
+        options=ImportOptions(up_axis="Z"),
+    )
     (tmp_path / "here").rename(tmp_path / "there")
     _stage, prim = opened(tmp_path / "there" / "out.usda")
     read = formats.read(tmp_path / "cap.0002.ply").cloud
@@ -295,7 +327,9 @@ def test_fractions_of_frames_are_times(tmp_path: Path) -> None:
     """Oracle: the names."""
     for number, text in enumerate(("0001.00", "0001.50", "0002.00")):
         capture(tmp_path, f"cap.{text}.ply", seed=number, n=3 + number, degree=0)
-    report = import_sequence(tmp_path / "cap.####.##.ply", tmp_path / "out.usdc", clips=True)
+    report = import_sequence(
+        tmp_path / "cap.####.##.ply", tmp_path / "out.usdc", sequence=SequenceOptions(clips=True)
+    )
     assert report.frames == (1, 1.5, 2)
     _stage, prim = opened(tmp_path / "out.usdc")
     assert [len(schema.fetch(prim, time)) for time in (1, 1.25, 1.5, 2)] == [3, 3, 4, 5]

@@ -69,6 +69,6 @@ def test_docstrings_comments_and_lines_do_not_count(package):
 def test_what_launches_and_keeps_kernels_does_not_count(package):
     """Oracle: the digest before."""
     before = digests("bins", "cuda.walk")
-    edit(package, "device", "START = 1.5", "START = 2.5")
+    edit(package, "devices", "START = 1.5", "START = 2.5")
     edit(package, "cuda/device", "BLOCKS = 132 * 16", "BLOCKS = 99")
     assert digests("bins", "cuda.walk") == before

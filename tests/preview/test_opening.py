@@ -129,8 +129,8 @@ def test_a_capture_becomes_a_stage_and_says_what_goes_on(opened, capture):
     [
         ("scan.ply", {"mute": ("x",)}, UsageError),
         ("scan.ply", {"variants": ("/A:b=c",)}, UsageError),
-        ("scan.ply", {"frame": "sideways"}, UsageError),
-        ("shot.usda", {"frame": "rdf"}, UsageError),
+        ("scan.ply", {"axes": "sideways"}, UsageError),
+        ("shot.usda", {"axes": "rdf"}, UsageError),
         ("shot.usda", {"mask": ("/None",)}, StageError),
         ("shot.usda", {"variants": ("nonsense",)}, UsageError),
         ("none.usda", {}, StageError),

@@ -3,11 +3,11 @@
 examples:
   usdsplat convert scan.ply scan.usdc
       a stage with one splat field, turned upright by a transform on the prim
-  usdsplat convert scan.spz scan.usdc --up-axis Z --meters-per-unit 0.01 --frame rub
+  usdsplat convert scan.spz scan.usdc --up-axis Z --meters-per-unit 0.01 --axes rub
       for a Z-up pipeline; the capture is in centimetres and its y points up
   usdsplat convert scan.ply scan.usdc --packed
       a third of the size, in the compact type that needs usdsplat to be drawn
-  usdsplat convert shot.usd still.ply --time 12 --prim /World/Tree
+  usdsplat convert shot.usd still.ply --frame 12 --prim /World/Tree
       what is beneath a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
       each field a file of its own: tree_Trunk.spz, tree_Leaves.spz
@@ -43,6 +43,7 @@ from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
+from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
 
 if TYPE_CHECKING:
     from usdsplat.interchange.converting import Report
@@ -61,7 +62,7 @@ def run(options: Options) -> int:
     from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frames import parse_frames
     from usdsplat.interchange import convert
-    from usdsplat.interchange.sequences import RATE
+    from usdsplat.interchange.options import RATE
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
@@ -79,21 +80,27 @@ def run(options: Options) -> int:
             sources,
             target,
             edits=edits,
-            form=form,
-            frame=captures.frame,
-            up_axis=stage.up_axis,
-            meters_per_unit=stage.meters_per_unit,
-            prim_path=options.prim,
-            bake_axes=stage.bake_axes,
-            cameras=stage.cameras,
-            time=time_code(options.stage_read.time),
-            split=options.stage_read.split,
-            frames=None if frames.frames is None else parse_frames(frames.frames),
-            clips=frames.clips,
-            rate=RATE if frames.rate is None else frames.rate,
-            interpolate=frames.interpolate,
-            reading=ReadOptions(lod=captures.lod or 0),
-            writing=WriteOptions(spz_version=captures.spz_version or 4),
+            options=ImportOptions(
+                form=form,
+                axes=captures.axes,
+                up_axis=stage.up_axis,
+                meters_per_unit=stage.meters_per_unit,
+                prim_path=options.prim,
+                bake_axes=stage.bake_axes,
+                cameras=stage.cameras,
+                reading=ReadOptions(lod=captures.lod or 0),
+            ),
+            export=ExportOptions(
+                time=time_code(options.stage_read.frame),
+                split=options.stage_read.split,
+                writing=WriteOptions(spz_version=captures.spz_version or 4),
+            ),
+            sequence=SequenceOptions(
+                frames=None if frames.frames is None else parse_frames(frames.frames),
+                clips=frames.clips,
+                rate=RATE if frames.rate is None else frames.rate,
+                interpolate=frames.interpolate,
+            ),
             progress=during.enter_context(console.progress()),
         )
     if options.json:

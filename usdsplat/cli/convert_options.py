@@ -39,7 +39,7 @@ class StageWritten:
 class StageRead:
     """What of a stage is read."""
 
-    time: Annotated[float | None, option("FRAME")] = None
+    frame: Annotated[float | None, option("FRAME")] = None
     """time code to read of a stage; default: its default values, or the first samples"""
     split: Annotated[bool, option()] = False
     """write each field to a file of its own, OUT with the prim's name before the suffix"""
@@ -63,7 +63,7 @@ class Frames:
 class Captures:
     """How captures are read and written."""
 
-    frame: Annotated[str | None, option("FRAME")] = None
+    axes: Annotated[str | None, option("AXES")] = None
     """to a stage: where x, y and z of the input point, default as the file says; to a capture:
     where those of the output are to point, default as is usual in its format"""
     lod: Annotated[int | None, option("LEVEL")] = None
@@ -93,14 +93,14 @@ class Options:
 
 _MEANINGFUL = {
     (False, True): (
-        *("packed", "half", "up_axis", "frame", "meters_per_unit", "prim", "bake_axes", "lod"),
+        *("packed", "half", "up_axis", "axes", "meters_per_unit", "prim", "bake_axes", "lod"),
     ),
-    (True, False): ("prim", "frame", "spz_version"),
-    (False, False): ("frame", "lod", "spz_version"),
+    (True, False): ("prim", "axes", "spz_version"),
+    (False, False): ("axes", "lod", "spz_version"),
     (True, True): ("packed", "half"),
 }
 """Whether input and output are stages -> the flags that mean something."""
-_OF_ONE = {(False, True): ("cameras",), (True, False): ("time", "split")}
+_OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split")}
 """Likewise, of what is no sequence."""
 _OF_FRAMES = {
     (False, True): ("frames", "clips", "rate", "interpolate"),

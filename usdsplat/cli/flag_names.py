@@ -15,6 +15,7 @@ SPELLINGS = {
 
 FLAGS = (
     "aovs",
+    "axes",
     "blend-space",
     "camera",
     "color-mode",

@@ -5,7 +5,7 @@ examples:
       how many splats, how large, what format, which axes, how exact
   usdsplat info shot.usd
       every splat field with its numbers, and cameras, frames and render products
-  usdsplat info shot.usd --time 12
+  usdsplat info shot.usd --frame 12
   usdsplat info scan.sog --json
   usdsplat info scan.sog --plot report.html
       the same with pictures from three sides and histograms; .png works too
@@ -37,7 +37,7 @@ class Options:
 
     file: Annotated[Positional[Path], option("FILE")]
     """capture or stage to look at"""
-    time: Annotated[float | None, option("FRAME")] = None
+    frame: Annotated[float | None, option("FRAME")] = None
     """time code at which a stage is read; default: default values, or the first samples"""
     json: Annotated[bool, option()] = False
     """print one JSON object"""
@@ -59,8 +59,8 @@ def run(options: Options) -> int:
         described = _stage(options)
     else:
         check_no_stage_options(options.file, options.opening)
-        if time_code(options.time) is not None:
-            raise UsageError("--time", f"a capture, {options.file}", "a stage")
+        if time_code(options.frame) is not None:
+            raise UsageError("--frame", f"a capture, {options.file}", "a stage")
         described = _capture(options)
     if options.json:
         console.print_json(described)
@@ -74,7 +74,7 @@ def _stage(options: Options) -> dict[str, Any]:
     from usdsplat.cli import summary
     from usdsplat.cli.stages import open_stage
 
-    time = time_code(options.time)
+    time = time_code(options.frame)
     with console.progress() as progress:
         stage = open_stage(options.file, options.opening)
         described = summary.of_stage(stage, time, progress=progress)

@@ -109,9 +109,11 @@ def _run(arguments: list[str]) -> int:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
     command: Command = importlib.import_module(f"usdsplat.cli.{name.replace('-', '_')}")
     from usdsplat.cli.parsing import parse
+    from usdsplat.cli.renamed_flags import renamed
 
     arranged = getattr(command, "arranged", list)
-    options = parse(command.Options, name, command.__doc__ or "", arranged(rest))
+    words = arranged(renamed(rest))
+    options = parse(command.Options, name, command.__doc__ or "", words)
     if isinstance(options, int):
         return options
     return command.run(options)

@@ -60,7 +60,7 @@ class Options:
     """grade only this field, or those beneath this prim; may be repeated; default: all that show"""
     fit: Annotated[str, option("PARTS")] = "exposure,whiteBalance,matrix"
     """what may change, commas between; default: exposure,whiteBalance,matrix"""
-    time: Annotated[float | None, option("FRAME")] = None
+    frame: Annotated[float | None, option("FRAME")] = None
     """time code of the picture; default: the stage's first"""
     device: Annotated[str, option("NAME")] = "auto"
     """what draws, auto, cpu or cuda; default: auto, the fastest here"""
@@ -81,7 +81,7 @@ def run(options: Options) -> int:
 
     _check_flags(options)
     check_suffix(options.output)
-    time = time_code(options.time)
+    time = time_code(options.frame)
     keep = (options.camera,) if options.camera and options.camera[0] == "/" else ()
     stage = open_stage(options.stage, options.opening, keep=keep)
     check_not_input(options.output, layer_files(stage))

@@ -9,11 +9,12 @@ from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.progress import Progress
 from usdsplat.interchange.files import check_not_input, check_suffix, is_usd, open_stage
 from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.options import ImportOptions
 from usdsplat.sim.stage.presets import PresetName, author_preset
 
 
 def make_stage(
-    preset: str, source: Path, target: Path, *, frame: str | None, progress: Progress
+    preset: str, source: Path, target: Path, *, axes: str | None, progress: Progress
 ) -> list[Path]:
     """Write a stage in which a capture is simulated.
 
@@ -22,14 +23,14 @@ def make_stage(
         source: A capture, which is imported into a .usdc beside the target, or a stage with one
             splat field, which the target refers to.
         target: A .usda or .usdc file that is not there yet.
-        frame: Where x, y and z of a capture point; None believes the file.
+        axes: Where x, y and z of a capture point; None believes the file.
         progress: Told about the import.
 
     Returns:
         The files that were written, the target last.
 
     Raises:
-        UsageError: If there is no such preset, or `frame` is given for a stage.
+        UsageError: If there is no such preset, or `axes` is given for a stage.
         OutputError: If the target exists or cannot be written.
     """
     if preset not in get_args(PresetName):
@@ -40,13 +41,13 @@ def make_stage(
         raise OutputError(str(target), "a file", "a new name")
     name = cast(PresetName, preset)
     if is_usd(source):
-        if frame is not None:
-            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        if axes is not None:
+            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
         author_preset(name, open_stage(source), target)
         return [target]
     capture = target.with_name(f"{target.stem}_capture.usdc")
     if capture.exists():
         raise OutputError(str(capture), "a file", f"no such file: {target} needs the name")
-    import_capture(source, capture, frame=frame, progress=progress)
+    import_capture(source, capture, options=ImportOptions(axes=axes), progress=progress)
     author_preset(name, open_stage(capture), target)
     return [capture, target]

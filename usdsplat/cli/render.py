@@ -73,7 +73,7 @@ class Options:
     """RenderSettings to follow; default: the one the stage names, or its first"""
     product: Annotated[str | None, option("/PRIM")] = None
     """draw only this RenderProduct of the settings; default: all, or with -o the first"""
-    frame: Annotated[str | None, option("FRAME")] = None
+    axes: Annotated[str | None, option("AXES")] = None
     """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
     """what draws, auto, cpu or cuda; default: auto, the fastest here"""
@@ -117,7 +117,7 @@ def run(options: Options) -> int:
         named = (options.framing.camera, options.settings, *request.matte)
         keep = ("/Render", *(path for path in named if path and path[0] == "/"))
         stage = open_stage_or_capture(
-            options.stage, options.stage_opening, frame=options.frame, keep=keep, progress=progress
+            options.stage, options.stage_opening, axes=options.axes, keep=keep, progress=progress
         )
         check_prims(stage, "--matte", request.matte)
         first = _frames(options, stage, ())[0]

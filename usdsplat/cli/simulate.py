@@ -59,7 +59,7 @@ class Options:
     """go on after the last checkpoint of the bake that is there"""
     force: Annotated[bool, option()] = False
     """replace a bake that is there"""
-    frame: Annotated[str | None, option("FRAME")] = None
+    axes: Annotated[str | None, option("AXES")] = None
     """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
     """what computes, auto, cpu or cuda; default: auto, the fastest here"""
@@ -100,7 +100,7 @@ def _make(options: Options, preset: str, source: Path, target: Path) -> int:
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
     with console.progress() as progress:
-        files = make_stage(preset, source, target, frame=options.frame, progress=progress)
+        files = make_stage(preset, source, target, axes=options.axes, progress=progress)
     if options.json:
         console.print_json({"files": [str(path) for path in files]})
         return 0

@@ -19,7 +19,7 @@ def open_stage_or_capture(
     path: Path,
     options: StageOptions,
     *,
-    frame: str | None = None,
+    axes: str | None = None,
     keep: tuple[str, ...] = (),
     progress: Progress = silent,
 ) -> Usd.Stage:
@@ -28,7 +28,7 @@ def open_stage_or_capture(
     Args:
         path: A file that USD reads, or a capture.
         options: As for `open_stage`; none for a capture.
-        frame: Where x, y and z of a capture point; None believes the file.
+        axes: Where x, y and z of a capture point; None believes the file.
         keep: As for `open_stage`.
         progress: Told about reading a capture.
 
@@ -38,11 +38,11 @@ def open_stage_or_capture(
         FormatError: If a capture is not what it claims to be.
     """
     if is_usd(path):
-        if frame is not None:
-            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        if axes is not None:
+            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
         return open_stage(path, options, keep=keep)
     check_no_stage_options(path, options)
-    return open_capture(path, frame=frame, progress=progress)
+    return open_capture(path, axes=axes, progress=progress)
 
 
 def check_no_stage_options(path: Path, options: StageOptions) -> None:

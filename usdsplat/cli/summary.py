@@ -43,7 +43,7 @@ def of_capture(capture: Capture) -> dict[str, Any]:
 def _guessed(capture: Capture) -> dict[str, Any]:
     """What the splats say about where up is, beside what was assumed."""
     guess = guess_frame(capture.cloud, capture.frame)
-    wrong = f"{guess.up} looks like up, as in {guess.suggested!r}: --frame if that is so"
+    wrong = f"{guess.up} looks like up, as in {guess.suggested!r}: --axes if that is so"
     return {
         "up": guess.up,
         "suggested": guess.suggested,

@@ -3,7 +3,7 @@
 examples:
   usdsplat validate shot.usd
       every time sample of every field; exit status 1 if there are errors
-  usdsplat validate shot.usd --time 12
+  usdsplat validate shot.usd --frame 12
       one frame only, which is quicker
   usdsplat validate shot.usd --json
   usdsplat validate shot.usd --variant /World/Tree:season=autumn --mute proxy
@@ -34,7 +34,7 @@ class Options:
 
     stage: Annotated[Positional[Path], option("STAGE")]
     """stage to check"""
-    time: Annotated[float | None, option("FRAME")] = None
+    frame: Annotated[float | None, option("FRAME")] = None
     """check only this time code; default: every sample there is"""
     json: Annotated[bool, option()] = False
     """print one JSON list of findings"""
@@ -47,7 +47,7 @@ def run(options: Options) -> int:
     from usdsplat.schema import validate
     from usdsplat.sim.stage.validating import validate_simulations
 
-    time = time_code(options.time)
+    time = time_code(options.frame)
     with console.progress() as progress:
         stage = open_stage(options.stage, options.opening)
         findings = validate(stage, time=time, progress=progress)

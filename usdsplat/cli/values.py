@@ -16,13 +16,13 @@ Window = tuple[int, int, int, int]
 
 
 def time_code(value: float | None) -> float | None:
-    """The value of `--time`.
+    """The value of `--frame`.
 
     Raises:
         UsageError: If it is not finite: NaN is how USD writes the default time.
     """
     if value is not None and not math.isfinite(value):
-        raise UsageError("--time", f"{value:g}", "the number of a frame")
+        raise UsageError("--frame", f"{value:g}", "the number of a frame")
     return value
 
 

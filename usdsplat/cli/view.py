@@ -3,7 +3,7 @@
 examples:
   usdsplat view scan.ply
       a capture, framed; drag with Alt to orbit, F frames, a click picks
-  usdsplat view shot.usd --camera /World/Cam --time 1010
+  usdsplat view shot.usd --camera /World/Cam --frame 1010
       a stage, as a camera of it sees it at a frame
   usdsplat view
       an empty window to drop a file on
@@ -75,9 +75,9 @@ class Options:
     """stage or capture to look at; default: none yet, drop one on the window"""
     camera: Annotated[str | None, option("/PRIM")] = None
     """camera to begin with; default: one that frames everything"""
-    time: Annotated[float | None, option("FRAME")] = None
+    frame: Annotated[float | None, option("FRAME")] = None
     """time code to begin at; default: the first of the stage's range"""
-    frame: Annotated[str | None, option("FRAME")] = None
+    axes: Annotated[str | None, option("AXES")] = None
     """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
     """what draws, auto, cpu or cuda; default: auto, the fastest here"""
@@ -89,7 +89,7 @@ class Options:
 
 def run(options: Options) -> int:
     """Show it until the window is closed, or Ctrl-C."""
-    time_code(options.time)
+    time_code(options.frame)
     _check_web(options)
     path = options.file
     if path is not None:
@@ -102,7 +102,7 @@ def run(options: Options) -> int:
     return run_window(
         None if path is None else _opener(path, options),
         camera=options.camera,
-        time=options.time,
+        time=options.frame,
         device=options.device,
         threads=options.threads,
     )
@@ -118,7 +118,7 @@ def _opener(path: Path, options: Options) -> Callable[..., Document]:
         path,
         device=options.device,
         threads=options.threads,
-        frame=options.frame,
+        axes=options.axes,
         variants=opening.variant,
         mute=opening.mute,
         mask=opening.mask,
@@ -148,7 +148,7 @@ def _serve(open_document: Callable[..., Document], options: Options) -> int:
             port=web.port,
             allow_remote=web.allow_remote,
             camera=options.camera,
-            time=options.time,
+            time=options.frame,
             ready=ready,
         )
         try:
@@ -213,8 +213,8 @@ def _check_file(path: Path, options: Options) -> None:
     if not path.exists():
         raise StageError(str(path), "no such file", "a stage or a capture")
     if is_usd(path):
-        if options.frame is not None:
-            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        if options.axes is not None:
+            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
         if not path.is_file():
             raise StageError(str(path), "no plain file", "a stage or a capture")
         return

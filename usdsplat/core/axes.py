@@ -1,4 +1,4 @@
-"""Frames named by where their axes point.
+"""Coordinate systems named by where their axes point.
 
 Three letters say where x, y and z go: right or left, up or down, forward or back, as the viewer
 sees it. "rdf" is COLMAP's and most captures' frame (x right, y down, z forward), "rub" OpenGL's and
@@ -37,7 +37,7 @@ def frame_matrix(frame: str) -> F64:
     known = len(frame) == 3 and all(letter in _DIRECTIONS for letter in frame)
     matrix = np.array([_DIRECTIONS[letter] for letter in frame], np.float64).T if known else None
     if matrix is None or abs(np.linalg.det(matrix)) < 0.5:
-        raise UsageError("frame", repr(frame), "where x, y and z point, such as 'rdf' or 'rub'")
+        raise UsageError("axes", repr(frame), "where x, y and z point, such as 'rdf' or 'rub'")
     return matrix
 
 

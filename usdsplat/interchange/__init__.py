@@ -6,6 +6,7 @@ from usdsplat.interchange.cameras import CameraReport, import_cameras
 from usdsplat.interchange.converting import convert
 from usdsplat.interchange.exporting import export_capture, export_each
 from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import (
     ExportReport,
@@ -20,11 +21,14 @@ from usdsplat.interchange.sequences import import_sequence
 
 __all__ = [
     "CameraReport",
+    "ExportOptions",
     "ExportReport",
+    "ImportOptions",
     "ImportReport",
     "RepackReport",
     "SequenceExportReport",
     "SequenceImportReport",
+    "SequenceOptions",
     "SplitReport",
     "convert",
     "export_capture",

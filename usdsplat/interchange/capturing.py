@@ -27,7 +27,7 @@ class ToCapture:
 
     edits: tuple[Edit, ...]
     """Done in this order, in the coordinates of the first source; of a stage, of the target."""
-    frame: str | None
+    axes: str | None
     """Where x, y and z of the target point; None is its format's way."""
     prim_path: str | None
     """What of stages is read, see `export_capture`."""
@@ -49,12 +49,12 @@ class ToCapture:
             OutputError: If the target cannot be written, or is one of the sources.
         """
         files.check_not_input(target, sources)
-        frame = self.frame or formats.frame_written(target)
+        frame = self.axes or formats.frame_written(target)
         capture = joined([self._read(source, frame) for source in sources])
         files.check_not_input(target, capture.files)
         capture = fitted(edit_capture(capture, self.edits, progress=self.progress), target)
         cloud = turned(capture.cloud, capture.frame, frame)
-        is_known = self.frame is not None or capture.states_frame
+        is_known = self.axes is not None or capture.states_frame
         how = replace(
             self.writing, antialiased=capture.antialiased, frame=frame if is_known else None
         )
@@ -77,7 +77,7 @@ class ToCapture:
             target,
             prim_path=self.prim_path,
             time=time,
-            frame=self.frame,
+            axes=self.axes,
             edits=self.edits,
             how=self.writing,
             progress=self.progress,

@@ -12,7 +12,6 @@ from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 from usdsplat.images.frames import has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
@@ -20,12 +19,19 @@ from usdsplat.interchange.capturing import ToCapture
 from usdsplat.interchange.exporting import export_capture, export_each
 from usdsplat.interchange.gathering import reading_for
 from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.options import (
+    EXPORT,
+    IMPORT,
+    SEQUENCE,
+    ExportOptions,
+    ImportOptions,
+    SequenceOptions,
+)
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport, SplitReport
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequence_files import is_sequence
-from usdsplat.interchange.sequences import RATE, import_sequence
-from usdsplat.schema import Form
+from usdsplat.interchange.sequences import import_sequence
 
 Report = ImportReport | ExportReport | SplitReport | RepackReport
 
@@ -35,21 +41,9 @@ def convert(
     target: Path | str,
     *,
     edits: Sequence[Edit] = (),
-    form: Form = "float",
-    frame: str | None = None,
-    up_axis: str | None = None,
-    meters_per_unit: float | None = None,
-    prim_path: str | None = None,
-    bake_axes: bool = False,
-    cameras: Path | str | None = None,
-    time: float | None = None,
-    split: bool = False,
-    frames: Sequence[float] | None = None,
-    clips: bool = False,
-    rate: float = RATE,
-    interpolate: bool = False,
-    reading: ReadOptions = READ_OPTIONS,
-    writing: WriteOptions = WRITE_OPTIONS,
+    options: ImportOptions = IMPORT,
+    sequence: SequenceOptions = SEQUENCE,
+    export: ExportOptions = EXPORT,
     progress: Progress = silent,
 ) -> Report:
     """Turn captures into a stage, stages into a capture, or either into another of its kind.
@@ -62,22 +56,11 @@ def convert(
             sequence of captures, of a stage or of another sequence.
         edits: Done in this order. They act on the numbers of the capture that is read; of a stage,
             on those of the capture that it becomes; from stage to stage, on each field's own.
-        form: Of fields in a USD target.
-        frame: Where x, y and z of the capture file point: of the target if that is one, as is its
-            format's way if None; else of the source, which is believed if None.
-        up_axis: See `import_capture`.
-        meters_per_unit: See `import_capture`.
-        prim_path: Of the field that is written to, or read from, a stage.
-        bake_axes: See `import_capture`.
-        cameras: See `import_capture`.
-        time: See `export_capture`.
-        split: Write each field of a stage to a capture of its own, see `export_each`.
-        frames: Of a sequence; None is all of them.
-        clips: See `import_sequence`.
-        rate: See `import_sequence`.
-        interpolate: See `import_sequence`.
-        reading: What is asked of readers of captures.
-        writing: What is asked of the writer of a capture.
+        options: Of fields in a USD target, and of readers of captures. `axes` are those of the
+            target if that is a capture, the format's own if None; else those of the source.
+            `prim_path` is that of the field to write, or to read from a stage.
+        sequence: Of a sequence of captures.
+        export: Of captures that are written.
         progress: Told about each step.
 
     Raises:
@@ -91,71 +74,49 @@ def convert(
     if files.is_usd(path) and stages:
         if len(sources) > 1:
             raise UsageError(str(stages[0]), "a stage among several inputs", "captures alone")
-        return repack(sources[0], path, form=form, edits=edits, progress=progress)
+        return repack(sources[0], path, form=options.form, edits=edits, progress=progress)
+    reading = reading_for(edits, options.reading)
     if files.is_usd(path) and is_sequence(sources[0]):
+        how = replace(reading, empty=IN_USD_MEMORY.empty)
         return import_sequence(
             sources[0],
             path,
-            frames=frames,
-            clips=clips,
-            rate=rate,
-            interpolate=interpolate,
             edits=edits,
-            form=form,
-            frame=frame,
-            up_axis=up_axis,
-            meters_per_unit=meters_per_unit,
-            prim_path=prim_path,
-            bake_axes=bake_axes,
-            read=partial(
-                formats.read,
-                how=replace(reading_for(edits, reading), empty=IN_USD_MEMORY.empty),
-            ),
+            options=options,
+            sequence=sequence,
+            read=partial(formats.read, how=how),
             progress=progress,
         )
     if files.is_usd(path):
-        return import_capture(
-            sources,
-            path,
-            edits=edits,
-            form=form,
-            frame=frame,
-            up_axis=up_axis,
-            meters_per_unit=meters_per_unit,
-            prim_path=prim_path,
-            bake_axes=bake_axes,
-            cameras=cameras,
-            how=reading,
-            progress=progress,
-        )
+        return import_capture(sources, path, edits=edits, options=options, progress=progress)
     work = ToCapture(
         edits=tuple(edits),
-        frame=frame,
-        prim_path=prim_path,
-        time=time,
-        reading=reading_for(edits, reading),
-        writing=writing,
+        axes=options.axes,
+        prim_path=options.prim_path,
+        time=export.time,
+        reading=reading,
+        writing=export.writing,
         progress=progress,
     )
     if is_sequence(sources[0]):
-        return work.each_frame(sources[0], path, frames)
-    if split and (len(sources) > 1 or not stages or has_place(path)):
+        return work.each_frame(sources[0], path, sequence.frames)
+    if export.split and (len(sources) > 1 or not stages or has_place(path)):
         listed = ", ".join(map(str, sources))
         raise UsageError("split", listed, "one stage that becomes one capture for each field")
     if len(sources) > 1 or not stages:
         return work.write(sources, path)
     if has_place(path):
         return export_sequence(
-            sources[0], path, frames=frames, export=work.of_stage, progress=progress
+            sources[0], path, frames=sequence.frames, export=work.of_stage, progress=progress
         )
-    return (export_each if split else export_capture)(
+    return (export_each if export.split else export_capture)(
         sources[0],
         path,
-        prim_path=prim_path,
-        time=time,
-        frame=frame,
+        prim_path=options.prim_path,
+        time=export.time,
+        axes=options.axes,
         edits=edits,
-        how=writing,
+        how=export.writing,
         progress=progress,
     )
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from pxr import Usd
 
 from usdsplat import formats, schema
-from usdsplat.core import axes, edit
+from usdsplat.core import edit
+from usdsplat.core.axes import change as change_axes
 from usdsplat.core.edits import Edit
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, WriteOptions
@@ -28,7 +29,7 @@ def export_capture(
     *,
     prim_path: str | None = None,
     time: float | None = None,
-    frame: str | None = None,
+    axes: str | None = None,
     edits: Sequence[Edit] = (),
     how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
@@ -43,19 +44,19 @@ def export_capture(
         prim_path: A field, or a prim with fields beneath it; None is the whole stage. What is
             invisible or of purpose proxy or guide is left out, unless it is the prim named here.
         time: Time code; None is the default value, or the first sample where there is none.
-        frame: Where x, y and z of the file are to point, such as "rdf"; None is its format's way.
+        axes: Where x, y and z of the file are to point, such as "rdf"; None is its format's way.
         edits: Done in this order, in the coordinates of the file.
         how: What is asked of the writer besides.
         progress: Told about each field and about writing.
 
     Raises:
         StageError: If the source cannot be opened, or there is no field to write.
-        UsageError: If `frame` names no frame, or edits leave no splat.
+        UsageError: If `axes` cannot be understood, or edits leave no splat.
         UnknownFormatError: If the target's suffix is none that can be written.
         OutputError: If the target cannot be written, or belongs to the source.
     """
     path, stage = Path(target), _opened(source, target)
-    frame = frame or formats.frame_written(path)
+    frame = axes or formats.frame_written(path)
     capture, prims = capture_of(stage, frame, prim_path=prim_path, time=time, progress=progress)
     capture = edit_capture(capture, edits, progress=progress)
     return _written(capture, prims, source, path, how, progress)
@@ -67,7 +68,7 @@ def export_each(
     *,
     prim_path: str | None = None,
     time: float | None = None,
-    frame: str | None = None,
+    axes: str | None = None,
     edits: Sequence[Edit] = (),
     how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
@@ -81,7 +82,7 @@ def export_each(
     Args and errors are those of `export_capture`.
     """
     path, stage = Path(target), _opened(source, target)
-    frame = frame or formats.frame_written(path)
+    frame = axes or formats.frame_written(path)
     found, notes = appearances(stage, prim_path, time)
     parts = []
     for item, name in zip(found, names([item.prim for item in found]), strict=True):
@@ -148,7 +149,7 @@ def _capture(
     """Appearances as one capture, with notes on what such files cannot say."""
     prims = [item.prim for item in found]
     stage = prims[0].GetStage()
-    turn = axes.change(stage_frame(stage), frame)
+    turn = change_axes(stage_frame(stage), frame)
     clouds = []
     for done, item in enumerate(found):
         progress.step("reading fields", done, len(found))

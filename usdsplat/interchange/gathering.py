@@ -26,7 +26,7 @@ _EXACT = "exact"
 def gather(
     sources: Sequence[Path],
     *,
-    frame: str | None = None,
+    axes: str | None = None,
     edits: Sequence[Edit] = (),
     how: ReadOptions = READ_OPTIONS,
     progress: Progress = silent,
@@ -35,20 +35,20 @@ def gather(
 
     Args:
         sources: Files in any format that `formats` reads, at least one.
-        frame: Where x, y and z of all of them point; None believes each.
+        axes: Where x, y and z of all of them point; None believes each.
         edits: Done to all splats together, in the first capture's coordinates.
         how: What is asked of the readers besides.
         progress: Told about reading and editing.
 
     Raises:
         FormatError: If a source is not what it claims to be.
-        UsageError: If `frame` names no frame, edits leave nothing, or colours are of several
+        UsageError: If `axes` cannot be understood, edits leave nothing, or colours are of several
             spaces.
     """
     how = reading_for(edits, how)
     captures = [formats.read(source, how=how, progress=progress) for source in sources]
-    if frame is not None:
-        captures = [replace(capture, frame=frame) for capture in captures]
+    if axes is not None:
+        captures = [replace(capture, frame=axes) for capture in captures]
     return edit_capture(joined(captures), edits, progress=progress)
 
 

@@ -13,8 +13,7 @@ from usdsplat import schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.formats import Capture, ReadOptions
-from usdsplat.formats.options import READ_OPTIONS
+from usdsplat.formats import Capture
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import (
     IN_USD_MEMORY,
@@ -26,6 +25,7 @@ from usdsplat.interchange.authoring import (
 from usdsplat.interchange.cameras import import_cameras
 from usdsplat.interchange.editing import map_of
 from usdsplat.interchange.gathering import gather
+from usdsplat.interchange.options import IMPORT, ImportOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
@@ -37,14 +37,7 @@ def import_capture(
     target: Path | str | Usd.Stage,
     *,
     edits: Sequence[Edit] = (),
-    form: Form = "float",
-    frame: str | None = None,
-    up_axis: str | None = None,
-    meters_per_unit: float | None = None,
-    prim_path: str | None = None,
-    bake_axes: bool = False,
-    cameras: Path | str | None = None,
-    how: ReadOptions = READ_OPTIONS,
+    options: ImportOptions = IMPORT,
     progress: Progress = silent,
 ) -> ImportReport:
     """Write a capture as a splat field, with its axes, unit, colour space and provenance.
@@ -55,16 +48,7 @@ def import_capture(
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete; or a
             stage, whose edit target is written and nothing is saved.
         edits: Done in this order, in the capture's own coordinates.
-        form: How the field is stored, see `schema.author`.
-        frame: Where x, y and z of the capture point, such as "rdf"; None believes the file.
-        up_axis: "Y" or "Z" of a new file, "Y" if None; a stage has its own.
-        meters_per_unit: Metres in a unit of the capture, and of a new file; None is 1 for a new
-            file and the stage's own for a stage.
-        prim_path: Path of the field; None is the file's name under the default prim.
-        bake_axes: Turn the splats instead of authoring a transform op on the prim.
-        cameras: Poses of the photographs that the capture was trained from, which become cameras
-            beside the field, see `import_cameras`; they go along with edits that move.
-        how: What is asked of the reader besides.
+        options: Axes, unit, form and place of the field; options of the reader.
         progress: Told about reading, authoring and writing.
 
     Raises:
@@ -74,17 +58,18 @@ def import_capture(
         OutputError: If the target cannot be written, or is the source.
     """
     sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
-    stage, path = _open_target(sources, target, up_axis, meters_per_unit)
-    where = field_path(stage, sources[0], prim_path)
-    how = replace(how, empty=IN_USD_MEMORY.empty)
-    capture = gather(sources, frame=frame, edits=edits, how=how, progress=progress)
-    placed = placement(stage, capture.frame, meters_per_unit)
-    text = axes_text(placed, bake_axes)
-    notes = (*capture.notes, *assumptions(frame, meters_per_unit))
+    form, unit = options.form, options.meters_per_unit
+    stage, path = _open_target(sources, target, options.up_axis, unit)
+    where = field_path(stage, sources[0], options.prim_path)
+    how = replace(options.reading, empty=IN_USD_MEMORY.empty)
+    capture = gather(sources, axes=options.axes, edits=edits, how=how, progress=progress)
+    placed = placement(stage, capture.frame, unit)
+    text = axes_text(placed, options.bake_axes)
+    notes = (*capture.notes, *assumptions(options.axes, unit))
     progress.step("authoring", 0, 1)
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
         sha256 = beside.submit(fingerprint, capture.files)
-        prim = author_field(stage, where, capture, placed, form=form, bake_axes=bake_axes)
+        prim = author_field(stage, where, capture, placed, form=form, bake_axes=options.bake_axes)
     notes += tuple(schema.broken_rules(prim))
     memory = provenance(
         sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes
@@ -92,12 +77,12 @@ def import_capture(
     record(prim, memory)
     progress.step("authoring", 1, 1)
     seen_by = None
-    if cameras is not None:
+    if options.cameras is not None:
         seen_by = import_cameras(
-            cameras,
+            options.cameras,
             prim,
             frame=capture.frame,
-            meters_per_unit=meters_per_unit,
+            meters_per_unit=unit,
             edited=map_of(edits),
             progress=progress,
         )

@@ -13,6 +13,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.files import open_layer, quiet
 from usdsplat.interchange.importing import import_capture
+from usdsplat.interchange.options import ImportOptions
 
 Stage: TypeAlias = Usd.Stage
 
@@ -64,20 +65,20 @@ def open_as_asked(
     return stage
 
 
-def open_capture(path: Path, *, frame: str | None = None, progress: Progress = silent) -> Usd.Stage:
+def open_capture(path: Path, *, axes: str | None = None, progress: Progress = silent) -> Usd.Stage:
     """Import a capture onto a stage in memory.
 
     Args:
         path: In any format that `formats` reads.
-        frame: Where x, y and z of the capture point; None believes the file.
+        axes: Where x, y and z of the capture point; None believes the file.
         progress: Told about reading and authoring.
 
     Raises:
         FormatError: If it is not what it claims to be.
-        UsageError: If there is no such frame.
+        UsageError: If there are no such axes.
     """
     stage = Usd.Stage.CreateInMemory()
-    import_capture(path, stage, frame=frame, progress=progress)
+    import_capture(path, stage, options=ImportOptions(axes=axes), progress=progress)
     return stage
 
 

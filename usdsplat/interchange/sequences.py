@@ -34,6 +34,7 @@ from usdsplat.interchange.authoring import (
     prepare,
 )
 from usdsplat.interchange.gathering import edit_capture
+from usdsplat.interchange.options import IMPORT, SEQUENCE, ImportOptions, SequenceOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import fingerprint, provenance, record
 from usdsplat.interchange.reports import SequenceImportReport
@@ -41,8 +42,6 @@ from usdsplat.interchange.sequence_clips import Clips
 from usdsplat.interchange.sequence_files import Account, files_of
 from usdsplat.schema import Form
 
-RATE = 24.0
-"""Frames in a second of a sequence of which nobody says it [1/s]."""
 _ROW_BITS = 32
 _HELD = (
     "each frame is held until the next; applications that do not heed ids mix frames that have as "
@@ -58,17 +57,9 @@ def import_sequence(
     source: Path | str,
     target: Path | str,
     *,
-    frames: Sequence[float] | None = None,
-    clips: bool = False,
-    rate: float = RATE,
-    interpolate: bool = False,
     edits: Sequence[Edit] = (),
-    form: Form = "float",
-    frame: str | None = None,
-    up_axis: str | None = None,
-    meters_per_unit: float | None = None,
-    prim_path: str | None = None,
-    bake_axes: bool = False,
+    options: ImportOptions = IMPORT,
+    sequence: SequenceOptions = SEQUENCE,
     read: Callable[[Path], Capture] = _read,
     progress: Progress = silent,
 ) -> SequenceImportReport:
@@ -79,18 +70,10 @@ def import_sequence(
     Args:
         source: A name with a place for the frame number: `cap.####.ply` or `cap.%04d.ply`.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
-        frames: Which to take; None is all there are, and they must leave no gap.
-        clips: Write value clips, a file for each frame in a folder `NAME.clips` beside the
-            target, instead of time samples. Earlier clips there are replaced.
-        rate: Frames in a second [1/s].
-        interpolate: Take row i for the same splat in all frames: between them it moves.
         edits: Done in this order to each frame, in its own coordinates.
-        form: How the field is stored, see `schema.author`.
-        frame: Where x, y and z of the captures point, such as "rdf"; None believes the files.
-        up_axis: "Y" or "Z", "Y" if None.
-        meters_per_unit: Metres in a unit of the captures and the stage; None is 1.
-        prim_path: Path of the field; None is the pattern's name under the default prim.
-        bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        options: Axes, unit, form and place of the field; without cameras. `read` is used in place
+            of its options of the reader.
+        sequence: Frames, rate, and how they are stored.
         read: What reads a file.
         progress: Told about each frame.
 
@@ -102,27 +85,27 @@ def import_sequence(
     """
     pattern, path = Path(source), Path(target)
     files.check_suffix(path)
-    if not 0 < rate < math.inf:
-        raise UsageError("rate", f"{rate:g}", "a positive number [1/s]")
+    if not 0 < sequence.rate < math.inf:
+        raise UsageError("rate", f"{sequence.rate:g}", "a positive number [1/s]")
     for item in edits:
-        if interpolate and not item.kind.keeps_rows:
+        if sequence.interpolate and not item.kind.keeps_rows:
             raise UsageError(f"edit {item.name}", "rows to interpolate", "an edit that keeps them")
-    listed = files_of(pattern, frames)
+    listed = files_of(pattern, sequence.frames)
     files.check_not_input(path, listed.values())
-    clip_folder = Clips.folder_of(path) if clips else None
+    clip_folder = Clips.folder_of(path) if sequence.clips else None
     with ExitStack() as after, atomic_path(path) as temporary:  # scratch goes last
         scratch = Path(after.enter_context(_scratch_beside(temporary)))
-        stage = _new_stage(scratch / f"{path.stem}.usdc", up_axis, meters_per_unit)
-        _author_times(stage, tuple(listed), rate)
+        stage = _new_stage(scratch / f"{path.stem}.usdc", options.up_axis, options.meters_per_unit)
+        _author_times(stage, tuple(listed), sequence.rate)
         job = _Job(
             stage=stage,
             target=path,
-            where=field_path(stage, without_place(pattern), prim_path),
+            where=field_path(stage, without_place(pattern), options.prim_path),
             clips=Clips(stage, scratch / clip_folder.name) if clip_folder else None,
-            form=form,
-            frame=frame,
-            bake_axes=bake_axes,
-            interpolate=interpolate,
+            form=options.form,
+            frame=options.axes,
+            bake_axes=options.bake_axes,
+            interpolate=sequence.interpolate,
             edits=edits,
             read=read,
         )
@@ -131,7 +114,7 @@ def import_sequence(
             progress.step("frames", number, len(listed))
             job.add(account, time, file, number)
         progress.step("frames", len(listed), len(listed))
-        report = job.finish(account, pattern, tuple(listed), meters_per_unit)
+        report = job.finish(account, pattern, tuple(listed), options.meters_per_unit)
         _publish(stage.GetRootLayer(), temporary, path)
         if clip_folder:
             Clips.put_in_place(scratch / clip_folder.name, clip_folder)

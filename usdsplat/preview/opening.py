@@ -41,7 +41,7 @@ def open_document(
     mute: tuple[str, ...] = (),
     mask: tuple[str, ...] = (),
     session_layer: Path | None = None,
-    frame: str | None = None,
+    axes: str | None = None,
 ) -> Document:
     """Open a stage, or any capture onto a stage in memory; no file is ever written.
 
@@ -56,7 +56,7 @@ def open_document(
         mute: Regular expressions; layers in whose identifier one is found are left out.
         mask: Paths of the prims to load, and nothing else.
         session_layer: A layer of opinions stronger than the stage's own, weaker than a user's.
-        frame: Where x, y and z of a capture point; None believes the file.
+        axes: Where x, y and z of a capture point; None believes the file.
 
     Raises:
         UsageError: If an option cannot be understood, or is not for such a file.
@@ -65,14 +65,14 @@ def open_document(
         BackendError: If the device is not usable here.
     """
     path = Path(path)
-    sources = Sources(path, is_capture=not is_usd(path), frame=frame)
+    sources = Sources(path, is_capture=not is_usd(path), axes=axes)
     if sources.is_capture:
         _check_options(path, variants=variants, mute=mute, mask=mask, session_layer=session_layer)
         sources.note(files_of_capture(path))
-        stage = _import(path, frame, publish)
+        stage = _import(path, axes, publish)
     else:
-        if frame is not None:
-            raise UsageError("--frame", "a stage, which says where its axes point", "a capture")
+        if axes is not None:
+            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
         stage = opening.open_as_asked(
             path, variants=variants, mute=mute, mask=mask, session_layer=session_layer
         )
@@ -123,7 +123,7 @@ def reload(document: Document) -> tuple[str, ...]:
     if sources is not None and sources.is_capture:
         if changed:
             files = files_of_capture(sources.path)
-            fresh = _import(sources.path, sources.frame, document.publish)
+            fresh = _import(sources.path, sources.axes, document.publish)
             document.stage.GetRootLayer().TransferContent(fresh.GetRootLayer())
             sources.forget()
             sources.note(files)
@@ -150,11 +150,11 @@ def _changed(document: Document) -> tuple[Path, ...]:
     return sources.changed()
 
 
-def _import(path: Path, frame: str | None, publish: Callable[[Event], None]) -> opening.Stage:
+def _import(path: Path, axes: str | None, publish: Callable[[Event], None]) -> opening.Stage:
     """A stage in memory that holds a capture."""
     telling = _Telling(publish)
     try:
-        return opening.open_capture(path, frame=frame, progress=telling)
+        return opening.open_capture(path, axes=axes, progress=telling)
     finally:
         telling.end()
 

@@ -16,13 +16,13 @@ class Sources:
     Args:
         path: What was opened.
         is_capture: Whether it is a capture, rather than a stage.
-        frame: Where x, y and z of the capture point, if a user said so.
+        axes: Where x, y and z of the capture point, if a user said so.
     """
 
-    def __init__(self, path: Path, *, is_capture: bool = False, frame: str | None = None) -> None:
+    def __init__(self, path: Path, *, is_capture: bool = False, axes: str | None = None) -> None:
         self.path = path
         self.is_capture = is_capture
-        self.frame = frame
+        self.axes = axes
         self._stamps: dict[Path, Stamp] = {}
 
     def note(self, files: Iterable[Path]) -> None:

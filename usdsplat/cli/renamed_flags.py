@@ -1,0 +1,36 @@
+"""Flags that have been renamed, accepted for one version with a hint.
+
+Up to 0.6 `--frame` said where x, y and z of a capture point, and `--time` was a frame.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+
+_AXES = re.compile(r"[lrudfb]{3}", re.IGNORECASE)
+
+
+def renamed(words: Sequence[str]) -> list[str]:
+    """Return the words of a command line with old flags replaced, and print a hint for each."""
+    out: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        flag, joined, value = word.partition("=")
+        following = value if joined else (rest[0] if rest else "")
+        new = _name(flag, following)
+        if new != flag:
+            print(f"usdsplat: {flag} {following} is now {new} {following}", file=sys.stderr)
+        out.append(f"{new}={value}" if joined else new)
+    return out
+
+
+def _name(flag: str, value: str) -> str:
+    """The name of a flag today."""
+    if flag == "--time":
+        return "--frame"
+    if flag == "--frame" and _AXES.fullmatch(value):
+        return "--axes"
+    return flag
