@@ -45,5 +45,5 @@ def test_changes_of_frame_compose() -> None:
 @pytest.mark.parametrize("frame", ["", "rd", "rdff", "rlu", "xyz", "RUB", "ruu"])
 def test_other_names_are_refused(frame: str) -> None:
     """Oracle: they do not name three perpendicular directions."""
-    with pytest.raises(UsageError, match="frame: found"):
+    with pytest.raises(UsageError, match="axes: found"):
         change(frame, "rub")

@@ -43,7 +43,6 @@ from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
-from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
 
 if TYPE_CHECKING:
     from usdsplat.interchange.converting import Report
@@ -62,7 +61,12 @@ def run(options: Options) -> int:
     from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frames import parse_frames
     from usdsplat.interchange import convert
-    from usdsplat.interchange.options import RATE
+    from usdsplat.interchange.options import (
+        RATE,
+        ExportOptions,
+        ImportOptions,
+        SequenceOptions,
+    )
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")

@@ -113,11 +113,20 @@ def checked(where: str, cls: type[T], values: Mapping[str, Any]) -> T:
     for name, value in values.items():
         if name not in known:
             raise UsageError(where, f"unknown setting {name!r}", f"one of {', '.join(known)}")
-        try:
-            taken[name] = _taken(known[name], value)
-        except (TypeError, ValueError):
-            raise UsageError(f"{where} {name}", repr(value), known[name].expected) from None
+        taken[name] = checked_value(f"{where} {name}", known[name], value)
     return cls(**taken)
+
+
+def checked_value(where: str, item: Knob, value: Any) -> Any:
+    """Return one value as its knob's type, as `checked` does.
+
+    Raises:
+        UsageError: If it has another type, or lies outside the knob's range or choices.
+    """
+    try:
+        return _taken(item, value)
+    except (TypeError, ValueError):
+        raise UsageError(where, repr(value), item.expected) from None
 
 
 def _taken(item: Knob, value: Any) -> Any:

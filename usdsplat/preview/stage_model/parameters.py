@@ -152,16 +152,14 @@ def _group(
 ) -> Iterator[Editor]:
     for item in knobs(cls):
         if kind_of(item) is not None:
-            yield _editor(prim, cls, item, f"{lead}:{camel(item.name)}", heading, code)
+            yield _editor(prim, item, f"{lead}:{camel(item.name)}", heading, code)
 
 
-def _editor(
-    prim: Usd.Prim, cls: type, item: Knob, name: str, heading: str, code: Usd.TimeCode
-) -> Editor:
+def _editor(prim: Usd.Prim, item: Knob, name: str, heading: str, code: Usd.TimeCode) -> Editor:
     attribute = prim.GetAttribute(f"{NAMESPACE}:{name}")
     held, problem = item.default, ""
     try:
-        found = read_one(prim, cls, item, f"{NAMESPACE}:{name}", code)
+        found = read_one(prim, item, f"{NAMESPACE}:{name}", code)
         held = item.default if found is None else found
     except UsdSplatError as error:
         problem = str(error)

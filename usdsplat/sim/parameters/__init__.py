@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsageError
-from usdsplat.core.knobs import checked, knobs
+from usdsplat.core.knobs import Knob, checked, checked_value, knobs
 from usdsplat.sim.parameters.affector import AffectorParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
@@ -117,14 +117,31 @@ def legal(where: str, cls: type[T], values: Mapping[str, Any]) -> T:
     """
     made = checked(where, cls, values)
     for item in knobs(cls):
-        if item.name in values and item.default not in (math.inf, -math.inf):
-            value = getattr(made, item.name)
-            wrong = [each for each in _numbers(value) if not math.isfinite(each)]
-            if wrong:
-                is_one = isinstance(value, float)
-                expected = f"{item.expected}, finite" if is_one else "finite numbers"
-                raise UsageError(f"{where} {item.name}", str(wrong[0]), expected)
+        if item.name in values:
+            _check_finite(f"{where} {item.name}", item, getattr(made, item.name))
     return made
+
+
+def legal_value(where: str, item: Knob, value: Any) -> Any:
+    """Return one value as its knob's type, as `legal` does.
+
+    Raises:
+        UsageError: If the knob cannot have it.
+    """
+    found = checked_value(where, item, value)
+    _check_finite(where, item, found)
+    return found
+
+
+def _check_finite(where: str, item: Knob, value: Any) -> None:
+    """Reject an infinite number, unless the knob's default is infinite."""
+    if item.default in (math.inf, -math.inf):
+        return
+    wrong = [each for each in _numbers(value) if not math.isfinite(each)]
+    if wrong:
+        is_one = isinstance(value, float)
+        expected = f"{item.expected}, finite" if is_one else "finite numbers"
+        raise UsageError(where, str(wrong[0]), expected)
 
 
 def _numbers(value: Any) -> Iterator[float]:

@@ -16,7 +16,7 @@ from pxr import Sdf, Usd
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.schema.values import value
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel, legal
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel, legal_value
 
 T = TypeVar("T")
 
@@ -51,19 +51,20 @@ def read(prim: Usd.Prim, cls: type[T], lead: str, time: Usd.TimeCode) -> T:
         StageError: If a value is none that its parameter can have.
     """
     taken = {}
-    for item in knobs(cls):
-        found = read_one(prim, cls, item, f"{lead}:{camel(item.name)}", time)
+    authored = set(prim.GetAuthoredPropertyNames())
+    for item in knobs(cls) if authored else ():
+        name = f"{lead}:{camel(item.name)}"
+        found = read_one(prim, item, name, time) if name in authored else None
         if found is not None:
             taken[item.name] = found
     return cls(**taken)
 
 
-def read_one(prim: Usd.Prim, cls: type, item: Knob, name: str, time: Usd.TimeCode) -> Any:
+def read_one(prim: Usd.Prim, item: Knob, name: str, time: Usd.TimeCode) -> Any:
     """What a prim says of one parameter at one time; None where it says nothing.
 
     Args:
         prim: Where it is.
-        cls: The dataclass of its group.
         item: Its knob.
         name: Of the attribute.
         time: When; a uniform one has one value for all times.
@@ -75,7 +76,7 @@ def read_one(prim: Usd.Prim, cls: type, item: Knob, name: str, time: Usd.TimeCod
     if not attribute or not attribute.HasAuthoredValue():
         return None
     found = value(attribute, Usd.TimeCode.Default() if item.uniform else time)
-    return None if found is None else _taken(attribute, cls, item, found)
+    return None if found is None else _taken(attribute, item, found)
 
 
 def instances(prim: Usd.Prim, group: str) -> list[str]:
@@ -131,12 +132,12 @@ def _known(prim: Usd.Prim, groups: Iterable[str]) -> dict[str, bool]:
     return known
 
 
-def _taken(attribute: Usd.Attribute, cls: type, item: Knob, found: Any) -> Any:
+def _taken(attribute: Usd.Attribute, item: Knob, found: Any) -> Any:
     """A value of USD's as the knob's."""
     is_double = attribute.GetTypeName().scalarType in DOUBLE
     plain = _plain(found, single=not is_double)
     try:
-        return getattr(legal("", cls, {item.name: plain}), item.name)
+        return legal_value("", item, plain)
     except UsageError as error:
         where = f"{attribute.GetPrim().GetPath()}.{attribute.GetName()}"
         raise StageError(where, error.found, error.expected) from None
