@@ -54,7 +54,7 @@ def render_frame(
     for y0, y1 in screen.bands(band_pixels):
         try:
             arrays = average_band(frame, plan, center, screen, (y0, y1))
-        finally:  # also from a time at which something cannot be drawn
+        finally:  # samples move the scene through the shutter: back to the frame, also on an error
             frame.sampler(0.0)
         yield Band(y0, y1, arrays)
 
@@ -66,16 +66,19 @@ def average_band(
     screen: Screen,
     rows: tuple[int, int],
 ) -> dict[str, npt.NDArray[Any]]:
-    """Draw one band of many samples, on the host. The scene is left at the last sample's time."""
+    """Return one band of many samples, on the host.
+
+    Sampling moves the scene in time; the caller brings it back with `frame.sampler(0.0)`.
+    """
     (x0, _, x1, _), (y0, y1) = screen.window, rows
     window = x0, y0, x1, y1
     averaged = tuple(name for name in frame.aovs if name in AVERAGED)
-    read = tuple(name for name in frame.aovs if name not in AVERAGED)
+    from_center = tuple(name for name in frame.aovs if name not in AVERAGED)
     arrays: dict[str, npt.NDArray[Any]] = {}
-    if read:
-        sample = prepare(frame, center, window, read)
+    if from_center:
+        sample = prepare(frame, center, window, from_center)
         motion = find_motion(frame, sample, center)
-        arrays |= fetched(frame.device, draw_band(frame, sample, rows, read, motion))
+        arrays |= fetched(frame.device, draw_band(frame, sample, rows, from_center, motion))
     if averaged:
         sums = SampleAccumulator(frame.device, frame.buffers, (y1 - y0, x1 - x0), averaged)
         for each in plan:
@@ -129,6 +132,7 @@ def prepare(
     )
     occludes = surfaces is not None or frame.holdout is not None
     if set(aovs) == {"color"} and not occludes:
+        # None unless this device fuses the steps for such a picture
         whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
         if whole is not None:
             frame.clock.lap("frame")
@@ -137,7 +141,7 @@ def prepare(
     mode = frame.settings.display_mode
     if mode != "splats":
         splats = displayed(frame.device, frame.buffers, splats, mode, view.framing.pixel_scale)
-        if mode == "ellipses":  # each is there twice, once as its rim
+        if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
     return FrameSample(screen, splats, surfaces)
@@ -184,7 +188,8 @@ def draw_band(
     Args:
         rows: First row of the band, and the row after its last.
         motion: How things move to the neighbouring frames; None if no AOV asks.
-        raw: Whether mattes are left as (ids, weights), to be accumulated.
+        raw: Whether cryptoObject is returned as unranked (prim ids, weights), for the accumulator,
+            which ranks the sums over all samples.
     """
     if isinstance(sample.splats, WholeImage):
         return {"color": composited(frame, sample.splats.rows(*rows), None, None)}
@@ -230,6 +235,6 @@ def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sampl
 def fetched(device: Device, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
     """Return AOVs on the host."""
     found = {name: device.fetch(array) for name, array in arrays.items()}
-    if "albedo" in found:
+    if "albedo" in found:  # its fourth channel, coverage, is not part of the AOV
         found["albedo"] = found["albedo"][..., :3]
     return found

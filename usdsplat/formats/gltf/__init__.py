@@ -1,6 +1,6 @@
 """glTF 2.0 as text with splats in it: `KHR_gaussian_splatting`, plain or with SPZ inside.
 
-Read only; buffers lie in files beside it or in its own text. See `gltf_parts` for what splats may
+Read only; buffers lie in files beside it or in its own text. See `gltf.parts` for what splats may
 look like, `glb` for the one file that holds everything, which can be written too.
 
 Source: Khronos, glTF 2.0 specification and extension KHR_gaussian_splatting.

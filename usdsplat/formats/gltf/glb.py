@@ -1,6 +1,6 @@
 """GLB: glTF 2.0 with splats in one binary file, as `KHR_gaussian_splatting` says.
 
-Reads what `gltf_parts` says. Writes float attributes, one after the other, with a colour for
+Reads what `gltf.parts` says. Writes float attributes, one after the other, with a colour for
 viewers that know points only: lossless but for identities, velocities and whether the splats are
 antialiased, for which glTF has no words, and degree 4, which the extension does not have.
 

@@ -110,7 +110,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     """Write `cloud` in `how.spz_version`; identities and velocities have no place there.
 
     Positions get as many bits after the point as the farthest splat leaves them, so that none wraps
-    around; `spz_encoding` says what is clamped.
+    around; `spz.encoding` says what is clamped.
 
     Args:
         cloud: Finite splats.

@@ -1,4 +1,4 @@
-"""What the bytes of an SPZ file stand for, attribute by attribute; `spz_encoding` is the inverse.
+"""What the bytes of an SPZ file stand for, attribute by attribute; `spz.encoding` is the inverse.
 
 Source: nianticlabs/spz, `src/cc/load-spz.cc`.
 """
