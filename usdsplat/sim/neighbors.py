@@ -139,19 +139,15 @@ class Neighbors:
         built, built_support, parameters = self._built
         if len(built) != len(positions) or _lists(parameters) != _lists(self.parameters):
             return True
-        blocks = math.ceil(len(positions) / grid.BLOCK)
-        far = self.device.empty(blocks, np.float64)
         place, before = self.device.move(positions), self.device.keep(built)
-        self.device.run(lists.drift, place, before, far)
-        gone = float(far.max(initial=0.0))
+        gone = self.device.run(lists.drift, place, before)
         if not math.isfinite(gone):
             return True
         now, then = self.clamped(support), self.clamped(built_support)
         skin = self.parameters.skin
-        late = self.device.empty(blocks, np.bool_)
         ratio = math.exp(skin / 2)
-        self.device.run(lists.stale, place, now, before, then, skin, ratio, gone, late)
-        return bool(late.any())
+        late = self.device.run(lists.stale, place, now, before, then, skin, ratio, gone)
+        return bool(late)
 
     def _build(self, positions: F32, support: F32, builds: int) -> Graph:
         self.limits = _limits(self.parameters, support)

@@ -9,7 +9,6 @@ import numpy as np
 
 from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
-from usdsplat.kernels.sim import grid
 from usdsplat.kernels.sim import relax as kernels
 from usdsplat.sim import support as radii
 from usdsplat.sim.neighbors import Graph, Neighbors
@@ -86,13 +85,12 @@ def swept(
     """
     n = len(graph.order)
     out: F32 = device.empty((n, 3), np.float32)
-    moved = device.empty(math.ceil(n / grid.BLOCK), np.float64)
-    device.run(
+    moved = device.run(
         kernels.sweep, graph.positions, graph.support, normals[graph.order], graph.order,
         graph.rows, graph.neighbors, np.float32(spacing(parameters.neighbors.target, dimension)),
-        np.float32(parameters.relax.strength), out, moved,
+        np.float32(parameters.relax.strength), out,
     )  # fmt: skip
-    return out, float(moved.sum()) / max(n, 1)
+    return out, float(moved) / max(n, 1)
 
 
 def spacing(target: float, dimension: int) -> float:

@@ -111,7 +111,8 @@ def rotate_harmonics(
         return sh, 0
     cosine = np.float32(math.cos(math.radians(min_angle) / 2))
     turns = np.empty((len(gradient), 4), np.float32)
-    count = int(device.run(harmonics.turns, gradient, cosine, turns))
+    device.run(harmonics.turns, gradient, cosine, turns)
+    count = int(np.count_nonzero(turns[:, 0] < 1))
     if count == 0 and not turned.any():
         return sh, 0
     if sh is rest_sh:
