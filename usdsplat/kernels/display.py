@@ -13,7 +13,6 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar
-from .peak import CENTER, PEAK
 from .project import (
     BLUE,
     HALF_HEIGHT,
@@ -25,6 +24,7 @@ from .project import (
     B,
     C,
 )
+from .ray_hit import CENTER, RAY_HIT
 
 BLOCK = 1024
 """Splats of one block."""
@@ -71,12 +71,12 @@ def ellipse(record, source, part):
 
 
 @parallel
-def dots(records, peaks, radius):
+def dots(records, ray_hits, radius):
     """Make every splat a round dot at the depth of its centre.
 
     Args:
         records: Shape (n, RECORD) f32.
-        peaks: Shape (n, PEAK) f32, or of no size.
+        ray_hits: Shape (n, RAY_HIT) f32, or of no size.
         radius: [pixel].
     """
     n = records.shape[0]
@@ -84,10 +84,10 @@ def dots(records, peaks, radius):
         for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
             a = np.float32(-1) / (radius * radius)
             outline(records[k], a, np.float32(0), a, radius, radius)
-            if peaks.shape[0] > 0:
-                for i in range(PEAK):
+            if ray_hits.shape[0] > 0:
+                for i in range(RAY_HIT):
                     if i != CENTER:
-                        peaks[k, i] = np.float32(0)
+                        ray_hits[k, i] = np.float32(0)
 
 
 @parallel
