@@ -25,6 +25,7 @@ from .blend import END, alpha_at
 from .jit import parallel, scalar
 from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
+from .weigh import NONE, number_prims, strongest
 
 PAINT, MEDIAN, WEIGH, COUNT, FILL = range(5)
 
@@ -42,9 +43,6 @@ may be inside a Gaussian, whose ray hit then may be behind it."""
 DEPTHS = -1
 """Column that stands for the depth of each contribution."""
 
-RANKS = 6
-"""Prims of a pixel that Cryptomatte keeps."""
-
 FLUSH = 8
 """Splats between two looks at what may leave the windows."""
 
@@ -52,7 +50,6 @@ STATE = 8
 THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
 """Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
 or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
-NONE = np.int32(-1)
 
 
 # --- 1. mathematics: one contribution to one pixel --------------------------------------
@@ -70,20 +67,6 @@ def held_through(offsets, depths, through, pixel, depth):
         else:
             high = middle
     return through[low - 1] if low > first else np.float32(1)
-
-
-@scalar
-def strongest(table, count, x, names, ids, weights, row, column):
-    """Write the prims that weigh most in pixel x, the heaviest first, and forget their weights."""
-    for rank in range(RANKS):
-        best, most = NONE, np.float32(0)
-        for j in range(count):
-            if table[j * TILE + x] > most:
-                best, most = np.int32(j), table[j * TILE + x]
-        ids[row, column, rank] = names[best] if best >= 0 else NONE
-        weights[row, column, rank] = most
-        if best >= 0:
-            table[best * TILE + x] = np.float32(0)
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -147,12 +130,7 @@ def walk(
         local = np.empty(weighed, np.int32)
         names = np.empty(weighed, np.int32)
         if mode == WEIGH:
-            for k in range(n):
-                label = labels[lists[begin + k]]
-                if known[label] < 0:
-                    known[label], names[prims] = prims, label
-                    prims += 1
-                local[k] = known[label]
+            prims = number_prims(labels, lists, begin, n, known, local, names)
         table = np.zeros(TILE * min(weighed, options[0].prims), np.float32)
         state = np.zeros(TILE * STATE, np.float32)
         mark = np.zeros(TILE, np.int32)
@@ -314,7 +292,7 @@ def walk(
                     ranks[row, place] = mark[x]
                     depths_out[row, place] = state[s + SEEN]
                 elif mode == WEIGH:
-                    strongest(table, prims, x, names, ids, weights, row, place)
+                    strongest(table, x, prims, names, ids, weights, row, place)
                 elif mode == COUNT:
                     counts[row, place] = mark[x]
                 elif has_stops and (has_keeps or holds):

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels import bins, cryptomatte, feature, project, ray_hit, triangles, walk
+from usdsplat.kernels import bins, cryptomatte, feature, project, ray_hit, triangles, weigh
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -69,7 +69,7 @@ PER_PIXEL = {
     "P": 12,
     "motionForward": 8,
     "motionBackward": 8,
-    "cryptoObject": 16 * walk.RANKS + 8 * cryptomatte.SLOTS,
+    "cryptoObject": 16 * weigh.RANKS + 8 * cryptomatte.SLOTS,
 }
 """Bytes of a pixel for each AOV, besides the median."""
 READ_OFF = {"depth", "P", "primId", "instanceId", "elementId", "motionForward", "motionBackward"}

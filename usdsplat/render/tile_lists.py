@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
+from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.occluders import NO_DEPTH, Occluders
@@ -160,10 +160,18 @@ class TileLists:
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
-        """Prims that contribute most and by how much, shapes (h, w, walk.RANKS)."""
-        ids = self._buffers.get("prims", (*self.shape, walk.RANKS), np.int32)
-        weights = self._buffers.get("weights", (*self.shape, walk.RANKS), np.float32)
-        self._walk(walk.WEIGH, ids=ids, weights=weights)
+        """Prims that contribute most and by how much, shapes (h, w, weigh.RANKS)."""
+        splats, shape = self._splats, (*self.shape, weigh.RANKS)
+        ids = self._buffers.get("prims", shape, np.int32)
+        weights = self._buffers.get("weights", shape, np.float32)
+        if self._walks:
+            self._walk(walk.WEIGH, ids=ids, weights=weights)
+            return ids, weights
+        self._device.run(
+            weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
+            self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
+            ids, weights,
+        )  # fmt: skip
         return ids, weights
 
     def deep(self, error: float) -> DeepSamples:
@@ -250,8 +258,8 @@ class TileLists:
             "through": NO_DEPTH,
             "ranks": np.empty((0, 0), np.int32),
             "depths": NO_DEPTH,
-            "ids": np.empty((0, 0, walk.RANKS), np.int32),
-            "weights": np.empty((0, 0, walk.RANKS), np.float32),
+            "ids": np.empty((0, 0, weigh.RANKS), np.int32),
+            "weights": np.empty((0, 0, weigh.RANKS), np.float32),
             "counts": np.empty((0, 0), np.uint32),
             "offsets": np.empty(0, np.int64),
             "deep": NO_DEEP,

@@ -41,9 +41,7 @@ from usdsplat.kernels.walk import (
     FLUSH,
     GOAL,
     MEDIAN,
-    NONE,
     PAINT,
-    RANKS,
     SECOND,
     SEEN,
     STATE,
@@ -53,6 +51,7 @@ from usdsplat.kernels.walk import (
     WEIGHT,
     held_through,
 )
+from usdsplat.kernels.weigh import NONE, RANKS
 
 ROOM = 1 << 30
 """[byte] of all windows together, unless one block needs more."""
