@@ -13,7 +13,6 @@ import numpy as np
 
 from .jit import scalar
 from .launch import kernel
-from .peak import CENTER, PEAK
 from .project import (
     BLUE,
     HALF_HEIGHT,
@@ -25,8 +24,8 @@ from .project import (
     B,
     C,
 )
+from .ray_hit import CENTER, RAY_HIT
 
-"""Splats of one block."""
 LOG_2 = np.float32(math.log(2.0))
 EDGE = np.float32(1.5)
 """How fast a contribution falls at an edge across the shorter axis [1 / pixel]."""
@@ -69,21 +68,21 @@ def ellipse(record, source, part):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@kernel(over="records", writes=("records", "peaks"))
-def dots(k, records, peaks, radius):
+@kernel(over="records", writes=("records", "ray_hits"))
+def dots(k, records, ray_hits, radius):
     """Make every splat a round dot at the depth of its centre.
 
     Args:
         records: Shape (n, RECORD) f32.
-        peaks: Shape (n, PEAK) f32, or of no size.
+        ray_hits: Shape (n, RAY_HIT) f32, or of no size.
         radius: [pixel].
     """
     a = np.float32(-1) / (radius * radius)
     outline(records[k], a, np.float32(0), a, radius, radius)
-    if peaks.shape[0] > 0:
-        for i in range(PEAK):
+    if ray_hits.shape[0] > 0:
+        for i in range(RAY_HIT):
             if i != CENTER:
-                peaks[k, i] = np.float32(0)
+                ray_hits[k, i] = np.float32(0)
 
 
 @kernel(over="records", writes=("out",))

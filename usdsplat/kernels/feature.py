@@ -63,7 +63,7 @@ def features(
     """Write the normals and depths of the visible splats of all instances of one field.
 
     Args:
-        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `peaks`
+        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `ray_hits`
             takes them.
         is_parallel: Whether rays are: the camera is orthographic.
         records: What `project` made.

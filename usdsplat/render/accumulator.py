@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.images.cryptomatte import object_hash
-from usdsplat.kernels import cryptomatte, total, walk
+from usdsplat.kernels import cryptomatte, total, weigh
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 
@@ -42,7 +42,7 @@ class SampleAccumulator:
             self._ids = buffers.get("sum prims", slots, np.int32)
             self._weights = buffers.get("sum weights", slots, np.float32)
             device.run(cryptomatte.begin, self._ids, self._weights)
-            self._mattes = buffers.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
+            self._mattes = buffers.get("mattes", (*shape, 2 * weigh.RANKS), np.float32)
 
     def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
         """Add one sample.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import feature, position, surface
-from usdsplat.render.accumulator import SampleAccumulator
+from usdsplat.images.cryptomatte import object_hash
+from usdsplat.kernels import cryptomatte, feature, position, surface, weigh
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
@@ -146,18 +146,25 @@ class AovResolver:
 
     def _mattes(self, left: F32 | None, *, raw: bool) -> Any:
         """How much each prim covers of each pixel."""
-        found = [self._tiles.weigh()]
+        ids, weights = self._tiles.weigh()
+        shown, part = np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
         if left is not None and self._surfaces is not None:
-            prims = self._get("shown", left.shape, np.int32)
-            self._run(surface.shown, left, self._surfaces.ids, prims)
-            found.append((prims.reshape((*left.shape, 1)), left.reshape((*left.shape, 1))))
-        self._frame.clock.lap("mattes")
+            shown, part = self._get("shown", left.shape, np.int32), left
+            self._run(surface.shown, left, self._surfaces.ids, shown)
         if raw:
+            found = [(ids, weights)]
+            if shown.size:
+                found.append((shown.reshape((*shown.shape, 1)), part.reshape((*part.shape, 1))))
             return found
-        frame, names = self._frame, ("cryptoObject",)
-        sums = SampleAccumulator(frame.device, frame.buffers, self._tiles.shape, names)
-        sums.add({"cryptoObject": found}, self._sample.splats.layout.prims)
-        return sums.finish()["cryptoObject"]
+        # averaging one sample would read and write twelve slots of each pixel three times
+        mattes = self._get("mattes", (*self._tiles.shape, 2 * weigh.RANKS), np.float32)
+        prims = self._sample.splats.layout.prims
+        hashes = np.array([object_hash(path) for path in prims], np.float32)
+        self._run(
+            cryptomatte.rank, ids, weights, shown, part, self._frame.device.upload(hashes), mattes
+        )
+        self._frame.clock.lap("mattes")
+        return mattes
 
 
 def composited(

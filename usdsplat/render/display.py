@@ -35,7 +35,7 @@ def displayed(
         return seen
     if mode == "points":
         radius = np.float32(max(RADIUS / pixel_scale, SMALLEST))
-        device.run(display.dots, seen.records, seen.peaks, radius)
+        device.run(display.dots, seen.records, seen.ray_hits, radius)
     elif mode == "normals":
         device.run(display.directions, seen.records, seen.features, feature.NORMAL)
     elif mode == "ellipses":
@@ -68,7 +68,7 @@ def _taken(
         seen,
         records=rows("shown", seen.records),
         order=numbers("shown order", seen.order),
-        peaks=rows("shown peaks", seen.peaks),
+        ray_hits=rows("shown ray hits", seen.ray_hits),
         features=rows("shown features", seen.features),
         keeps=numbers("shown keeps", seen.keeps),
         labels=numbers("shown labels", seen.labels),

@@ -163,7 +163,7 @@ def _projected(
     lap("radiance")
     if occludes or frame.sorts_by_ray_hit:
         projector.find_ray_hits()
-        lap("peaks")
+        lap("ray hits")
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
         projector.find_features()
         lap("features")
@@ -216,7 +216,11 @@ def bin_band(
         shape = y1 - y0, x1 - x0
         occluders = with_holdout(frame.device, frame.buffers, occluders, held, shape)
     tiles = frame.rasterizer.bin(
-        sample.splats, (x0, y0, x1, y1), occluders, frame.buffers, by_ray_hit=frame.sorts_by_ray_hit
+        sample.splats,
+        (x0, y0, x1, y1),
+        occluders,
+        frame.buffers,
+        sort_by_ray_hit=frame.sorts_by_ray_hit,
     )
     frame.stats.pairs += tiles.pairs
     frame.clock.lap("bins")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels import bins, cryptomatte, feature, peak, project, triangles, walk
+from usdsplat.kernels import bins, cryptomatte, feature, project, ray_hit, triangles, weigh
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -69,7 +69,7 @@ PER_PIXEL = {
     "P": 12,
     "motionForward": 8,
     "motionBackward": 8,
-    "cryptoObject": 16 * walk.RANKS + 8 * cryptomatte.SLOTS,
+    "cryptoObject": 16 * weigh.RANKS + 8 * cryptomatte.SLOTS,
 }
 """Bytes of a pixel for each AOV, besides the median."""
 READ_OFF = {"depth", "P", "primId", "instanceId", "elementId", "motionForward", "motionBackward"}
@@ -124,9 +124,9 @@ def estimate(
     layout = scene.draw_list(settings.splat_budget)
     seen, pairs = _seen(layout, screen)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
-    peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
+    ray_hits = meshes or holds_out or settings.sorting == "rayHitDistance"
     mode = settings.display_mode
-    per_splat = _per_splat(wanted, mode, peaks=peaks, labels=bool(view.matte))
+    per_splat = _per_splat(wanted, mode, ray_hits=ray_hits, labels=bool(view.matte))
     per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
     kept = DEEP_SAMPLES * DEEP_SAMPLE if deep else 0
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
@@ -198,10 +198,10 @@ def _nbytes(thing: SplatCloud | MeshSpec) -> int:
     return sum(getattr(getattr(thing, name), "nbytes", 0) for name in names)
 
 
-def _per_splat(wanted: set[str], mode: str, *, peaks: bool, labels: bool) -> int:
+def _per_splat(wanted: set[str], mode: str, *, ray_hits: bool, labels: bool) -> int:
     """Bytes that are made of each splat that is seen."""
     featured = mode == "normals" or bool({"Neye", "albedo", "depthExpected"} & wanted)
-    rows = 4 * (peak.PEAK * peaks + feature.FEATURES * featured)
+    rows = 4 * (ray_hit.RAY_HIT * ray_hits + feature.FEATURES * featured)
     label = 4 * (labels or "cryptoObject" in wanted)
     size = PER_SPLAT + 2 * rows + label
     if mode == "ellipses":  # with their rims each is there twice more

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import UsageError
 from usdsplat.images.color import conversion, is_identity
-from usdsplat.kernels import blocks, feature, peak, project, radiance, sort
+from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, sort
 from usdsplat.kernels.device import Device
 from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group
@@ -40,8 +40,8 @@ class ProjectedSplats:
     sources: I32
     """Row of each slot in its field."""
     layout: DrawList
-    peaks: F32
-    """Shape (n, peak.PEAK), or of no size where nobody asks where rays peak."""
+    ray_hits: F32
+    """Shape (n, ray_hit.RAY_HIT), or of no size where nobody asks for ray hits."""
     features: F32
     """Shape (n, feature.FEATURES), or of no size where nobody asks."""
     keeps: F32
@@ -115,7 +115,7 @@ class Projector:
         self._records = get("records", (slots, project.RECORD), np.float32)
         self._keys = get("keys", (slots,), np.float32)
         self._sources = get("sources", (slots,), np.int32)
-        self._peaks = get("peaks", (0, peak.PEAK), np.float32)
+        self._ray_hits = get("ray_hits", (0, ray_hit.RAY_HIT), np.float32)
         self._features = get("features", (0, feature.FEATURES), np.float32)
         self._found = get("found", self.layout.block_starts.shape, np.int32)
         self._parts, end = [], 0
@@ -138,9 +138,11 @@ class Projector:
                 self._radiance(group, found, self._records, project.RED, self._degree)
 
     def find_ray_hits(self) -> None:
-        """Find where the ray through each pixel meets the maximum of a splat, as `kernels.peak`
-        has it."""
-        self._peaks = self._buffers.get("peaks", (self.layout.slots, peak.PEAK), np.float32)
+        """Find where the ray through each pixel meets the maximum of a splat, as
+        `kernels.ray_hit` has it."""
+        self._ray_hits = self._buffers.get(
+            "ray_hits", (self.layout.slots, ray_hit.RAY_HIT), np.float32
+        )
         for group, found in self._parts:
             self._find_ray_hits(group, found)
 
@@ -170,7 +172,7 @@ class Projector:
         ordered = get("ordered", (order.shape[0], project.RECORD), np.float32)
         if now.stamp is not held.stamp or now.radiance != held.radiance or not self._is_ordered:
             ordered = self._gather("ordered", order, self._records)
-        peaks = self._gather("ordered peaks", order, self._peaks)
+        ray_hits = self._gather("ordered ray hits", order, self._ray_hits)
         features = self._gather("ordered features", order, self._features)
         for name in HOLDING:
             self._buffers.note(name, now)
@@ -184,7 +186,7 @@ class Projector:
             order=order,
             sources=self._sources,
             layout=layout,
-            peaks=peaks,
+            ray_hits=ray_hits,
             features=features,
             keeps=self._label("keeps", order, keep, not keep.all()),
             labels=self._label("labels", order, layout.labels[:, 0].copy(), labels),
@@ -279,9 +281,9 @@ class Projector:
         cloud, keep = group.cloud, self._device.keep
         matrices = self.matrices(group)
         self._device.run(
-            peak.peaks, self.record(group), matrices, _inverses(matrices),
+            ray_hit.ray_hits, self.record(group), matrices, _inverses(matrices),
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
-            group.slot, self._records, self._sources, found, self._peaks,
+            group.slot, self._records, self._sources, found, self._ray_hits,
         )  # fmt: skip
 
     def _find_features(self, group: Group, found: I32) -> None:
@@ -362,7 +364,7 @@ def _inverses(matrices: F64) -> F64:
         inverses = np.linalg.inv(linear)
     except np.linalg.LinAlgError:
         u, s, vt = np.linalg.svd(linear)
-        s = np.maximum(s, peak.THIN * s[:, :1])
+        s = np.maximum(s, ray_hit.THIN * s[:, :1])
         s[s == 0] = 1.0
         inverses = (vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1)
     return np.ascontiguousarray(inverses)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
+from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.occluders import NO_DEPTH, Occluders
@@ -70,7 +70,7 @@ class TileLists:
 
     Args:
         window: Pixels x0, y0, x1, y1 of the band, end exclusive.
-        by_ray: Whether splats of a pixel are sorted by their ray hits.
+        sort_by_ray_hit: Whether splats of a pixel are sorted by their ray hits.
 
     Raises:
         UsageError: If splats touch 2**31 tiles or more.
@@ -84,16 +84,16 @@ class TileLists:
         window: tuple[int, int, int, int],
         occluders: Occluders,
         *,
-        by_ray: bool,
+        sort_by_ray_hit: bool,
     ) -> None:
         x0, y0, x1, y1 = window
         self.shape = (y1 - y0, x1 - x0)
         self._device = device
         self._buffers = buffers
         self._splats = splats
-        self._by_ray = by_ray
+        self._sort_by_ray_hit = sort_by_ray_hit
         self._occluders = occluders
-        self._walks = by_ray or splats.keeps.size > 0 or occluders.holdout[0].size > 0
+        self._walks = sort_by_ray_hit or splats.keeps.size > 0 or occluders.holdout[0].size > 0
         """Whether contributions must be taken one by one."""
         self._grid = bins.grid_of(x0, y0, x1, y1)
         key = splats.stamp, window
@@ -138,32 +138,40 @@ class TileLists:
         depth = get(f"{name} depth", self.shape, np.float32)
         ids = get(f"{name} ids", (4, *self.shape), np.int32)
         if self._walks:
-            peaks = get(f"{name} peaks", self.shape, np.float32)
+            ray_hits = get(f"{name} ray hits", self.shape, np.float32)
             self._walk(
                 walk.MEDIAN, part=part, image=self._color, through=self._through, ranks=ranks,
-                depths=peaks,
+                depths=ray_hits,
             )  # fmt: skip
         else:
             run(
-                median.median, splats.records, self._starts, self._lists, self._grid, splats.peaks,
-                self._occluders.depth, splats.is_parallel, self._color, self._occluders.covered,
-                np.float32(part), ranks,
+                median.median, splats.records, self._starts, self._lists, self._grid,
+                splats.ray_hits, self._occluders.depth, splats.is_parallel, self._color,
+                self._occluders.covered, np.float32(part), ranks,
             )  # fmt: skip
         run(
             median.resolve, ranks, splats.records, splats.order, splats.sources,
             keep(splats.layout.first_slots), keep(splats.layout.labels), depth, ids,
         )  # fmt: skip
         if self._walks:
-            run(median.hold_depth, ranks, peaks, NO_DEPTH, depth)
+            run(median.hold_depth, ranks, ray_hits, NO_DEPTH, depth)
         elif self._occluders.depth.size > 0:
             run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
-        """Prims that contribute most and by how much, shapes (h, w, walk.RANKS)."""
-        ids = self._buffers.get("prims", (*self.shape, walk.RANKS), np.int32)
-        weights = self._buffers.get("weights", (*self.shape, walk.RANKS), np.float32)
-        self._walk(walk.WEIGH, ids=ids, weights=weights)
+        """Prims that contribute most and by how much, shapes (h, w, weigh.RANKS)."""
+        splats, shape = self._splats, (*self.shape, weigh.RANKS)
+        ids = self._buffers.get("prims", shape, np.int32)
+        weights = self._buffers.get("weights", shape, np.float32)
+        if self._walks:
+            self._walk(walk.WEIGH, ids=ids, weights=weights)
+            return ids, weights
+        self._device.run(
+            weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
+            self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
+            ids, weights,
+        )  # fmt: skip
         return ids, weights
 
     def deep(self, error: float) -> DeepSamples:
@@ -204,7 +212,7 @@ class TileLists:
         height, width = self.shape
         run(
             blend.blend, splats.records, paints, column, self._starts, self._lists, self._grid,
-            splats.peaks, self._occluders.depth, splats.is_parallel,
+            splats.ray_hits, self._occluders.depth, splats.is_parallel,
             image.reshape((height, 4 * width)), work,
         )  # fmt: skip
         if isinstance(work, np.ndarray):  # a GPU does not count
@@ -239,7 +247,10 @@ class TileLists:
         splats = self._splats
         options = np.zeros(1, walk.WALK)
         options["mode"], options["column"] = mode, column
-        options["by_ray"], options["is_parallel"] = self._by_ray, splats.is_parallel
+        options["sort_by_ray_hit"], options["is_parallel"] = (
+            self._sort_by_ray_hit,
+            splats.is_parallel,
+        )
         options["prims"], options["part"], options["error"] = len(splats.layout.prims), part, error
         options["near"] = splats.near
         nothing = {
@@ -247,15 +258,15 @@ class TileLists:
             "through": NO_DEPTH,
             "ranks": np.empty((0, 0), np.int32),
             "depths": NO_DEPTH,
-            "ids": np.empty((0, 0, walk.RANKS), np.int32),
-            "weights": np.empty((0, 0, walk.RANKS), np.float32),
+            "ids": np.empty((0, 0, weigh.RANKS), np.int32),
+            "weights": np.empty((0, 0, weigh.RANKS), np.float32),
             "counts": np.empty((0, 0), np.uint32),
             "offsets": np.empty(0, np.int64),
             "deep": NO_DEEP,
         }
         self._device.run(
             walk.walk, options, splats.records, splats.records if paints is None else paints,
-            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.peaks,
+            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.ray_hits,
             self._occluders.depth, self._occluders.covered, self._occluders.holdout,
             tuple((nothing | out).values()),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where Gaussians peak along rays: the kernel's five float32 numbers against float64 geometry."""
+"""Where rays hit Gaussians: the kernel's five float32 numbers against float64 geometry."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.render.rendering import (
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels import reference, reference_rays
 from usdsplat.kernels.device import Device
-from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at
 from usdsplat.kernels.project import U, V
+from usdsplat.kernels.ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.projector import ProjectedSplats, Projector
 from usdsplat.render.screen import Screen
@@ -33,7 +33,7 @@ KINDS = {
     "huge": (3.0, 0.02, 0.02),
 }
 """Standard deviations, times 0.5 to 2."""
-ARRAYS = ("records", "order", "sources", "peaks")
+ARRAYS = ("records", "order", "sources", "ray_hits")
 """What is looked at of a `ProjectedSplats`."""
 PIXELS = 24
 """Rays that are tried for each splat."""
@@ -64,15 +64,17 @@ def look(
     return replace(found, **on_host)
 
 
-def found_depth(record: np.ndarray, peak: np.ndarray, x: float, y: float, parallel: bool) -> float:
-    """`peak_at`, at the centre of pixel (x, y)."""
+def found_depth(
+    record: np.ndarray, ray_hit: np.ndarray, x: float, y: float, parallel: bool
+) -> float:
+    """`ray_hit_at`, at the centre of pixel (x, y)."""
     f = np.float32
     dx, dy = f(x) - record[U], f(y) - record[V]
-    first = f(1) + peak[HX] * dy
+    first = f(1) + ray_hit[HX] * dy
     return float(
-        peak_at(
-            dx, peak[GX], peak[GY], first, peak[HY] * dy, peak[HZ] * dy, peak[CENTER],
-            peak[REACH], parallel,
+        ray_hit_at(
+            dx, ray_hit[GX], ray_hit[GY], first, ray_hit[HY] * dy, ray_hit[HZ] * dy,
+            ray_hit[CENTER], ray_hit[REACH], parallel,
         )
     )  # fmt: skip
 
@@ -110,21 +112,21 @@ def test_peaks_lie_where_rays_pass_the_centre_nearest(
         matrix = np.eye(4) if seed == 1 else random_transform(seed)
         visible = look(device, cloud, matrix, eye)
         seen = reference.footprints([(cloud, matrix)], eye)
-        depths = reference_rays.peak_depths(seen, eye)
+        depths = reference_rays.ray_hit_depths(seen, eye)
         away = nearest_passes(seen, eye, depths)
         counts = away <= np.sqrt(2.0 * np.log(255.0 * seen.opacity))[:, None, None]
         counts &= reference_rays.alphas(seen, eye) > 0
         rows = {int(row): i for i, row in enumerate(seen.row)}
         rng = np.random.default_rng(seed)
         sources = visible.sources[visible.order]
-        for record, peak, source in zip(visible.records, visible.peaks, sources, strict=True):
+        for record, ray_hit, source in zip(visible.records, visible.ray_hits, sources, strict=True):
             i = rows[int(source)]
             hits = np.argwhere(counts[i])
             for y, x in rng.permutation(hits)[:PIXELS].tolist():
                 expected = depths[i, y, x]
-                if expected <= eye.near:  # the peak is behind the eye, or nearly
+                if expected <= eye.near:  # the ray hit is behind the eye, or nearly
                     continue
-                found = found_depth(record, peak, x, y, model == "orthographic")
+                found = found_depth(record, ray_hit, x, y, model == "orthographic")
                 assert found == pytest.approx(expected, rel=1e-4)
                 tried += 1
     assert tried > 100
@@ -147,14 +149,14 @@ def test_a_disc_without_thickness_is_met_where_the_ray_meets_its_plane(
     visible = look(device, cloud, np.eye(4), eye)
     normal = np.array([0.0, -np.sin(2 * half), np.cos(2 * half)])
     center = np.array([0.1, -0.2, 4.0])
-    record, peak = visible.records[0], visible.peaks[0]
+    record, ray_hit = visible.records[0], visible.ray_hits[0]
     tried = 0
     for y in range(44):
         for x in range(0, 60, 7):
             ray = np.array([(x + 0.5 - 30) / 60, (y + 0.5 - 22) / 64, 1.0])
             depth = normal @ center / (normal @ ray)
             if np.linalg.norm(depth * ray - center) < 0.8 * 3.3 and depth > 0:
-                found = found_depth(record, peak, x, y, False)
+                found = found_depth(record, ray_hit, x, y, False)
                 assert found == pytest.approx(depth, rel=1e-4)
                 tried += 1
     assert tried > 5
@@ -169,11 +171,11 @@ def test_a_peak_never_leaves_its_ellipsoid(device: Device) -> None:
     seen = reference.footprints([(cloud, np.eye(4))], eye)
     rows = {int(row): i for i, row in enumerate(seen.row)}
     sources = visible.sources[visible.order]
-    for record, peak, source in zip(visible.records, visible.peaks, sources, strict=True):
+    for record, ray_hit, source in zip(visible.records, visible.ray_hits, sources, strict=True):
         i = rows[int(source)]
         power = 2.0 * np.log(255.0 * seen.opacity[i])
         reach = np.sqrt(power * seen.covariance[i, 2, 2])
         z = seen.camera[i, 2]
         for dx in (-40, -2, 0, 3, 50):
-            found = found_depth(record, peak, record[U] + dx, record[V] - dx, False)
+            found = found_depth(record, ray_hit, record[U] + dx, record[V] - dx, False)
             assert abs(found - z) <= reach * 1.0001 + 1e-6 * z

@@ -1,16 +1,16 @@
-"""Where a Gaussian peaks along each pixel's own ray: the depth that counts for a splat there.
+"""Where each pixel's own ray hits a splat: the depth of the Gaussian's maximum along the ray.
 
-Stretched so that the Gaussian is a ball, a ray has its peak where it passes the centre nearest. Let
+Stretched so that the Gaussian is a ball, a ray hits it where it passes the centre nearest. Let
 e be the stretched ray to the centre and g, h what one pixel to the right and one down add to it;
 turned so that e lies on the first axis and h's plane holds the second, all of it is five numbers:
 
     e = (1, 0, 0)   g = (GX, GY, 0)   h = (HX, HY, HZ)      d = e + dx g + dy h
 
-and the peak lies at z d·e / d·d, or z (1 − dx GX − dy HX) where rays are parallel. No difference of
-like numbers is taken, so thin discs seen edge on are as exact as balls.
+and the ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) where rays are parallel. No difference
+of like numbers is taken, so thin discs seen edge on are as exact as balls.
 
 A ray that misses the ellipsoid of what counts, which only the low-pass filter lets through, may
-peak anywhere: depths are held within that ellipsoid's own.
+have its maximum anywhere: depths are held within that ellipsoid's own.
 
 Source: Keselman & Hebert 2022, "Approximate differentiable rendering with algebraic surfaces";
 Radl et al. 2024, "StopThePop", for sorting by it.
@@ -26,9 +26,9 @@ from numba import prange
 from .jit import exact, parallel, scalar
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
-PEAK = 8
-"""Floats of a peak: the five numbers, depth of the centre, how far from it a peak may be, and one
-unused."""
+RAY_HIT = 8
+"""Floats of a ray hit: the five numbers, depth of the centre, how far from it a ray hit may be, and
+one unused."""
 GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
 
 THIN = 1e-6
@@ -39,15 +39,15 @@ THIN = 1e-6
 
 
 @scalar
-def peak_one(cam, m, inverse, position, q, s, log_opacity, peak):
-    """Fill `peak` for one splat.
+def ray_hit_one(cam, m, inverse, position, q, s, log_opacity, ray_hit):
+    """Fill `ray_hit` for one splat.
 
     Args:
         cam: A CAMERA record.
         m: Local to camera, (3, 4) f64; inverse: of its 3x3, (3, 3) f64.
         position, q, s: Centre, quaternion and standard deviations.
         log_opacity: As projected.
-        peak: Receives PEAK floats.
+        ray_hit: Receives RAY_HIT floats.
     """
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
@@ -84,10 +84,10 @@ def peak_one(cam, m, inverse, position, q, s, log_opacity, peak):
             ez, gz, hz = e, g, h
     reach = math.sqrt(max(2.0 * (log_opacity - LOG_CUTOFF), 0.0) * variance)
     length = math.sqrt(ex * ex + ey * ey + ez * ez)
-    peak[CENTER], peak[REACH] = np.float32(z), np.float32(reach)
+    ray_hit[CENTER], ray_hit[REACH] = np.float32(z), np.float32(reach)
     if not (0.0 < length < np.inf and reach < np.inf):
-        peak[GX], peak[GY] = np.float32(0), np.float32(0)
-        peak[HX], peak[HY], peak[HZ] = np.float32(0), np.float32(0), np.float32(0)
+        ray_hit[GX], ray_hit[GY] = np.float32(0), np.float32(0)
+        ray_hit[HX], ray_hit[HY], ray_hit[HZ] = np.float32(0), np.float32(0), np.float32(0)
         return
     scale = 1.0 / length
     ex, ey, ez = ex * scale, ey * scale, ez * scale
@@ -102,9 +102,9 @@ def peak_one(cam, m, inverse, position, q, s, log_opacity, peak):
     hx = hx - third * ex - fourth * gx * turn
     hy = hy - third * ey - fourth * gy * turn
     hz = hz - third * ez - fourth * gz * turn
-    peak[GX], peak[GY] = np.float32(first), np.float32(second)
-    peak[HX], peak[HY] = np.float32(third), np.float32(fourth)
-    peak[HZ] = np.float32(math.sqrt(hx * hx + hy * hy + hz * hz))
+    ray_hit[GX], ray_hit[GY] = np.float32(first), np.float32(second)
+    ray_hit[HX], ray_hit[HY] = np.float32(third), np.float32(fourth)
+    ray_hit[HZ] = np.float32(math.sqrt(hx * hx + hy * hy + hz * hz))
 
 
 @exact
@@ -114,8 +114,8 @@ def row_at(hx, hy, hz, dy):
 
 
 @exact
-def peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
-    """Depth of the peak at offset dx along a row; (first, second, third) is d at dx = 0."""
+def ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
+    """Return the depth of the ray hit at dx along a row; (first, second, third) is d at dx = 0."""
     one = np.float32(1)
     a, b = first + gx * dx, second + gy * dx
     along = a * a + b * b + third * third
@@ -128,17 +128,17 @@ def peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
 
 
 @parallel
-def peaks(
+def ray_hits(
     camera, matrices, inverses, positions, rotations, scales, block, base, records, sources,
     found, out
 ):  # fmt: skip
-    """Find the peaks of the visible splats of all instances of one field.
+    """Find the ray hits of the visible splats of all instances of one field.
 
     Args:
         camera, matrices, positions, rotations, scales, block, base, found: As `project` had them.
         inverses: Of the matrices' 3x3, shape (m, 3, 3) f64.
         records, sources: What `project` made.
-        out: Receives a peak for each used slot, shape (slots, PEAK) f32.
+        out: Receives a ray hit for each used slot, shape (slots, RAY_HIT) f32.
     """
     n = positions.shape[0]
     blocks = (n + block - 1) // block
@@ -148,7 +148,7 @@ def peaks(
         slot = base + item * block
         for at in range(slot, slot + found[item]):
             i = sources[at]
-            peak_one(
+            ray_hit_one(
                 cam, m, inverse, positions[i], rotations[i], scales[i],
                 records[at, LOG_OPACITY], out[at],
             )  # fmt: skip
