@@ -13,6 +13,7 @@ from usdsplat.kernels.sim import flight as kernels
 from usdsplat.kernels.sim.philox import NOISE
 from usdsplat.sim.parameters import ParticlesParameters
 from usdsplat.sim.state import ALIVE, FREE, PINNED, State
+from usdsplat.sim.timeline import Step
 
 
 def from_world(to_world: F64) -> F64:
@@ -32,11 +33,9 @@ def fly(
     device: Device,
     state: State,
     particles: ParticlesParameters,
+    step: Step,
     *,
     to_world: F64,
-    now: float,
-    dt: float,
-    seed: int,
     air: F32 | None = None,
     max_speed: float = math.inf,
 ) -> None:
@@ -48,10 +47,8 @@ def fly(
         device: Where.
         state: Its positions and velocities change.
         particles: Gravity, wind and whirls are in the space of the stage; drag is exact for any dt.
+        step: The substep; turbulence depends on its time.
         to_world: The simulation's space to the stage's, shape (4, 4).
-        now: After the simulation's start [s]; whirls change with it.
-        dt: [s].
-        seed: The simulation's.
         air: Wind of affectors, in the simulation's space [unit/s], shape (n, 3).
         max_speed: [unit/s].
 
@@ -66,16 +63,16 @@ def fly(
         device.upload(state.flags),
         ALIVE if particles.enabled else ALIVE | FREE,
         PINNED,
-        (back @ particles.gravity * dt).astype(np.float32),
+        (back @ particles.gravity * step.dt).astype(np.float32),
         (back @ particles.wind).astype(np.float32),
         device.upload(np.empty((0, 3), np.float32) if air is None else air),
         np.ascontiguousarray(to_world, np.float64),
         back,
         np.float32(particles.turbulence),
         1 / particles.turbulence_scale,
-        now * particles.turbulence_speed,
-        np.float32(math.exp(-particles.drag * dt)),
-        np.float32(dt),
+        step.now * particles.turbulence_speed,
+        np.float32(math.exp(-particles.drag * step.dt)),
+        np.float32(step.dt),
         np.float32(max_speed),
-        np.uint32((seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
+        np.uint32((step.seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
     )

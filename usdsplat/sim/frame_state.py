@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,13 @@ from usdsplat.sim.transport import rotate_harmonics, thin, transport
 
 TURNED = "drawn:turned"
 """What the state remembers: which rows of `sh` differ from rest, uint8, shape (n,)."""
+
+
+class Fades(NamedTuple):
+    """Factors of opacities and sizes, each of shape (n,); None where all are 1."""
+
+    opacity: F32 | None
+    size: F32 | None
 
 
 class FrameEvaluator:
@@ -38,8 +46,7 @@ class FrameEvaluator:
         *,
         normals: F32,
         crowding: F32,
-        alpha: F32 | None,
-        size: F32 | None,
+        fades: Fades,
         seconds: float,
     ) -> Frame:
         """Return the splats of a frame; its arrays are its own, or never change again.
@@ -51,7 +58,7 @@ class FrameEvaluator:
             gradient: Deformation from rest to there, shape (n, 3, 3); None where there is none.
             normals: At rest, shape (n, 3).
             crowding: Neighbours over those wanted, shape (n,); empty where nobody asks.
-            alpha, size: Factors of opacities and sizes, shape (n,); None for 1.
+            fades: Factors of opacities and sizes.
             seconds: Since the simulation's start [s].
         """
         if self._strain is not None:
@@ -60,8 +67,8 @@ class FrameEvaluator:
         drawn = SplatCloud(
             positions=state.positions.copy(),
             rotations=state.rotations.copy(),
-            scales=state.scales if size is None else state.scales * size[:, None],
-            opacities=self._opacities(state, areas, alpha),
+            scales=state.scales if fades.size is None else state.scales * fades.size[:, None],
+            opacities=self._opacities(state, areas, fades.opacity),
             sh=state.sh,
             ids=state.ids.copy(),
             velocities=state.velocities.copy(),
@@ -84,9 +91,7 @@ class FrameEvaluator:
             state.rest_scales,
             state.rotations,
             state.scales,
-            policy=look.covariance,
-            max_stretch=look.max_stretch,
-            keep_opacity=look.keep_opacity,
+            look,
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
@@ -103,12 +108,12 @@ class FrameEvaluator:
         )
         return areas
 
-    def _opacities(self, state: State, areas: F32 | None, alpha: F32 | None) -> F32:
+    def _opacities(self, state: State, areas: F32 | None, factor: F32 | None) -> F32:
         opacities = state.rest_opacities.copy()
         if areas is not None:
             thin(self._device, state.rest_opacities, areas, opacities)
-        if alpha is not None:
-            np.clip(opacities * alpha, 0, 1, out=opacities)
+        if factor is not None:
+            np.clip(opacities * factor, 0, 1, out=opacities)
         return opacities
 
     def _drive(

@@ -22,6 +22,7 @@ from usdsplat.sim.relaxing import Projection, relax
 from usdsplat.sim.seeds import nuclei, plant, untouched
 from usdsplat.sim.specs import Moment, Surface
 from usdsplat.sim.state import State
+from usdsplat.sim.support import Neighborhood
 from usdsplat.sim.uses import Uses
 
 NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
@@ -130,6 +131,16 @@ class Pattern:
         """Neighbours over those wanted, shape (n,); empty where nobody asks."""
         found: F32 | None = state.memory.get(CROWDING)
         return np.empty(0, np.float32) if found is None else found
+
+    def neighborhood(self, state: State, moment: Moment) -> Neighborhood:
+        """Return what births depend on."""
+        return Neighborhood(
+            normals=self.normals(state),
+            crowding=self.crowding(state),
+            dimension=self.dimension,
+            target=moment.parameters.neighbors.target,
+            usual_support=self.usual_support,
+        )
 
     def sizes(self, state: State, moment: Moment) -> F32 | None:
         """Factor of each splat's size as spacing grows, shape (n,); None for 1."""

@@ -16,6 +16,8 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import population as kernels
 from usdsplat.sim.parameters import GrowthParameters
 from usdsplat.sim.state import ALIVE, BORN, DYING, FREE, PINNED, State
+from usdsplat.sim.support import Neighborhood
+from usdsplat.sim.timeline import Step
 
 PROGRESS, SPLIT, HUNGRY, DYING_SINCE = (
     f"growth:{name}" for name in ("progress", "split", "hungry", "dying")
@@ -69,16 +71,10 @@ def births(
     device: Device,
     state: State,
     growth: GrowthParameters,
+    step: Step,
+    neighborhood: Neighborhood,
     *,
-    crowding: F32,
-    normals: F32,
-    dimension: int,
-    target: float,
-    h_target: float,
     maximum: int,
-    seed: int,
-    now: float,
-    dt: float,
     rate_factor: F32 | None = None,
 ) -> I64:
     """Let splats have children, one each at most, where the pattern is high and there is room.
@@ -91,16 +87,10 @@ def births(
         device: Where.
         state: All of its arrays may be replaced.
         growth: Rate and thresholds.
-        crowding: Neighbours over those wanted, shape (n,).
-        normals: At rest, shape (n, 3); zero where there is no surface.
-        dimension: 2 on surfaces, 3 in volumes.
-        target: Neighbours wanted.
-        h_target: Support [unit] at which the rate is `growth.birth_rate`; it scales with the area
-            or volume of the support.
+        step: The substep.
+        neighborhood: Of the splats. At its usual support the rate is `growth.birth_rate`; it scales
+            with the area or volume of a splat's support.
         maximum: Splats at which births end, first identities first.
-        seed: The simulation's.
-        now: After the simulation's start [s].
-        dt: [s].
         rate_factor: Of the rate, shape (n,); where it is 0 nobody has a child.
 
     Returns:
@@ -115,18 +105,18 @@ def births(
         device.upload(state.ids),
         device.upload(state.uv),
         device.upload(state.support),
-        device.upload(crowding),
+        device.upload(neighborhood.crowding),
         device.upload(np.empty(0, np.float32) if rate_factor is None else rate_factor),
         device.upload(state.flags),
-        np.float32(growth.birth_rate * dt),
+        np.float32(growth.birth_rate * step.dt),
         np.float32(growth.v_min),
         np.float32(growth.v_max),
-        np.float32(h_target),
-        dimension,
+        np.float32(neighborhood.usual_support),
+        neighborhood.dimension,
         np.float32(growth.crowd_max),
         ALIVE,
         FREE | DYING,
-        seed,
+        step.seed,
         ripe,
     )
     due = np.flatnonzero(ripe)
@@ -139,15 +129,15 @@ def births(
     rows = np.concatenate([np.arange(n), parents])
     ids = state.ids
     frame: list[npt.NDArray[Any]]
-    frame = [ids, state.support, normals, state.rotations, state.rest_rotations]
+    frame = [ids, state.support, neighborhood.normals, state.rotations, state.rest_rotations]
     _take(state, rows)
     device.run(
         kernels.put,
         device.upload(parents),
         *(device.upload(array) for array in frame),
-        float(target),
-        dimension,
-        seed,
+        float(neighborhood.target),
+        neighborhood.dimension,
+        step.seed,
         state.step,
         state.rest_positions[n:],
         state.positions[n:],
@@ -157,10 +147,10 @@ def births(
     state.ids[n:] = state.next_id + np.arange(len(parents))
     state.next_id += len(parents)
     state.parents[n:] = ids[parents]
-    state.births[n:] = now
+    state.births[n:] = step.now
     state.flags[n:] |= BORN
     state.memory[PROGRESS][n:] = 0
-    state.memory[SPLIT][parents] = now
+    state.memory[SPLIT][parents] = step.now
     state.memory[SPLIT][n:] = NEVER
     if HUNGRY in state.memory:
         state.memory[HUNGRY][n:] = 0

@@ -21,7 +21,7 @@ from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
 from usdsplat.sim.flight import fly
-from usdsplat.sim.frame_state import FrameEvaluator, turned
+from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
 from usdsplat.sim.pattern import Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
@@ -29,7 +29,7 @@ from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
 from usdsplat.sim.strain import Strain
 from usdsplat.sim.target_pose import TargetPose
-from usdsplat.sim.timeline import Timeline
+from usdsplat.sim.timeline import Step, Timeline
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
@@ -140,7 +140,6 @@ class Solver:
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._goal.at(state, moment, self.seconds, gradient=True)
-        alpha, size = self._fades(moment)
         frame = self._drawing.frame(
             state,
             moment,
@@ -148,8 +147,7 @@ class Solver:
             gradient,
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
-            alpha=alpha,
-            size=size,
+            fades=self._fades(moment),
             seconds=self.seconds,
         )
         self._lap("shape")
@@ -211,7 +209,8 @@ class Solver:
             seconds = line.seconds(state.step - 1)
             self._wanted = self._goal.at(state, before, seconds)[0]
         self._moment, self._seen = after, state.step
-        sim, now, dt = after.parameters.sim, self.seconds, self._dt
+        sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
+        now, dt = step.now, step.dt
         started = state.positions.copy()
         wanted = self._goal.at(state, after, now)[0]
         self._lap("goal")
@@ -228,20 +227,22 @@ class Solver:
         self._lap("settle")
         if self._uses.flies and not assembles:
             fly(
-                self._device, state, after.parameters.particles, to_world=after.to_world,
-                now=now, dt=dt, seed=self._seed, air=influence.wind, max_speed=sim.max_speed,
+                self._device, state, after.parameters.particles, step, to_world=after.to_world,
+                air=influence.wind, max_speed=sim.max_speed,
             )  # fmt: skip
             self._lap("flight")
         self._wanted = wanted
         if self._uses.reacts or self._uses.crowds:
-            started = self._live(after, influence, started, is_first=is_first)
+            started = self._live(after, step, influence, started, is_first=is_first)
         self._place(after, now)
         self._contact(started, before, after)
 
-    def _live(self, moment: Moment, influence: Influence, started: F32, *, is_first: bool) -> F32:
+    def _live(
+        self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
+    ) -> F32:
         """Pattern, growth, births and deaths; returns where splats were, row by row."""
         state, growth, sim = self.state, moment.parameters.growth, moment.parameters.sim
-        now, dt, reacts = self.seconds, self._dt, moment.parameters.rd.enabled
+        reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
                 self._pattern.react(state, moment, influence)
@@ -255,39 +256,37 @@ class Solver:
         factor = _product(influence.growth, self._weight())
         if reacts and growth.rate:
             population.grow(
-                self._device, state, growth, dt=dt, normals=self._pattern.normals(state),
+                self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
                 rate_factor=factor,
             )  # fmt: skip
         rows: list[I64] = []
         if self._uses.bears:
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
-            rows = self._change_population(moment, now, dt, most, factor)
+            rows = self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
             self._influence = self._influence.selected(source)
-        self._wanted = self._goal.at(state, moment, now)[0]
+        self._wanted = self._goal.at(state, moment, step.now)[0]
         flying = (state.flags & FREE) != 0
         state.positions = np.where(flying[:, None], state.positions, self._wanted + off)
         self._lap("growth")
         return started
 
     def _change_population(
-        self, moment: Moment, now: float, dt: float, maximum: int, factor: F32 | None
+        self, moment: Moment, step: Step, maximum: int, factor: F32 | None
     ) -> list[I64]:
         """Births, then deaths; returns, for each change, the row that each row comes from."""
         state, growth = self.state, moment.parameters.growth
         changes: list[I64] = []
         parents = population.births(
-            self._device, state, growth, crowding=self._pattern.crowding(state),
-            normals=self._pattern.normals(state), dimension=self._pattern.dimension,
-            target=moment.parameters.neighbors.target, h_target=self._pattern.usual_support,
-            maximum=maximum, seed=self._seed, now=now, dt=dt, rate_factor=factor,
+            self._device, state, growth, step, self._pattern.neighborhood(state, moment),
+            maximum=maximum, rate_factor=factor,
         )  # fmt: skip
         if len(parents):
             self._goal.bear(parents, state)
             changes.append(np.concatenate([np.arange(len(state) - len(parents)), parents]))
-        left = population.deaths(state, growth, now=now, dt=dt)
+        left = population.deaths(state, growth, now=step.now, dt=step.dt)
         if left is not None:
             self._goal.keep(left)
             changes.append(left)
@@ -334,8 +333,8 @@ class Solver:
         state.flags[spared] &= ~PINNED
         self._lap("contact")
 
-    def _fades(self, moment: Moment) -> tuple[F32 | None, F32 | None]:
-        """Factors of opacity and of size, None where they are 1."""
+    def _fades(self, moment: Moment) -> Fades:
+        """Return the factors of opacity and of size at a time."""
         dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
         alpha = self._influences.at(dimming, self.state.positions).opacity
         size: F32 | None = None
@@ -346,7 +345,7 @@ class Solver:
         if dissolve is not None:
             alphas, sizes = dissolve.fades(self.state, now=self.seconds)
             alpha, size = _product(alpha, alphas), _product(size, sizes)
-        return alpha, _product(size, self._pattern.sizes(self.state, moment))
+        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment)))
 
     def _weight(self) -> F32:
         """How much each splat is selected now, shape (n,)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from usdsplat.core.cloud import F32
@@ -14,6 +16,22 @@ STEPS = 8
 """Of the controller, until radii fit at first."""
 TOLERANCE, PART = 0.1, 0.99
 """Radii fit where this part of the counts is within this of the target."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Neighborhood:
+    """What the neighbours of n splats say about their surface and its density."""
+
+    normals: F32
+    """Unit normals at rest, 0 where there is no surface, shape (n, 3)."""
+    crowding: F32
+    """Neighbours over those wanted, shape (n,)."""
+    dimension: int
+    """2 on surfaces, 3 in volumes."""
+    target: float
+    """Neighbours wanted."""
+    usual_support: float
+    """Median radius of a neighbourhood at the beginning [unit]."""
 
 
 def crowding(device: Device, graph: Graph, dimension: int) -> F32:

@@ -8,6 +8,18 @@ from dataclasses import dataclass
 from usdsplat.sim.parameters import SimParameters
 
 
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One substep of a simulation."""
+
+    now: float
+    """Time since the simulation's start at the end of the step [s]."""
+    dt: float
+    """Duration [s]."""
+    seed: int
+    """Seed of the simulation's random numbers."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timeline:
     """Times are worked out from the number of steps, and never added up."""

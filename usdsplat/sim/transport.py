@@ -8,7 +8,7 @@ only the sign of quaternions is taken, so that they may be interpolated.
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +17,11 @@ from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import harmonics
 from usdsplat.kernels.sim import transport as kernels
+from usdsplat.sim.parameters import AppearanceParameters
 
 U8: TypeAlias = npt.NDArray[np.uint8]
-Policy = Literal["full", "rigid", "volume"]
 
-POLICIES: dict[Policy, int] = {
+POLICIES = {
     "full": kernels.FULL,
     "rigid": kernels.RIGID,
     "volume": kernels.VOLUME,
@@ -36,10 +36,7 @@ def transport(
     rest_scales: F32,
     rotations: F32,
     scales: F32,
-    *,
-    policy: Policy = "full",
-    max_stretch: float = 3.0,
-    keep_opacity: bool = False,
+    appearance: AppearanceParameters,
 ) -> F32 | None:
     """Ellipsoids of deformed splats.
 
@@ -56,24 +53,24 @@ def transport(
             which none is more than a right angle from its predecessor in four dimensions, shape
             (n, 4).
         scales: Receives [unit], shape (n, 3).
-        policy: What splats take of F: all of it; its rotation R of F = R U; or F / |F|^(1/3).
-        max_stretch: s; principal stretches are kept within [1/s, s], at least 1.
-        keep_opacity: Whether to return how much larger faces have become.
+        appearance: `covariance` says what splats take of F: all of it; its rotation R of F = R U;
+            or F / |F|^(1/3). Principal stretches are kept within [1/s, s], s = `max_stretch`.
+            `keep_opacity` says whether to return how much larger faces have become.
 
     Returns:
         Area of each splat's face (the ellipse of its two longer axes at rest), deformed over at
-        rest, shape (n,); None unless `keep_opacity`.
+        rest, shape (n,); None unless `appearance.keep_opacity`.
 
     Source:
         Xie et al. 2024, "PhysGaussian"; Hestenes 1958 for the axes.
     """
-    areas = np.empty(len(gradient), np.float32) if keep_opacity else NOBODY
-    limit = np.float32(max_stretch)
+    areas = np.empty(len(gradient), np.float32) if appearance.keep_opacity else NOBODY
+    limit = np.float32(appearance.max_stretch)
     device.run(
-        kernels.transport, gradient, rest_rotations, rest_scales, POLICIES[policy], limit,
-        rotations, scales, areas,
+        kernels.transport, gradient, rest_rotations, rest_scales,
+        POLICIES[appearance.covariance], limit, rotations, scales, areas,
     )  # fmt: skip
-    return areas if keep_opacity else None
+    return areas if appearance.keep_opacity else None
 
 
 def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> None:

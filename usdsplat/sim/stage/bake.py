@@ -131,6 +131,11 @@ class Bake:
         return bake
 
     @property
+    def target(self) -> Path:
+        """The layer of results."""
+        return self._layers.target
+
+    @property
     def left(self) -> Sequence[float]:
         """Frames that have not come yet [time code]."""
         return () if self.is_complete else self._times[self._frames :]

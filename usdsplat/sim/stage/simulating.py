@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pxr import Usd
@@ -31,6 +31,8 @@ from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
 
 Remark = Callable[[str], None]
+Existing = Literal["error", "resume", "replace"]
+"""What happens with a bake that is at the target already."""
 
 LEAD = 100_000
 """Frames that may be simulated before the first that is asked for."""
@@ -70,6 +72,22 @@ class Report:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulateOptions:
+    """How a stage is simulated and baked."""
+
+    device: str | Device = "auto"
+    """Name of a device, see `open_device`, or an open device, which stays open."""
+    threads: int | None = None
+    """Threads of a device that is given by name; None is all."""
+    existing: Existing = "error"
+    """What to do with a bake at the target: raise, continue from its last checkpoint, or replace
+    it."""
+
+
+SIMULATE = SimulateOptions()
+
+
 class Clock:
     """Wall time, by what it was spent on; compiling is apart, for it happens once.
 
@@ -80,7 +98,13 @@ class Clock:
     def __init__(self, compiled: Callable[[], float] = lambda: 0.0) -> None:
         self.spent: dict[str, float] = {}
         self._compiled = compiled
+        self._began = time.perf_counter()
         self._last = self.now
+
+    @property
+    def elapsed(self) -> float:
+        """Wall time since the clock was made, compiling included [s]."""
+        return time.perf_counter() - self._began
 
     @property
     def now(self) -> float:
@@ -121,9 +145,9 @@ class Simulation:
         reading: AbstractContextManager[Any] = UNGUARDED,
         kind: Callable[..., StageRecipe] | None = None,
     ) -> None:
-        self._stage = stage  # prims live no longer than it
-        self._device, self._lap = device, lap
-        self._start = frames[0]
+        self.stage = stage  # prims live no longer than it
+        self.frames, self.device, self.reading = frames, device, reading
+        self._lap = lap
         with reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
@@ -148,7 +172,7 @@ class Simulation:
         """
         for path, recipe in self.recipes.items():
             self.solvers[path] = Solver(
-                recipe, self.uses[path], device=self._device, start=self._start,
+                recipe, self.uses[path], device=self.device, start=self.frames[0],
                 state=None if states is None else states[path], lap=self._lap,
             )  # fmt: skip
         self._lap("beginning")
@@ -214,11 +238,8 @@ def simulate(
     stage: Usd.Stage,
     target: Path,
     frames: Sequence[float],
+    options: SimulateOptions = SIMULATE,
     *,
-    device: str | Device = "auto",
-    threads: int | None = None,
-    resume: bool = False,
-    force: bool = False,
     progress: Progress = silent,
     remark: Remark = lambda text: None,
     reading: AbstractContextManager[Any] = UNGUARDED,
@@ -229,9 +250,7 @@ def simulate(
         stage: From a file; opinions on its session layer count.
         target: The layer of results, a .usda; its samples go to a folder beside it.
         frames: Every frame, ascending, one apart [time code].
-        device, threads: As `open_device` takes them, or one that is open.
-        resume: Go on with the bake at `target` from its last checkpoint.
-        force: Replace a bake that is there.
+        options: Device, and what to do with an existing bake.
         progress: Told about each frame.
         remark: Told a sentence about what is left out, or a GPU that cannot be used.
         reading: Entered while the stage is read, as in `Simulation`.
@@ -239,59 +258,59 @@ def simulate(
     Raises:
         UsdSplatError: If something on the stage cannot be simulated, written or resumed.
     """
-    if target.exists() and not (resume or force):
+    if target.exists() and options.existing == "error":
         raise OutputError(str(target), "a file", "a new name, or --resume or --force")
     with compile_time() as compiled:
         clock = Clock(compiled)
-        machine = device
-        if isinstance(machine, str):
-            machine = open_device(machine, threads=threads, task="geometry")
-        if machine.remark:
-            remark(machine.remark)
+        device = options.device
+        if isinstance(device, str):
+            device = open_device(device, threads=options.threads, task="geometry")
+        if device.remark:
+            remark(device.remark)
         try:
-            report = _simulate(
-                stage, target, frames, machine, resume, progress, remark, clock, reading
-            )
+            simulation = Simulation(stage, frames, device=device, lap=clock.lap, reading=reading)
+            bake, provenance = _open_bake(simulation, target, resume=options.existing == "resume")
+            report = _run(simulation, bake, provenance, clock, progress, remark)
         finally:
-            if machine is not device:
-                machine.close()
+            if device is not options.device:
+                device.close()
         report.stages["compiling"] = round(compiled(), 3)
     return report
 
 
-def _simulate(
-    stage: Usd.Stage,
-    target: Path,
-    frames: Sequence[float],
-    machine: Device,
-    resume: bool,
-    progress: Progress,
-    remark: Remark,
-    clock: Clock,
-    reading: AbstractContextManager[Any],
-) -> Report:
-    """`simulate` after its first check, with a clock."""
-    began = time.perf_counter()
-    simulation = Simulation(stage, frames, device=machine, lap=clock.lap, reading=reading)
-    parameters = _common(simulation, frames[0])
-    made_of = _provenance(stage, frames, parameters, machine, reading)
-    with reading:
+def _open_bake(simulation: Simulation, target: Path, *, resume: bool) -> tuple[Bake, Provenance]:
+    """Open the bake of a simulation, and find what it is made of."""
+    parameters = _common(simulation)
+    provenance = _provenance(simulation, parameters)
+    with simulation.reading:
         bake = Bake.open(
-            stage,
+            simulation.stage,
             target,
             baked_fields(simulation),
-            frames,
+            simulation.frames,
             parameters.bake,
-            made_of,
+            provenance,
             resume=resume,
         )
+    return bake, provenance
+
+
+def _run(
+    simulation: Simulation,
+    bake: Bake,
+    provenance: Provenance,
+    clock: Clock,
+    progress: Progress,
+    remark: Remark,
+) -> Report:
+    """Simulate the frames that a bake lacks, and write them."""
     spent: list[float] = []
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
     if left:
         progress.step("beginning", 0, 0)
         simulation.begin(states)
-        made_of.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
+        provenance.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
         for each in simulation.remarks:
             remark(each)
     with bake:
@@ -314,22 +333,22 @@ def _simulate(
             found = f"{counted(solver.trapped, 'splat')} that no push brings out of the affectors"
             remark(f"{path}: found {found}, expected a way out between them")
     return Report(
-        target=str(target),
+        target=str(bake.target),
         frames=len(left),
         splats={path: len(solver.state) for path, solver in simulation.solvers.items()},
-        seconds=time.perf_counter() - began,
+        seconds=clock.elapsed,
         seconds_per_frame=float(np.median(spent[1:] or spent or [0.0])),
         stages={name: round(value, 3) for name, value in clock.spent.items()},
         megabytes=_peak_memory(),
     )
 
 
-def _common(simulation: Simulation, start: float) -> Parameters:
+def _common(simulation: Simulation) -> Parameters:
     """Parameters of the first simulation, by whose words the bake is written."""
     every = {recipe.simulation: recipe for recipe in simulation.recipes.values()}
     if not every:
         raise StageError("simulate", "no splat field in any simulation", "at least one")
-    first, *others = (recipe.parameters(start) for recipe in every.values())
+    first, *others = (recipe.parameters(simulation.frames[0]) for recipe in every.values())
     for other, name in zip(others, list(every)[1:], strict=True):
         if other.bake != first.bake:
             found = "other values of splatSim:bake than the first simulation's"
@@ -350,27 +369,22 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
     ]
 
 
-def _provenance(
-    stage: Usd.Stage,
-    frames: Sequence[float],
-    parameters: Parameters,
-    device: Device,
-    reading: AbstractContextManager[Any],
-) -> Provenance:
-    sim = parameters.sim
-    with reading:
+def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
+    """Return what a bake is made of."""
+    sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
+    with simulation.reading:
         rate = stage.GetTimeCodesPerSecond()
         opinions = parameter_hash(stage, frames)
         edits = stage.GetSessionLayer().identifier
     return Provenance(
         param_hash=opinions,
-        input_hash=input_hash(stage, without=[edits], reading=reading),
+        input_hash=input_hash(stage, without=[edits], reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
         frame_range=(frames[0], frames[-1]),
         mode=parameters.bake.mode,
-        threads=device.threads,
+        threads=simulation.device.threads,
     )
 
 
