@@ -37,7 +37,7 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
     from usdsplat.kernels.bins import TILE
     from usdsplat.kernels.devices import open_device
-    from usdsplat.render.memory import estimate, fitting
+    from usdsplat.render.memory import PictureRequest, estimate, fitting
     from usdsplat.render.renderer import BAND_PIXELS, Renderer
     from usdsplat.render.settings import RenderSettings
 
@@ -53,7 +53,9 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     settings = RenderSettings(sorting="zDepth", color_mode="scene")
 
     def needed(tiles: int) -> Estimate:
-        return estimate(scene, view, settings, AOVS, band_pixels=tiles * TILE * size[0])
+        return estimate(
+            scene, view, settings, PictureRequest(aovs=AOVS), band_pixels=tiles * TILE * size[0]
+        )
 
     tiles = max(1, min(BAND_PIXELS // size[0] // TILE, -(-size[1] // TILE)))
     said, limit = needed(tiles), 0.0

@@ -11,6 +11,7 @@ import pytest
 from tests.render.rendering import lens, random_cloud, scene_of, view_of
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
+from usdsplat.render.memory import PictureRequest
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
@@ -27,7 +28,8 @@ def scene():
 def needed(scene, *aovs, settings=SETTINGS, size=(256, 256), rows=64, **options):
     view = View(camera=view_of(lens()).camera, framing=Framing(resolution=size))
     band = rows * size[0]
-    return memory.estimate(scene, view, settings, aovs or ("color",), band_pixels=band, **options)
+    request = PictureRequest(aovs=aovs or ("color",), **options)
+    return memory.estimate(scene, view, settings, request, band_pixels=band)
 
 
 @pytest.mark.parametrize("budget", [0, 100])
@@ -50,7 +52,7 @@ def test_display_modes_take_what_they_make(scene):
 
     def per_splat(mode):
         settings = replace(SETTINGS, display_mode=mode)
-        estimate = memory.estimate(scene, VIEW, settings, ("color",), band_pixels=1 << 20)
+        estimate = memory.estimate(scene, VIEW, settings, PictureRequest(), band_pixels=1 << 20)
         return estimate.splats / seen
 
     assert per_splat("normals") - per_splat("splats") == pytest.approx(2 * 9 * 4)

@@ -10,7 +10,7 @@ The bytes are those of `projector`, `tile_lists`, `aov_resolver`, `accumulator`,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -95,28 +95,40 @@ class Estimate:
         return self.held + self.splats + self.band
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureRequest:
+    """What is drawn of a view, as far as memory depends on it."""
+
+    aovs: tuple[str, ...] = ("color",)
+    """Which of `renderer.AOVS`."""
+    holds_out: bool = False
+    """Whether there is a holdout from elsewhere."""
+    deep: bool = False
+    """Whether all contributions are kept."""
+    baked: bool = False
+    """Whether the pixels go through a view transform once they are drawn."""
+    pictures: int = 1
+    """How many such pictures are drawn at the same time."""
+
+
+COLOR_ALONE = PictureRequest()
+
+
 def estimate(
     scene: RenderScene,
     view: View,
     settings: RenderSettings,
-    aovs: Sequence[str],
+    request: PictureRequest,
     *,
     band_pixels: int,
-    holds_out: bool = False,
-    deep: bool = False,
-    baked: bool = False,
-    pictures: int = 1,
 ) -> Estimate:
-    """Return what drawing a picture takes.
+    """Estimate what drawing a picture takes.
 
     Args:
-        aovs: Which of `renderer.AOVS`.
+        request: What is drawn.
         band_pixels: As `Renderer.render` takes it.
-        holds_out: Whether there is a holdout from elsewhere.
-        deep: Whether all contributions are kept.
-        baked: Whether it goes through a view once it is drawn.
-        pictures: How many of this kind are drawn at the same time.
     """
+    aovs, pictures = request.aovs, request.pictures
     screen = Screen.of(view)
     x0, y0, x1, y1 = screen.window
     begin, end = next(screen.bands(band_pixels))
@@ -124,11 +136,11 @@ def estimate(
     layout = scene.draw_list(settings.splat_budget)
     seen, pairs = _seen(layout, screen)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
-    peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
+    peaks = meshes or request.holds_out or settings.sorting == "rayHitDistance"
     mode = settings.display_mode
     per_splat = _per_splat(wanted, mode, peaks=peaks, labels=bool(view.matte))
-    per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
-    kept = DEEP_SAMPLES * DEEP_SAMPLE if deep else 0
+    per_pixel = _per_pixel(settings, request, meshes=meshes)
+    kept = DEEP_SAMPLES * DEEP_SAMPLE if request.deep else 0
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
     writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
     return Estimate(
@@ -224,18 +236,17 @@ def _of_meshes(scene: RenderScene) -> int:
     return size + sum(pictures.values()) * 4 // 3
 
 
-def _per_pixel(
-    settings: RenderSettings, wanted: set[str], *, meshes: bool, holds_out: bool, baked: bool
-) -> int:
+def _per_pixel(settings: RenderSettings, request: PictureRequest, *, meshes: bool) -> int:
     """Bytes of one pixel of a band."""
+    wanted = set(request.aovs)
     size = PER_PIXEL["color"] + LISTS
     size += sum(PER_PIXEL.get(name, 0) for name in wanted - {"color"})
     size += MEDIAN * bool(READ_OFF & wanted)
     size += MOTION * bool({"motionForward", "motionBackward"} & wanted)
-    size += SURFACE * meshes + HOLDOUT * holds_out
+    size += SURFACE * meshes + HOLDOUT * request.holds_out
     if settings.samples > 1:
         size += 16 * ("color" in wanted) + 12 * ("albedo" in wanted)
-    if not baked and settings.color_mode != "inverseView":
+    if not request.baked and settings.color_mode != "inverseView":
         return size
     names = (settings.ocio_config, settings.ocio_display, settings.ocio_view, settings.ocio_look)
     return size + (OCIO_VIEW if any(names) else PLAIN_VIEW)
