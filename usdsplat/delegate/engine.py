@@ -332,7 +332,10 @@ class Engine:
         """Estimate how much memory a picture takes; arguments as in `memory.estimate`."""
         self.sync()
         settings = self._resolved(settings)
-        return estimate(self._param.scene, view, settings, request, band_pixels=band_pixels)
+        return estimate(
+            self._param.scene, view, settings, request, band_pixels=band_pixels,
+            threads=self._drawer.threads,
+        )  # fmt: skip
 
     # --- the end ---------------------------------------------------------------------------
 
