@@ -1,4 +1,4 @@
-"""Splats that fly: gravity, wind, whirls and drag."""
+"""Free flight: gravity, wind, turbulence and drag."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from usdsplat.sim.timeline import Step
 
 
 def from_world(to_world: F64) -> F64:
-    """What takes vectors of the stage to the simulation, shape (3, 3).
+    """Return the matrix of vectors from the stage to the simulation, shape (3, 3).
 
     Raises:
-        StageError: If the field is flattened to nothing, so that no way leads back.
+        StageError: If the field's transform is singular.
     """
     linear = to_world[:3, :3]
     if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
@@ -39,17 +39,17 @@ def fly(
     air: F32 | None = None,
     max_speed: float = math.inf,
 ) -> None:
-    """Move those that fly by one step: gravity, then drag towards the air, then the way.
+    """Advance flying splats by one substep: gravity, then drag towards the air, then motion.
 
-    Those with the flag FREE fly, and all if `particles.enabled`; none that is PINNED does.
+    Splats with the flag FREE fly, or all if `particles.enabled`; PINNED ones never do.
 
     Args:
-        device: Where.
+        device: Runs the kernels.
         state: Its positions and velocities change.
-        particles: Gravity, wind and whirls are in the space of the stage; drag is exact for any dt.
+        particles: Gravity, wind and turbulence in the space of the stage; drag is exact for any dt.
         step: The substep; turbulence depends on its time.
-        to_world: The simulation's space to the stage's, shape (4, 4).
-        air: Wind of affectors, in the simulation's space [unit/s], shape (n, 3).
+        to_world: From the simulation's space to the stage's, shape (4, 4).
+        air: Wind of affectors in the simulation's space [unit/s], shape (n, 3).
         max_speed: [unit/s].
 
     Raises:

@@ -16,7 +16,7 @@ from usdsplat.sim.strain import Strain
 from usdsplat.sim.transport import rotate_harmonics, thin, transport
 
 TURNED = "drawn:turned"
-"""What the state remembers: which rows of `sh` differ from rest, uint8, shape (n,)."""
+"""In `State.memory`: which rows of `sh` differ from rest, uint8, shape (n,)."""
 
 
 class Fades(NamedTuple):
@@ -30,8 +30,8 @@ class FrameEvaluator:
     """Computes the frames of one field.
 
     Args:
-        device: Computes.
-        strain: Finds how space is deformed about splats that were pushed; None where none are.
+        device: Runs the kernels.
+        strain: Estimates the deformation around pushed splats; None if none are pushed.
     """
 
     def __init__(self, device: Device, strain: Strain | None) -> None:
@@ -49,17 +49,18 @@ class FrameEvaluator:
         fades: Fades,
         seconds: float,
     ) -> Frame:
-        """Return the splats of a frame; its arrays are its own, or never change again.
+        """Return the splats of a frame; nothing changes its arrays afterwards.
 
         Args:
-            state: Its rotations, scales, opacities and harmonics are brought up to date.
-            moment: When.
-            wanted: Where splats want to be then [unit], shape (n, 3).
-            gradient: Deformation from rest to there, shape (n, 3, 3); None where there is none.
-            normals: At rest, shape (n, 3).
-            crowding: Neighbours over those wanted, shape (n,); empty where nobody asks.
+            state: Its rotations, scales, opacities and harmonics are updated.
+            moment: What the stage says at the time.
+            wanted: Target positions [unit], shape (n, 3).
+            gradient: Gradient of the deformation from rest to there, shape (n, 3, 3); None without
+                any.
+            normals: Normals at rest, shape (n, 3).
+            crowding: Neighbours over those wanted, shape (n,); empty if no driver needs it.
             fades: Factors of opacities and sizes.
-            seconds: Since the simulation's start [s].
+            seconds: Time since the simulation's start [s].
         """
         if self._strain is not None:
             gradient = self._strain.add(state, wanted, gradient, normals)
@@ -82,7 +83,7 @@ class FrameEvaluator:
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
     def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
-        """Bring rotations, scales and harmonics of the state up to date; returns areas."""
+        """Update rotations, scales and harmonics of the state, and return areas."""
         look = moment.parameters.appearance
         areas = transport(
             self._device,
@@ -97,7 +98,7 @@ class FrameEvaluator:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
         sh = state.sh
         if sh is not state.rest_sh:
-            sh = sh.copy()  # that of the last frame is somebody else's now
+            sh = sh.copy()  # the last frame holds the old array
         state.sh, _ = rotate_harmonics(
             self._device,
             gradient,
@@ -125,7 +126,7 @@ class FrameEvaluator:
         crowding: F32,
         seconds: float,
     ) -> SplatCloud:
-        """One driver's change, to arrays that are the frame's own."""
+        """Apply one driver, on arrays that belong to the frame."""
         if driver.parameters.output == "color" and drawn.sh is state.sh:
             drawn = replace(drawn, sh=state.sh.copy())
         drive(
@@ -141,7 +142,7 @@ class FrameEvaluator:
 
 
 def turned(normals: F32, gradient: F32 | None) -> F32:
-    """Normals of a deformed surface, shape (n, 3): those of rest by the inverse transpose, unit."""
+    """Transform rest normals by the inverse transpose of the gradient, unit, shape (n, 3)."""
     if gradient is None:
         return normals
     a, b, c = gradient[:, :, 0], gradient[:, :, 1], gradient[:, :, 2]

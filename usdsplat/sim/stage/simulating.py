@@ -1,4 +1,4 @@
-"""A simulation from a stage to a layer: every field, frame by frame, resumable."""
+"""Simulate a stage into a layer: every field, frame by frame, resumable."""
 
 from __future__ import annotations
 
@@ -32,35 +32,35 @@ from usdsplat.sim.uses import Uses, uses_over
 
 Remark = Callable[[str], None]
 Existing = Literal["error", "resume", "replace"]
-"""What happens with a bake that is at the target already."""
+"""What happens to an existing bake at the target."""
 
 LEAD = 100_000
-"""Frames that may be simulated before the first that is asked for."""
+"""Largest number of frames that are simulated before the first requested one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What a simulation came to."""
+    """Statistics of a simulation."""
 
     target: str
     frames: int
-    """That were simulated now; fewer than there are where a bake was resumed."""
+    """Frames simulated in this run; fewer than all if a bake was resumed."""
     splats: dict[str, int]
-    """At the last frame, by field."""
+    """Splats at the last frame, by field."""
     seconds: float
     seconds_per_frame: float
     """Median, without the first."""
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage of the solver, and of writing."""
     megabytes: float = 0.0
-    """Most memory that the process has held."""
+    """Peak memory of the process."""
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the report as JSON values."""
         return asdict(self)
 
     def sentence(self) -> str:
-        """For people."""
+        """Return the report as a sentence."""
         if not self.frames:
             return "nothing to do: every frame is there already"
         count = sum(self.splats.values())
@@ -89,10 +89,10 @@ SIMULATE = SimulateOptions()
 
 
 class Clock:
-    """Wall time, by what it was spent on; compiling is apart, for it happens once.
+    """Wall time by stage, without compilation, which happens only once.
 
     Args:
-        compiled: How long was compiled so far [s].
+        compiled: Returns the time spent on compilation so far [s].
     """
 
     def __init__(self, compiled: Callable[[], float] = lambda: 0.0) -> None:
@@ -108,28 +108,28 @@ class Clock:
 
     @property
     def now(self) -> float:
-        """Time without compiling [s], from any beginning."""
+        """Wall time without compilation [s], from an arbitrary origin."""
         return time.perf_counter() - self._compiled()
 
     def lap(self, name: str) -> None:
-        """Book the time since the last call."""
+        """Add the time since the last call to a stage."""
         now = self.now
         self.spent[name] = self.spent.get(name, 0.0) + now - self._last
         self._last = now
 
 
 class Simulation:
-    """All fields of a stage's simulations, in step. A preview runs it as a bake does.
+    """All fields of a stage's simulations, advanced together. Bakes and previews use it.
 
     Args:
-        stage: With at least one SplatSim prim; must not change meanwhile, except between frames or
-            by those who keep out of `reading`.
-        frames: Every frame, ascending, one apart [time code]. What happens at none of them is not
-            prepared for, so a run without an end says as many as it may need.
-        device: Computes.
-        lap: Told what was done.
-        reading: Entered for as long as the stage is read, again and again.
-        kind: Makes the recipes; None is `StageRecipe`.
+        stage: With at least one SplatSim prim. It must not change, except between frames or while
+            `reading` is not entered.
+        frames: Every frame, ascending, one apart [time code]. What the stage authors outside of
+            them is not prepared for, so that a run without an end must give as many as it may need.
+        device: Runs the kernels.
+        lap: Receives the name of each piece of work when it is finished.
+        reading: Entered whenever the stage is read.
+        kind: Class of the recipes; None is `StageRecipe`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated.
@@ -145,7 +145,7 @@ class Simulation:
         reading: AbstractContextManager[Any] = UNGUARDED,
         kind: Callable[..., StageRecipe] | None = None,
     ) -> None:
-        self.stage = stage  # prims live no longer than it
+        self.stage = stage  # keeps the stage alive for its prims
         self.frames, self.device, self.reading = frames, device, reading
         self._lap = lap
         with reading:
@@ -165,10 +165,10 @@ class Simulation:
         self._lap("stage")
 
     def begin(self, states: dict[str, State] | None = None) -> None:
-        """Make the solvers, at the first frame or where `states` were kept.
+        """Make the solvers, at the first frame or from `states`.
 
         Args:
-            states: To go on from, by field; None begins.
+            states: States to continue from, by field; None starts anew.
         """
         for path, recipe in self.recipes.items():
             self.solvers[path] = Solver(
@@ -178,12 +178,12 @@ class Simulation:
         self._lap("beginning")
 
     def advance(self) -> None:
-        """Go on by a frame."""
+        """Advance by one frame."""
         for solver in self.solvers.values():
             solver.advance()
 
     def frame(self, path: str) -> Frame:
-        """A field as it is now, in its own space."""
+        """Return the splats of a field now, in the field's own space."""
         solver, arrays = self.solvers[path], self._carried[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
@@ -192,16 +192,16 @@ class Simulation:
         return carried(frame, to_simulation, solver.state, arrays)
 
     def writes(self, path: str) -> frozenset[str]:
-        """The arrays of a field's cloud that may change."""
+        """Return the arrays of a field's cloud that may change."""
         return self.uses[path].writes | self._carried[path]
 
     def checkpoint(self) -> dict[str, State]:
-        """What `begin` takes."""
+        """Return the states for `begin`."""
         return {path: solver.checkpoint() for path, solver in self.solvers.items()}
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know, a sentence each."""
+        """Messages for the user, one sentence each."""
         found: dict[str, None] = {}
         for path, recipe in self.recipes.items():
             found.update(dict.fromkeys(recipe.remarks))
@@ -216,7 +216,7 @@ def _recipes(
     reading: AbstractContextManager[Any],
     kind: Callable[..., StageRecipe] | None,
 ) -> dict[str, StageRecipe]:
-    """Of each field, by its path."""
+    """Return the recipe of each field, by its path."""
     prims = find_simulations(stage)
     where = stage.GetRootLayer().GetDisplayName()
     if not stage.GetTimeCodesPerSecond() > 0:
@@ -251,8 +251,8 @@ def simulate(
         target: The layer of results, a .usda; its samples go to a folder beside it.
         frames: Every frame, ascending, one apart [time code].
         options: Device, and what to do with an existing bake.
-        progress: Told about each frame.
-        remark: Told a sentence about what is left out, or a GPU that cannot be used.
+        progress: Receives each finished frame.
+        remark: Receives a sentence about anything left out, and about a GPU that cannot be used.
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
@@ -344,7 +344,7 @@ def _run(
 
 
 def _common(simulation: Simulation) -> Parameters:
-    """Parameters of the first simulation, by whose words the bake is written."""
+    """Return the parameters of the first simulation, which the bake uses."""
     every = {recipe.simulation: recipe for recipe in simulation.recipes.values()}
     if not every:
         raise StageError("simulate", "no splat field in any simulation", "at least one")
@@ -357,7 +357,7 @@ def _common(simulation: Simulation) -> Parameters:
 
 
 def baked_fields(simulation: Simulation) -> list[BakedField]:
-    """What is written about each field."""
+    """Return what the bake needs to know about each field."""
     return [
         BakedField(
             path=path,
@@ -389,7 +389,7 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
 
 
 def _peak_memory() -> float:
-    """[MB]; 0 where the system does not say."""
+    """Return the peak memory of the process [MB]; 0 where the system does not say."""
     try:
         import resource
     except ImportError:  # not on Windows
