@@ -11,7 +11,7 @@ from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
-from usdsplat.render.memory import Estimate, fitting
+from usdsplat.render.memory import Estimate, PictureRequest, fitting
 from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
@@ -55,19 +55,16 @@ def budget(engine: Engine, picture: Picture, view: View, *, limit: int | None) -
     width, usual = x1 - x0, DEEP_PIXELS if picture.deep else BAND_PIXELS
     if picture.settings.samples > 1 and not picture.deep:
         usual *= TALLER
-    names = tuple(AOVS[name].hydra for name in picture.aovs)
+    request = PictureRequest(
+        aovs=tuple(AOVS[name].hydra for name in picture.aovs),
+        holds_out=picture.holdout is not None,
+        deep=picture.deep,
+        baked=picture.is_baked,
+        pictures=2 if picture.deep and picture.compare else 1,
+    )
 
     def needed(tiles: int) -> Estimate:
-        return engine.estimate(
-            view,
-            picture.settings,
-            names,
-            band_pixels=tiles * TILE * width,
-            holds_out=picture.holdout is not None,
-            deep=picture.deep,
-            baked=picture.is_baked,
-            pictures=2 if picture.deep and picture.compare else 1,
-        )
+        return engine.estimate(view, picture.settings, request, band_pixels=tiles * TILE * width)
 
     all_tiles = y1 // TILE - y0 // TILE + (y1 % TILE > 0)
     most = max(1, min(usual // width // TILE, all_tiles))

@@ -168,7 +168,7 @@ def _grow(source: Path, options: Options, results: Results, progress: Progress) 
     from usdsplat.interchange.files import open_stage
     from usdsplat.sim.stage.overrides import override
     from usdsplat.sim.stage.presets import author_preset
-    from usdsplat.sim.stage.simulating import simulate
+    from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
     growth, bake = source.with_name("growth.usda"), source.with_name("growth_bake.usda")
     author_preset("grow", open_stage(source), growth, last=options.frames)
@@ -179,7 +179,8 @@ def _grow(source: Path, options: Options, results: Results, progress: Progress) 
     stage.GetRootLayer().Save()
     results.tell(growth, "a simulation: a pattern grows on the capture, and a ball passes")
     frames = tuple(float(frame) for frame in range(1, options.frames + 1))
-    report = simulate(stage, bake, frames, threads=options.threads, force=True, progress=progress)
+    running = SimulateOptions(threads=options.threads, existing="replace")
+    report = simulate(stage, bake, frames, running, progress=progress)
     count = sum(report.splats.values())
     results.tell(bake, f"its result, opinions over the capture: {count} splats at the end")
     _draw_growth(bake, frames, options, results, progress)

@@ -14,7 +14,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
 from usdsplat.sim.stage.provenance import read_record
-from usdsplat.sim.stage.simulating import simulate
+from usdsplat.sim.stage.simulating import Existing, SimulateOptions, simulate
 
 
 class Recording(Job):
@@ -62,13 +62,12 @@ class Recording(Job):
         frames = self._frames if self._frames is not None else _range(self._stage)
         self.end = frames[-1]
         self._left = frames
+        existing: Existing = "resume" if self._resume else "replace" if self._force else "error"
         report = simulate(
             self._stage,
             self.target,
             frames,
-            device=self._device,
-            resume=self._resume,
-            force=self._force,
+            SimulateOptions(device=self._device, existing=existing),
             progress=self,
             reading=self._reading,
         )
