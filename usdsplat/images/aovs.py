@@ -90,8 +90,8 @@ _ALL = (
         hydra="motionForward",
         channels=("forward.u", "forward.v"),
         kind="data",
-        meaning="motion of the splat or surface at Z until the next frame, in pixels; u right, v up; "
-        "0 in empty pixels",
+        meaning="motion of the splat or surface at Z until the next frame, in pixels; u right, "
+        "v up; 0 in empty pixels",
     ),
     Aov(
         name="backward",
