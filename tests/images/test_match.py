@@ -87,7 +87,7 @@ def test_greys_tell_no_matrix() -> None:
     greys = np.linspace(0.05, 0.9, 50)[:, None] * np.ones(3)
     fit = fit_grade(greys, 2 * greys)
     assert fit.grade.matrix == UNIT
-    assert fit.notes[0].startswith("matrix left alone: the colours are too alike")
+    assert fit.notes[0].startswith("matrix not fitted: the colours are too similar")
     assert fit.grade.exposure == pytest.approx(1.0, abs=1e-6)
     assert fit.grade.temperature == pytest.approx(6504.0, rel=1e-4)
 
@@ -95,7 +95,7 @@ def test_greys_tell_no_matrix() -> None:
 def test_few_colours_tell_no_matrix() -> None:
     """Oracle: the note."""
     fit = fit_grade(COLORS[:4], COLORS[:4])
-    assert fit.notes == ("matrix left alone: 4 colours, and it takes 6",)
+    assert fit.notes == ("matrix not fitted: 4 colours, at least 6 needed",)
 
 
 @pytest.mark.parametrize("space", ["srgb_rec709_scene", "lin_ap1_scene", "srgb_p3d65_scene", "raw"])

@@ -1,1 +1,1 @@
-"""Words and algebra of splats: NumPy only, no files, no USD, no Numba."""
+"""Data types and algebra of splats: NumPy only, no files, no USD, no Numba."""

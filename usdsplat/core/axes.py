@@ -1,8 +1,8 @@
-"""Coordinate systems named by where their axes point.
+"""Coordinate systems, named by the directions of their axes.
 
-Three letters say where x, y and z go: right or left, up or down, forward or back, as the viewer
-sees it. "rdf" is COLMAP's and most captures' frame (x right, y down, z forward), "rub" OpenGL's and
-USD's with upAxis = Y, "rfu" USD's with upAxis = Z.
+Three letters name the directions of x, y and z as seen by the viewer: right or left, up or down,
+forward or back. "rdf" is used by COLMAP and most captures (x right, y down, z forward), "rub" by
+OpenGL and by USD with upAxis = Y, "rfu" by USD with upAxis = Z.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _DIRECTIONS = {
 }
 
 UP_AXIS_FRAME = {"Y": "rub", "Z": "rfu"}
-"""A stage's upAxis -> the frame of its coordinates."""
+"""A stage's upAxis -> the axes of its coordinates."""
 
 
 def frame_matrix(frame: str) -> F64:
-    """Signed permutation that takes coordinates in `frame` to the right-handed reference, "rub".
+    """Return the signed permutation from coordinates in `frame` to the reference "rub".
 
     Returns:
         Shape (3, 3), column-vector convention; its determinant is -1 for a left-handed frame.
@@ -42,9 +42,9 @@ def frame_matrix(frame: str) -> F64:
 
 
 def change(source: str, target: str) -> F64:
-    """Signed permutation that takes coordinates in frame `source` to frame `target`, shape (3, 3).
+    """Return the signed permutation from axes `source` to axes `target`, shape (3, 3).
 
     Raises:
-        UsageError: If either does not name a frame.
+        UsageError: If either does not name axes.
     """
     return frame_matrix(target).T @ frame_matrix(source)

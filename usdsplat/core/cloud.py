@@ -1,4 +1,4 @@
-"""The one in-memory form of a capture."""
+"""`SplatCloud`, the in-memory form of every capture."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ SH_DEGREES = {1: 0, 4: 1, 9: 2, 16: 3, 25: 4}
 class SplatCloud:
     """Gaussian splats as parallel arrays; row i of every array is splat i.
 
-    Values are physical, never encoded: readers undo logits, logarithms and quantisation, so nobody
-    downstream needs to know which file this came from. Shapes and dtypes are checked here, once;
-    values are the business of the reader that made them.
+    Values are physical, never encoded: readers undo logits, logarithms and quantisation, so other
+    code does not depend on the file format. Shapes and dtypes are checked here; values are the
+    responsibility of the reader.
 
     Raises:
         ValueError: If an array has another shape or dtype than its field says.
@@ -39,9 +39,9 @@ class SplatCloud:
     sh: F32
     """Radiance coefficients in 3DGS's basis and signs, shape (n, (degree + 1)**2, 3)."""
     ids: I64 | None = None
-    """Identities that survive reordering, shape (n,); None when a splat is its row."""
+    """Ids that survive reordering, shape (n,); None if the id of a splat is its row."""
     velocities: F32 | None = None
-    """[scene unit / s], shape (n, 3); None when the cloud does not move."""
+    """Velocities [scene unit / s], shape (n, 3); None if the cloud does not move."""
 
     def __post_init__(self) -> None:
         n = len(self.positions)

@@ -1,4 +1,4 @@
-"""Gaussians as covariance matrices, and back to standard deviations along rotated axes."""
+"""Convert between scales with rotations and covariance matrices."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from usdsplat.core.cloud import F64
 
 Floats = npt.NDArray[np.floating[Any]]
 
-_SWEEPS = 6  # convergence is quadratic: the fourth already reaches float64's rounding
+_SWEEPS = 6  # convergence is quadratic: four already reach float64 precision
 _TINY = np.finfo(np.float64).tiny
 
 
 def from_scale_rotation(scales: Floats, rotations: Floats) -> Floats:
-    """Covariance R diag(s^2) R^T.
+    """Return covariances R diag(s^2) R^T.
 
     Args:
         scales: Standard deviations along the local axes [scene unit], shape (n, 3).
@@ -33,11 +33,11 @@ def from_scale_rotation(scales: Floats, rotations: Floats) -> Floats:
 def to_scale_rotation(covariances: Floats) -> tuple[Floats, Floats]:
     """Split symmetric positive semi-definite matrices into scales and rotations.
 
-    Jacobi's rotations, on all matrices at once: they give the eigenvectors as a quaternion, which
+    Uses Jacobi rotations on all matrices at once. They give the eigenvectors as a quaternion, which
     is always a proper rotation, and take a quarter of the time of a batched LAPACK call.
 
     Args:
-        covariances: [scene unit^2], shape (n, 3, 3).
+        covariances: Matrices [scene unit^2], shape (n, 3, 3).
 
     Returns:
         Scales [scene unit], in no particular order, shape (n, 3), and unit quaternions
@@ -49,7 +49,8 @@ def to_scale_rotation(covariances: Floats) -> tuple[Floats, Floats]:
     """
     exact = covariances.astype(np.float64, copy=False)
     variances = [exact[:, i, i] for i in range(3)]
-    mixed = [exact[:, 1, 2], exact[:, 2, 0], exact[:, 0, 1]]  # by the axis that is not in them
+    # Indexed by the axis that does not occur.
+    mixed = [exact[:, 1, 2], exact[:, 2, 0], exact[:, 0, 1]]
     turn = [np.ones(len(exact)), *np.zeros((3, len(exact)))]
     for _ in range(_SWEEPS):
         for axis in range(3):
@@ -60,17 +61,17 @@ def to_scale_rotation(covariances: Floats) -> tuple[Floats, Floats]:
 
 
 def transform(covariances: Floats, linear: F64) -> Floats:
-    """Carry covariances (n, 3, 3) through a linear map (3, 3): A S A^T, in their dtype."""
+    """Transform covariances (n, 3, 3) by a linear map (3, 3): A S A^T, in their dtype."""
     a = linear.astype(covariances.dtype, copy=False)
     return a @ covariances @ a.T
 
 
 def _diagonalize(k: int, variances: list[F64], mixed: list[F64], turn: list[F64]) -> None:
-    """Turn every matrix about its axis k so that the entry of the other two axes vanishes."""
+    """Rotate every matrix about its axis k so that the entry of the other two axes vanishes."""
     i, j = (k + 1) % 3, (k + 2) % 3
     difference, twice = variances[j] - variances[i], 2.0 * mixed[k]
     longest = np.hypot(difference, twice)
-    # The smaller of both angles; the added number decides 0 / 0 and is lost in anything else.
+    # Take the smaller angle. `_TINY` makes 0 / 0 defined and is otherwise lost in rounding.
     tangent = twice / np.copysign(np.abs(difference) + longest + _TINY, difference)
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     sine = tangent * cosine

@@ -1,6 +1,6 @@
-"""Edits of a cloud that give a cloud: move it, cut it, join it, thin it out.
+"""Edit clouds: transform, crop, prune, merge.
 
-Every function returns a new cloud and leaves its arguments alone; ids and velocities go along.
+Every function returns a new cloud, including ids and velocities, and keeps its arguments.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 
-_CHUNK = 1 << 13  # splats factored at a time: their float64 temporaries stay in the cache
-_SIMILAR = 1e-6  # relative spread of singular values that float32 rounding of a rotation explains
-_UNTURNED = 1e-12  # how far elements of a rotation by nothing may be off
+_CHUNK = 1 << 13  # splats per block: float64 temporaries stay in the cache
+_SIMILAR = 1e-6  # relative spread of singular values due to float32 rounding
+_UNTURNED = 1e-12  # tolerance for the identity rotation
 
 
 def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
-    """Carry a cloud through an affine map, exactly: shear, mirroring and uneven scale included.
+    """Transform a cloud by an affine map, exactly, with shear, mirroring and uneven scale.
 
-    Centres and velocities are mapped; covariances become A S A^T, factored again into scales and
-    rotation; harmonics turn by the orthogonal factor of A's polar decomposition, its reflection
-    included. Uniform scale with rotation or mirroring keeps the axes of every splat as they are.
-    What becomes too large for float32 is infinite: see `overflows`.
+    Centres and velocities are mapped. Covariances become A S A^T, factored again into scales and
+    rotation. Harmonics are rotated by the orthogonal factor of A's polar decomposition, including
+    its reflection. A uniform scale with rotation or mirroring keeps the order of every splat's
+    axes. Values too large for float32 become infinite: see `overflows`.
 
     Args:
         matrix: Affine map of the cloud's space, column vectors, shape (4, 4), finite.
@@ -46,7 +46,7 @@ def transform(cloud: SplatCloud, matrix: npt.ArrayLike) -> SplatCloud:
 
 
 def overflows(before: SplatCloud, after: SplatCloud) -> bool:
-    """Whether a map took finite centres or scales to where float32 ends."""
+    """Return whether finite centres or scales of `before` overflowed float32 in `after`."""
     return any(
         np.isfinite(getattr(after, name)).sum() < np.isfinite(getattr(before, name)).sum()
         for name in ("positions", "scales")
@@ -54,7 +54,7 @@ def overflows(before: SplatCloud, after: SplatCloud) -> bool:
 
 
 def take(cloud: SplatCloud, index: npt.NDArray[np.bool_ | np.integer]) -> SplatCloud:
-    """Keep the rows that `index` names, in its order: whole numbers, or a mask of shape (n,)."""
+    """Keep the rows of `index` in its order; it holds integers or is a mask of shape (n,)."""
     arrays = {field.name: getattr(cloud, field.name) for field in fields(cloud)}
     return replace(cloud, **{k: a[index] for k, a in arrays.items() if a is not None})
 
@@ -75,11 +75,11 @@ def crop_sphere(cloud: SplatCloud, centre: npt.ArrayLike, radius: float) -> Spla
 def prune(
     cloud: SplatCloud, *, min_opacity: float = 0.0, max_scale: float = math.inf
 ) -> SplatCloud:
-    """Drop splats with a number that is not finite, and those that the limits rule out.
+    """Drop splats with a number that is not finite, or outside the limits.
 
     Args:
-        min_opacity: Splats below it go [0..1]; 1/255 drops those that no picture shows.
-        max_scale: Splats whose largest standard deviation exceeds it go [scene unit].
+        min_opacity: Minimum opacity [0..1]; 1/255 drops splats that no picture shows.
+        max_scale: Maximum of a splat's largest standard deviation [scene unit].
     """
     keep = (cloud.opacities >= min_opacity) & (cloud.scales <= max_scale).all(axis=1)
     for field in fields(cloud):
@@ -90,14 +90,13 @@ def prune(
 
 
 def merge(clouds: Sequence[SplatCloud]) -> SplatCloud:
-    """Join clouds in order.
+    """Concatenate clouds in order.
 
-    Harmonics are padded with zeros to the highest degree and velocities with zeros where a cloud
-    has none. Ids are kept when every cloud has them and no two splats share one, otherwise dropped:
-    an identity that means two splats is none.
+    Harmonics are padded with zeros to the highest degree, and velocities with zeros where a cloud
+    has none. Ids are kept if every cloud has them and no two splats share one, else dropped.
 
     Raises:
-        UsageError: If there is no cloud.
+        UsageError: If `clouds` is empty.
     """
     if not clouds:
         raise UsageError("merge", "no clouds", "at least one")
@@ -112,7 +111,7 @@ def merge(clouds: Sequence[SplatCloud]) -> SplatCloud:
 
 
 def with_sh_degree(cloud: SplatCloud, degree: int) -> SplatCloud:
-    """Cut the harmonics down to `degree`, 0 to 4, or pad them with zeros up to it.
+    """Truncate the harmonics to `degree`, 0 to 4, or pad them with zeros.
 
     Raises:
         UsageError: If `degree` is not 0 to 4.
@@ -127,7 +126,7 @@ def with_sh_degree(cloud: SplatCloud, degree: int) -> SplatCloud:
 
 
 def _mapped(cloud: SplatCloud, m: F64) -> SplatCloud:
-    """What `transform` does, by a matrix that is affine and finite."""
+    """Transform a cloud by a matrix that is affine and finite."""
     linear = m[:3, :3]
     left, stretch, right = np.linalg.svd(linear)
     orthogonal = left @ right
@@ -150,8 +149,8 @@ def _mapped(cloud: SplatCloud, m: F64) -> SplatCloud:
 
 
 def _similar(cloud: SplatCloud, orthogonal: F64, factor: float) -> tuple[F32, F32]:
-    """Scales and rotations after rotation or mirroring and uniform scale: no factoring needed."""
-    # A Gaussian equals its own point reflection, so -Q moves it like Q, and one of them is proper.
+    """Return scales and rotations after rotation or mirroring and uniform scale."""
+    # A Gaussian is symmetric about its centre, so -Q maps it like Q, and one of them is proper.
     proper = orthogonal if np.linalg.det(orthogonal) > 0 else -orthogonal
     turn = quaternion.from_matrix(proper[None])[0]
     rotations = quaternion.multiply(turn, cloud.rotations)
@@ -159,7 +158,7 @@ def _similar(cloud: SplatCloud, orthogonal: F64, factor: float) -> tuple[F32, F3
 
 
 def _general(cloud: SplatCloud, linear: F64) -> tuple[F32, F32]:
-    """Scales and rotations of A S A^T, chunk by chunk in float64."""
+    """Return scales and rotations of A S A^T, computed block by block in float64."""
     scales, rotations = np.empty_like(cloud.scales), np.empty_like(cloud.rotations)
     for first in range(0, len(cloud), _CHUNK):
         rows = slice(first, first + _CHUNK)
@@ -172,7 +171,7 @@ def _general(cloud: SplatCloud, linear: F64) -> tuple[F32, F32]:
 
 
 def _merged_ids(clouds: Sequence[SplatCloud]) -> npt.NDArray[np.int64] | None:
-    """All ids, or None where some are missing or shared."""
+    """Return all ids, or None if some are missing or shared."""
     parts = [cloud.ids for cloud in clouds if cloud.ids is not None]
     if len(parts) < len(clouds):
         return None
@@ -181,7 +180,7 @@ def _merged_ids(clouds: Sequence[SplatCloud]) -> npt.NDArray[np.int64] | None:
 
 
 def _merged_velocities(clouds: Sequence[SplatCloud]) -> F32 | None:
-    """All velocities, zero where a cloud does not move; None when none does."""
+    """Return all velocities, 0 for clouds that do not move; None if none moves."""
     if all(cloud.velocities is None for cloud in clouds):
         return None
     still = np.zeros_like

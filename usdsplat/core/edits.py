@@ -1,7 +1,7 @@
-"""Edits as words: what each is called, which numbers it takes, and a value that says one.
+"""Names, parameters and parsed values of the edits of `convert`.
 
-They say what is asked for and load nothing; `interchange.editing` does it. Lengths and places are
-numbers of the capture, as `usdsplat info` prints them.
+This module only describes edits; `interchange.editing` executes them. Lengths and positions are in
+units of the capture, as `usdsplat info` prints them.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ def _any(_: Numbers) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """One kind of edit."""
+    """A kind of edit."""
 
     text: str
-    """What it does, for people."""
+    """Help text."""
     values: str = ""
-    """How its numbers are written; "" where it takes none."""
+    """Placeholder of its numbers in help; "" if it takes none."""
     count: int = 0
-    """How many numbers."""
+    """Number of values."""
     expected: str = ""
-    """What the numbers have to be, for people."""
+    """Description of valid values for error messages."""
     allows: Test = _any
-    """Whether finite numbers of the right count are what is expected."""
+    """Function that accepts or rejects finite numbers of the right count."""
     bare: str = ""
-    """The numbers when none are typed; "" where they have to be."""
+    """Default numbers as text; "" if they are required."""
     moves: bool = False
-    """Whether it is an affine map."""
+    """Whether the edit is an affine map."""
     keeps_rows: bool = False
-    """Whether splats stay as many as they were, in their order."""
+    """Whether the number and order of the splats stay the same."""
     row_by_row: bool = True
-    """Whether what becomes of a splat depends on that splat alone."""
+    """Whether the result for a splat depends on that splat alone."""
     compiles: bool = False
-    """Whether kernels do it."""
+    """Whether the edit runs compiled kernels."""
 
 
 def _is_share(values: Numbers) -> bool:
@@ -60,7 +60,7 @@ def _is_whole(value: float, least: int, most: float = math.inf) -> bool:
 
 KINDS: Mapping[str, Kind] = {
     "translate": Kind(
-        text="move by so much",
+        text="move by an offset",
         values="X,Y,Z",
         count=3,
         expected="three numbers X,Y,Z",
@@ -68,7 +68,7 @@ KINDS: Mapping[str, Kind] = {
         keeps_rows=True,
     ),
     "rotate": Kind(
-        text="turn about the origin by degrees, about x, then y, then z; harmonics turn too",
+        text="rotate about the origin, about x, then y, then z, in degrees; harmonics rotate too",
         values="X,Y,Z",
         count=3,
         expected="three angles X,Y,Z in degrees",
@@ -76,7 +76,7 @@ KINDS: Mapping[str, Kind] = {
         keeps_rows=True,
     ),
     "scale": Kind(
-        text="enlarge about the origin",
+        text="scale about the origin",
         values="S",
         count=1,
         expected="a positive number",
@@ -85,10 +85,10 @@ KINDS: Mapping[str, Kind] = {
         keeps_rows=True,
     ),
     "crop-box": Kind(
-        text="keep splats whose centre is in a box: its least x, y, z and its greatest",
+        text="keep splats whose centre is in a box, given by its minimum and maximum x, y, z",
         values="X,Y,Z,X,Y,Z",
         count=6,
-        expected="six numbers: the least x,y,z and the greatest",
+        expected="six numbers: minimum and maximum x,y,z, in this order",
         allows=_is_box,
     ),
     "crop-sphere": Kind(
@@ -99,28 +99,28 @@ KINDS: Mapping[str, Kind] = {
         allows=lambda values: values[3] >= 0,
     ),
     "min-opacity": Kind(
-        text="drop splats that are more transparent; no picture shows those below 0.0039",
+        text="drop splats of lower opacity; splats below 0.0039 are invisible in any picture",
         values="A",
         count=1,
         expected="a number from 0 to 1",
         allows=_is_share,
     ),
     "max-opacity": Kind(
-        text="drop splats that are more opaque",
+        text="drop splats of higher opacity",
         values="A",
         count=1,
         expected="a number from 0 to 1",
         allows=_is_share,
     ),
     "min-size": Kind(
-        text="drop splats whose longest standard deviation is shorter",
+        text="drop splats whose largest standard deviation is smaller",
         values="S",
         count=1,
         expected="a number that is not negative",
         allows=lambda values: values[0] >= 0,
     ),
     "max-size": Kind(
-        text="drop splats whose longest standard deviation is longer",
+        text="drop splats whose largest standard deviation is larger",
         values="S",
         count=1,
         expected="a number that is not negative",
@@ -128,18 +128,18 @@ KINDS: Mapping[str, Kind] = {
     ),
     "drop-nan": Kind(text="drop splats with a number that is not finite"),
     "drop-outliers": Kind(
-        text="drop floaters: splats whose N nearest neighbours are farther away, on average, than "
-        "is usual by D standard deviations; default: 20,2",
+        text="drop floaters: splats whose mean distance to their N nearest neighbours exceeds the "
+        "average by D standard deviations; default: 20,2",
         values="N,D",
         count=2,
-        expected="a number of neighbours, 1 or more, and one of deviations, 0 or more: N,D",
+        expected="N,D: a number of neighbours, 1 or more, and of standard deviations, 0 or more",
         allows=lambda values: _is_whole(values[0], 1) and values[1] >= 0,
         bare="20,2",
         row_by_row=False,
         compiles=True,
     ),
     "sh-degree": Kind(
-        text="cut harmonics of a higher degree than this, 0 to 4; 0 is one colour from all sides",
+        text="drop harmonics above this degree, 0 to 4; 0 leaves one colour for all directions",
         values="D",
         count=1,
         expected="a whole number from 0 to 4",
@@ -147,33 +147,33 @@ KINDS: Mapping[str, Kind] = {
         keeps_rows=True,
     ),
     "decimate": Kind(
-        text="merge neighbours that look alike until so many splats are left, or such a share",
+        text="merge similar neighbours until this number or percentage of splats is left",
         values="COUNT|PERCENT%",
         count=1,
-        expected="a number of splats, or a share such as 25%",
+        expected="a number of splats, or a percentage such as 25%",
         allows=lambda values: 0 < values[0] < 1 or _is_whole(values[0], 1),
         row_by_row=False,
         compiles=True,
     ),
     "morton": Kind(
-        text="order splats along a Z-order curve: neighbours stand together", row_by_row=False
+        text="sort splats in Morton order, which keeps neighbours together", row_by_row=False
     ),
 }
-"""Every edit by the name of its flag."""
+"""Kinds of edits by the name of their flag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """One edit of a cloud.
+    """An edit of a cloud with its numbers.
 
     Raises:
-        UsageError: If there is no such edit, or it does not take these numbers.
+        UsageError: If the edit is unknown, or does not accept these numbers.
     """
 
     name: str
     """One of `KINDS`."""
     values: Numbers = ()
-    """Its numbers, in the order in which the kind names them; a share is less than 1."""
+    """Its numbers, in the order of `Kind.values`; a percentage is stored as a fraction below 1."""
 
     def __post_init__(self) -> None:
         if self.name not in KINDS:
@@ -186,7 +186,7 @@ class Edit:
 
     @property
     def kind(self) -> Kind:
-        """What it is one of."""
+        """The kind of this edit."""
         return KINDS[self.name]
 
     def __str__(self) -> str:
@@ -196,10 +196,10 @@ class Edit:
 
 
 def parsed(name: str, text: str) -> Edit:
-    """An edit from what is typed behind its flag, such as "0,90,0".
+    """Parse an edit from the text of its flag, such as "0,90,0".
 
     Raises:
-        UsageError: If these are no numbers, or not those that the edit takes.
+        UsageError: If the text contains no numbers, or the edit does not accept them.
     """
     share = name == "decimate" and text.endswith("%")
     try:
@@ -213,5 +213,5 @@ def parsed(name: str, text: str) -> Edit:
 
 
 def _listed(values: Numbers) -> str:
-    """The numbers as they would be typed."""
+    """Return the numbers in the form of the flag's text."""
     return ",".join(f"{value:.9g}" for value in values)

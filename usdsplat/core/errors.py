@@ -1,15 +1,15 @@
-"""Every error usdsplat raises on purpose: one root, one class per cure.
+"""Exceptions of usdsplat: one root class, and one class for each way to fix the problem.
 
-All carry one sentence of one shape, *where: found X, expected Y*. Each class also derives from the
-built-in that a Python programmer would have caught anyway. The command line turns the root into one
-line on stderr and exit status 2; anything else that escapes is a bug and keeps its traceback.
+Every message is one sentence: *where: found X, expected Y*. Each class also derives from the
+built-in exception that a Python programmer would catch. The command line prints the message on
+stderr and exits with status 2. Any other exception that escapes is a bug and keeps its traceback.
 """
 
 from __future__ import annotations
 
 
 class UsdSplatError(Exception):
-    """Root of the family."""
+    """Base class of all usdsplat exceptions."""
 
     def __init__(self, where: str, found: str, expected: str) -> None:
         super().__init__(f"{where}: found {found}, expected {expected}")
@@ -22,28 +22,30 @@ class UsdSplatError(Exception):
 
 
 class FormatError(UsdSplatError, ValueError):
-    """A file is not what its suffix claims. Cure: fix or replace the file."""
+    """The content of a file is invalid. Fix: repair or replace the file."""
 
 
 class UnknownFormatError(UsdSplatError, LookupError):
-    """No reader or writer has this suffix. Cure: choose one that is listed."""
+    """No reader or writer supports this suffix. Fix: choose a listed one."""
 
 
 class StageError(UsdSplatError, ValueError):
-    """A stage, layer or prim cannot be used as asked. Cure: mend the stage or name another prim."""
+    """A stage, layer or prim is unusable for a task. Fix: correct the stage or choose another
+    prim."""
 
 
 class SchemaUnavailableError(UsdSplatError, RuntimeError):
-    """USD built its schema registry before it knew ours. Cure: the line the message gives."""
+    """USD built its schema registry without our plug-in. Fix: set the variable that the message
+    names."""
 
 
 class BackendError(UsdSplatError, RuntimeError):
-    """The asked-for device is not usable here. Cure: pick one that is listed."""
+    """The requested device is not usable here. Fix: choose a listed one."""
 
 
 class UsageError(UsdSplatError, ValueError):
-    """An option has a value it cannot have. Cure: change the option."""
+    """An option has an invalid value. Fix: change the option."""
 
 
 class OutputError(UsdSplatError, OSError):
-    """A result cannot be written where it was asked for. Cure: another place or name."""
+    """A result cannot be written. Fix: choose another target."""

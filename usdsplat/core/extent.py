@@ -1,4 +1,4 @@
-"""The box around splats: it holds every one of them as far as it contributes."""
+"""Compute the bounding box of splats at the distance at which they stop contributing."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ import numpy as np
 from usdsplat.core.cloud import F32, F64, SplatCloud
 
 REACH = math.sqrt(2 * math.log(255))
-"""Standard deviations from the centre at which an opaque splat falls below 1/255: 3.33."""
+"""Distance from the centre, in standard deviations, at which an opaque splat reaches 1/255:
+3.33."""
 
-_CHUNK = 1 << 14  # splats at a time: temporaries stay in the cache
-_ROUNDING = 1e-5  # relative; ten times what float32 loses below
+_CHUNK = 1 << 14  # splats per block: temporaries stay in the cache
+_ROUNDING = 1e-5  # relative; ten times the float32 rounding error below
 
 
 def extent(cloud: SplatCloud, *, slack: float = 0.0) -> F64 | None:
-    """Box around all ellipsoids of REACH standard deviations, a hair too large rather than small.
+    """Return a conservative bounding box of all ellipsoids of REACH standard deviations.
 
-    An ellipsoid reaches as far along an axis as the root of the covariance's diagonal element says.
+    The half-width of an ellipsoid along an axis is the root of the covariance's diagonal element.
 
     Args:
-        cloud: Splats whose numbers, or squares of them, are not finite are left out; rotations need
-            not be normalised.
-        slack: Error of a stored form, relative to each splat's largest scale; the box is wide
-            enough for whatever that form decodes to.
+        cloud: The splats; those whose values, or their squares, are not finite are ignored.
+            Rotations need not be normalised.
+        slack: Error of a storage form, relative to each splat's largest scale; the box then also
+            holds the splats decoded from it.
 
     Returns:
-        Lower and upper corner [scene unit], shape (2, 3); None where no splat is left.
+        Lower and upper corner [scene unit], shape (2, 3); None without any finite splat.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for first in range(0, len(cloud), _CHUNK):
@@ -41,10 +42,12 @@ def extent(cloud: SplatCloud, *, slack: float = 0.0) -> F64 | None:
 
 
 def _deviations(scales: F32, rotations: F32, slack: float) -> F32:
-    """Standard deviations along x, y and z, widened, shape (3, m)."""
+    """Return standard deviations along x, y and z, widened by `slack`, shape (3, m)."""
     size = np.abs(scales.T, order="C")
     w, x, y, z = np.ascontiguousarray(rotations.T)
-    two = np.nan_to_num(2 / (w * w + x * x + y * y + z * z), posinf=0.0)  # zero: no rotation
+    two = np.nan_to_num(
+        2 / (w * w + x * x + y * y + z * z), posinf=0.0
+    )  # a zero quaternion is the identity
     matrix = (
         (1 - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)),
         (two * (x * y + w * z), 1 - two * (x * x + z * z), two * (y * z - w * x)),
@@ -55,9 +58,9 @@ def _deviations(scales: F32, rotations: F32, slack: float) -> F32:
 
 
 def _finite_min(corners: F64) -> F64:
-    """Smallest value in each row of (3, m), columns that are not finite left out."""
+    """Return the smallest value in each row of (3, m), ignoring columns that are not finite."""
     lowest: F64 = corners.min(axis=1)
-    if np.isfinite(lowest).all():  # NaN and -inf come through min
+    if np.isfinite(lowest).all():  # min propagates NaN and -inf
         return lowest
     finite = np.isfinite(corners).all(axis=0)
     return np.min(corners[:, finite], axis=1, initial=np.inf)

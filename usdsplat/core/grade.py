@@ -1,4 +1,4 @@
-"""What a prim's grade says, in numbers."""
+"""Colour grade of a prim."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 from usdsplat.core.errors import UsageError, UsdSplatError
 
 NEUTRAL_TEMPERATURE = 6504.0
-"""[K] of D65, the white of nearly every capture's space."""
+"""Colour temperature of D65 [K], the white point of nearly every capture's colour space."""
 UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-"""The 3x3 that changes nothing, row-major."""
+"""The 3x3 identity matrix, row-major."""
 
 RANGES = {
     "exposure": (-64.0, 64.0),
@@ -22,35 +22,35 @@ RANGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grade:
-    """Changes of linear colour, in the primaries of the space of the splats.
+    """A colour correction of linear colour, in the primaries of the splats' colour space.
 
-    They are made in this order: matrix, white balance (temperature and tint), gain and exposure,
+    It is applied in this order: matrix, white balance (temperature and tint), gain and exposure,
     saturation.
     """
 
     exposure: float = 0.0
     """[stop]."""
     temperature: float = NEUTRAL_TEMPERATURE
-    """[K] of the light that is to look white; lower makes the picture bluer."""
+    """Colour temperature of the light that becomes white [K]; lower makes the picture bluer."""
     tint: float = 0.0
-    """How far that light is from the locus of white lights, Duv; greenish ones are positive, and
+    """Distance of that light from the Planckian locus, Duv; positive values are greenish lights and
     make the picture more magenta."""
     gain: tuple[float, ...] = (1.0, 1.0, 1.0)
-    """Red, green and blue."""
+    """Factors of red, green and blue."""
     saturation: float = 1.0
-    """1 keeps it, 0 leaves the luminance."""
+    """Saturation: 1 is unchanged, 0 leaves luminance only."""
     matrix: tuple[float, ...] = UNIT
-    """3x3, row-major, for column vectors: the first row makes red."""
+    """Matrix 3x3, row-major, for column vectors: the first row gives red."""
 
     def check(self, where: str, *, error: type[UsdSplatError] = UsageError) -> None:
-        """Refuse what is out of range or not finite.
+        """Raise an error if a value is out of range or not finite.
 
         Args:
-            where: What the message has before the name of the value.
+            where: Prefix of the value's name in the message.
             error: Class of the error.
 
         Raises:
-            UsdSplatError: About the first value that is wrong.
+            UsdSplatError: For the first invalid value.
         """
         for item in fields(self):
             value = getattr(self, item.name)

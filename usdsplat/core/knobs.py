@@ -1,7 +1,7 @@
-"""Every knob once: a dataclass field that carries its help, unit, range and choices.
+"""Knobs: dataclass fields that carry help text, unit, range and choices.
 
-Command-line flags, schema properties and panels are derived from `knobs(cls)`; values from any of
-them come back through `checked`, so a limit is written in one place and holds everywhere.
+Command-line flags, schema properties and panels are derived from `knobs(cls)`. Values from any of
+them are validated by `checked`, so a range is declared once and applies everywhere.
 """
 
 from __future__ import annotations
@@ -22,27 +22,28 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Knob:
-    """One parameter of a frozen dataclass, as a flag or a panel needs to see it."""
+    """A knob: one parameter of a frozen dataclass, as flags and panels need it."""
 
     name: str
     type: Any
-    """The resolved annotation: bool, int, float, str, Literal[...], tuple[...], or such | None."""
+    """The resolved annotation: bool, int, float, str, Literal[...], tuple[...], or one of these |
+    None."""
     default: Any
     text: str
-    """What it does, one sentence."""
+    """Help text, one sentence."""
     unit: str = ""
-    """Such as "pixel" or "s"; empty for numbers without one."""
+    """Unit such as "pixel" or "s"; "" for numbers without one."""
     range: tuple[float, float] | None = None
-    """Lowest and highest legal value, both included; of each element when it is a tuple."""
+    """Lowest and highest legal value, inclusive; for a tuple, of each element."""
     choices: tuple[Any, ...] | None = None
     usd_type: str | None = None
-    """Sdf value type name where it does not follow from `type`."""
+    """Sdf value type name, if it does not follow from `type`."""
     uniform: bool = False
-    """Whether it holds for all times; on a stage others may have time samples."""
+    """Whether the value is constant over time; others may have time samples on a stage."""
 
     @property
     def expected(self) -> str:
-        """What a legal value is, in the words of an error message."""
+        """Description of a legal value for error messages."""
         unit = f" [{self.unit}]" if self.unit else ""
         if self.choices is not None:
             return f"one of {', '.join(map(str, self.choices))}"
@@ -61,9 +62,9 @@ def knob(
     usd_type: str | None = None,
     uniform: bool = False,
 ) -> Any:
-    """Declare a dataclass field with its help; see `Knob` for what the arguments mean.
+    """Declare a dataclass field as a knob; see `Knob` for the arguments.
 
-    A field annotated `Literal[...]` has its choices from there.
+    The choices of a field annotated `Literal[...]` are taken from there.
     """
     metadata = {
         "text": text,
@@ -81,7 +82,7 @@ def knobs(cls: type) -> tuple[Knob, ...]:
     return _declared(cls)
 
 
-@cache  # annotations take long to resolve, and do not change
+@cache  # resolving annotations is slow
 def _declared(cls: Any) -> tuple[Knob, ...]:
     hints = typing.get_type_hints(cls)
     found = []
@@ -96,16 +97,16 @@ def _declared(cls: Any) -> tuple[Knob, ...]:
 
 
 def checked(where: str, cls: type[T], values: Mapping[str, Any]) -> T:
-    """Make a `cls` from named values; knobs that are not named keep their defaults.
+    """Create a `cls` from named values; other knobs keep their defaults.
 
-    Whole numbers are taken for real ones and sequences for tuples, because command lines, JSON and
-    USD spell them so; nothing else is converted.
+    Integers are converted to float and sequences to tuples, because command lines, JSON and USD
+    provide them; nothing else is converted.
 
     Args:
-        where: What the user would recognise, such as a prim path or "render settings".
+        where: Origin of the values in error messages, such as a prim path or "render settings".
 
     Raises:
-        UsageError: If a name is not a knob of `cls`, or a value has another type or lies outside
+        UsageError: If a name is not a knob of `cls`, or a value has the wrong type or lies outside
             its range or choices; NaN lies outside every range.
     """
     known = {item.name: item for item in knobs(cls)}
@@ -121,7 +122,7 @@ def checked_value(where: str, item: Knob, value: Any) -> Any:
     """Return one value as its knob's type, as `checked` does.
 
     Raises:
-        UsageError: If it has another type, or lies outside the knob's range or choices.
+        UsageError: If it has the wrong type, or lies outside the knob's range or choices.
     """
     try:
         return _taken(item, value)
@@ -130,7 +131,7 @@ def checked_value(where: str, item: Knob, value: Any) -> Any:
 
 
 def _taken(item: Knob, value: Any) -> Any:
-    """`value` as the knob's type; ValueError or TypeError when it is not a legal one."""
+    """Return `value` as the knob's type; raise ValueError or TypeError if it is not legal."""
     result = _as_type(item.type, value)
     parts = result if isinstance(result, tuple) else (result,)
     for part in parts:
@@ -146,7 +147,7 @@ def _taken(item: Knob, value: Any) -> Any:
 
 
 def _as_type(hint: Any, value: Any) -> Any:
-    """`value` as what the annotation says, or TypeError."""
+    """Return `value` converted to the annotated type, or raise TypeError."""
     options = _options(hint)
     if value is None and type(None) in options:
         return None
@@ -163,7 +164,7 @@ def _as_type(hint: Any, value: Any) -> Any:
 
 
 def _as_tuple(hints: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
-    """Each element as its own annotation; `tuple[x, ...]` takes any number."""
+    """Convert each element to its own annotation; `tuple[x, ...]` takes any number."""
     if isinstance(value, str):
         raise TypeError
     parts = tuple(value)
@@ -173,13 +174,13 @@ def _as_tuple(hints: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
 
 
 def _options(hint: Any) -> tuple[Any, ...]:
-    """The members of `a | b`; of anything else, itself."""
+    """Return the members of a union `a | b`, or the annotation itself."""
     is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     return typing.get_args(hint) if is_union else (hint,)
 
 
 def _literals(hint: Any) -> tuple[Any, ...] | None:
-    """The values of a Literal, also inside `Literal[...] | None`."""
+    """Return the values of a Literal, also inside `Literal[...] | None`."""
     for option in _options(hint):
         if typing.get_origin(option) is Literal:
             return typing.get_args(option)
@@ -187,7 +188,7 @@ def _literals(hint: Any) -> tuple[Any, ...] | None:
 
 
 def _limits(lower: float, upper: float) -> str:
-    """Words for an interval, open ends left out."""
+    """Describe an interval for error messages, without infinite ends."""
     if math.isinf(lower) and math.isinf(upper):
         return "a number"
     if math.isinf(upper):
@@ -198,7 +199,7 @@ def _limits(lower: float, upper: float) -> str:
 
 
 def _type_name(hint: Any) -> str:
-    """An annotation as a user reads it."""
+    """Describe an annotation for error messages."""
     parts = typing.get_args(hint)
     if typing.get_origin(hint) is tuple and set(parts) <= {int, float}:
         return f"{len(parts)} numbers"

@@ -1,6 +1,6 @@
-"""The Z-order curve: an order of points in which those that are close in space stay close.
+"""Morton order (Z-order curve): an order in which points close in space stay close.
 
-Files compress better in it, and blocks of neighbours have tight bounds. Source: Morton 1966.
+Files compress better in this order, and blocks of neighbours have tight bounds.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32
 
 BITS = 20
-"""Of each axis, with one spare for the shift."""
+"""Bits per axis; one more is reserved for the shift."""
 
 _GRID = (1 << BITS) - 1
 
 
 def codes(positions: F32, *, shift: float = 0.0) -> npt.NDArray[np.uint64]:
-    """Codes of the points' cells in a cube around them, 20 bits an axis.
+    """Return Morton codes of the points in their bounding cube, 20 bits an axis.
 
     Args:
         positions: Finite points, shape (n, 3).
-        shift: Moves the grid by this part of half the cube [0..1]: neighbours that one grid parts,
-            another keeps together.
+        shift: Offset of the grid as a fraction of half the cube [0..1]: neighbours that one grid
+            separates stay together in another.
 
     Returns:
-        Shape (n,).
+        Codes, shape (n,).
     """
     points = positions.astype(np.float64)
     lower = points.min(axis=0, initial=np.inf)
@@ -44,5 +44,5 @@ def codes(positions: F32, *, shift: float = 0.0) -> npt.NDArray[np.uint64]:
 
 
 def order(positions: F32) -> npt.NDArray[np.intp]:
-    """Rows along the curve, shape (n,); rows of one cell keep their order."""
+    """Return rows in Morton order, shape (n,); rows of equal code keep their order."""
     return np.argsort(codes(positions), kind="stable")

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all: a temporary sibling, renamed when it is complete."""
+"""Write files atomically: to a temporary sibling, renamed when it is complete."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
 @contextmanager
 def atomic_path(target: Path | str) -> Iterator[Path]:
-    """Yield a path to write; it becomes `target` on success and disappears on any error.
+    """Yield a path to write to; it becomes `target` on success and is deleted on any error.
 
-    The path is a hidden, unique sibling that keeps the whole name of the target at its end, so
-    writers that choose a format by suffix (".exr", ".compressed.ply") choose the same one. An older
-    file at `target` is untouched until the rename. A link is followed, never replaced.
+    The path is a hidden, unique sibling that ends in the whole name of the target, so writers that
+    choose a format by suffix (".exr", ".compressed.ply") choose the same one. An existing file at
+    `target` stays untouched until the rename. A symbolic link is followed, not replaced.
 
     Raises:
         OutputError: If the folder is missing or not writable, if `target` exists and is not a plain
-            file, or if the disk fills up meanwhile.
+            file, or if the disk becomes full.
     """
     final = Path(os.path.realpath(target))
     _check(target, final)
@@ -40,12 +40,12 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
         found = error.strerror or str(error)
         raise OutputError(str(target), found, "a place with room to write") from error
     finally:
-        # BaseException included: Ctrl-C leaves no litter. After the rename there is none to remove.
+        # Also on Ctrl-C. After the rename the temporary file no longer exists.
         temporary.unlink(missing_ok=True)
 
 
 def _check(target: Path | str, final: Path) -> None:
-    """Refuse early what would fail, or harm something, at the rename."""
+    """Raise an error early for a target that would fail, or be damaged, at the rename."""
     if not final.parent.is_dir():
         raise OutputError(str(target), f"no folder {final.parent}", "an existing folder")
     if not os.access(final.parent, os.W_OK | os.X_OK):

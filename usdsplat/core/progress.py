@@ -1,4 +1,4 @@
-"""How long work tells the outside how far it is, without knowing who listens."""
+"""Progress reports of long tasks."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Whoever shows progress: a terminal bar, a log line, a panel, or nobody."""
+    """A receiver of progress: a terminal bar, a log, a panel."""
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Say that `done` of `total` units of the work called `label` are finished.
+        """Report that `done` of `total` units of the task `label` are finished.
 
         Args:
-            label: What is going on, a few words; a new label starts a new piece of work.
+            label: The task in a few words; a new label starts a new task.
             done: Units finished [0..total].
-            total: Units there are; 0 when unknown.
+            total: Number of units; 0 if unknown.
         """
 
 
 class _Silent:
-    """Nobody listens."""
+    """A receiver that does nothing."""
 
     def step(self, label: str, done: int, total: int) -> None:
         pass
 
 
 silent: Progress = _Silent()
-"""The default listener: it does nothing."""
+"""The default receiver, which does nothing."""

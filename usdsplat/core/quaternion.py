@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions (w, x, y, z), in rows; every function keeps its dtype."""
+"""Algebra of rotations as unit quaternions (w, x, y, z), in rows; functions keep the dtype."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ Floats = npt.NDArray[np.floating[Any]]
 
 
 def normalize(quaternions: Floats) -> Floats:
-    """Scale to length 1, shape (n, 4); a zero quaternion becomes the identity, NaN stays NaN."""
-    # By the largest component first: squares of very small or large ones would leave float32.
+    """Normalise quaternions, shape (n, 4); zero becomes the identity, NaN stays NaN."""
+    # Divide by the largest component first: squares of extreme values would leave float32.
     w, x, y, z = np.abs(quaternions).T
     largest = np.maximum(np.maximum(w, x), np.maximum(y, z))[:, None]
     is_zero = largest == 0
@@ -24,7 +24,7 @@ def normalize(quaternions: Floats) -> Floats:
 
 
 def multiply(a: Floats, b: Floats) -> Floats:
-    """Hamilton product: rotate by `b`, then by `a`. Shapes (n, 4) or (4,), broadcast."""
+    """Return the Hamilton product: rotate by `b`, then by `a`. Shapes (n, 4) or (4,), broadcast."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -46,7 +46,7 @@ def rotate(quaternions: Floats, vectors: Floats) -> Floats:
 
 
 def to_matrix(quaternions: Floats) -> Floats:
-    """Rotation matrices of unit quaternions (n, 4), column-vector convention, shape (n, 3, 3)."""
+    """Return rotation matrices of unit quaternions (n, 4), column vectors, shape (n, 3, 3)."""
     w, x, y, z = quaternions.T
     out = np.empty((len(quaternions), 3, 3), quaternions.dtype)
     out[:, 0, 0] = 1 - 2 * (y * y + z * z)
@@ -62,10 +62,10 @@ def to_matrix(quaternions: Floats) -> Floats:
 
 
 def from_matrix(matrices: Floats) -> Floats:
-    """Unit quaternions of rotation matrices (n, 3, 3), w >= 0, shape (n, 4).
+    """Return unit quaternions of rotation matrices (n, 3, 3), w >= 0, shape (n, 4).
 
-    Of the four ways to divide it takes, row by row, the one whose divisor is largest, so no angle
-    is ill-conditioned.
+    Of the four formulas, each row uses the one with the largest divisor, so no angle is
+    ill-conditioned.
 
     Source: Shepperd 1978, "Quaternion from Rotation Matrix".
     """
@@ -73,7 +73,7 @@ def from_matrix(matrices: Floats) -> Floats:
     xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
     wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
     xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
-    # Row i of this symmetric table is 4 q_i (w, x, y, z): any row is the answer up to length.
+    # Row i of this symmetric table is 4 q_i (w, x, y, z): any row is the result up to length.
     table = np.stack(
         [
             np.stack([1 + xx + yy + zz, wx, wy, wz], axis=1),
@@ -93,14 +93,14 @@ def slerp(a: Floats, b: Floats, t: Any) -> Floats:
 
     Args:
         a: Unit quaternions at t = 0, shape (n, 4).
-        b: Unit quaternions at t = 1, shape (n, 4); b and -b mean the same.
-        t: [0..1], a number or shape (n,).
+        b: Unit quaternions at t = 1, shape (n, 4); b and -b are the same rotation.
+        t: Parameter [0..1], a number or shape (n,).
 
     Source: Shoemake 1985, "Animating Rotation with Quaternion Curves".
     """
     cosine = np.einsum("ni,ni->n", a, b)
     sign = np.where(cosine < 0, -1, 1).astype(a.dtype)
-    # atan2 of chords, not acos: exact for nearly equal quaternions.
+    # atan2 of chords is exact for nearly equal quaternions; acos is not.
     near = b * sign[:, None]
     half = np.arctan2(np.linalg.norm(near - a, axis=1), np.linalg.norm(near + a, axis=1))
     angle = 2 * half

@@ -1,7 +1,7 @@
-"""Spherical harmonics as 3D Gaussian splatting uses them: real, with Condon-Shortley signs.
+"""Spherical harmonics of 3D Gaussian splatting: real, with Condon-Shortley signs.
 
-Coefficient k of a channel belongs to degree l and order m by k = l (l + 1) + m. Degree 1 is
-(-y, z, -x): trained files depend on these signs, so they are fixed here for the whole package.
+Coefficient k of a channel has degree l and order m, with k = l (l + 1) + m. Degree 1 is (-y, z,
+-x). Trained files depend on these signs, so the whole package uses them.
 
 Source: Sloan 2008, "Stupid Spherical Harmonics Tricks", appendix A2; signs and the offset of 0.5 by
 Kerbl et al. 2023, "3D Gaussian Splatting".
@@ -21,7 +21,7 @@ MAX_DEGREE = 4
 
 
 def _norm(degree: int, order: int) -> float:
-    """Normalisation of a real harmonic, Condon-Shortley sign included."""
+    """Return the normalisation of a real harmonic, including the Condon-Shortley sign."""
     ratio = math.factorial(degree - order) / math.factorial(degree + order)
     root = math.sqrt((2 * degree + 1) / (4 * math.pi) * ratio)
     return (-1) ** order * root * (math.sqrt(2.0) if order else 1.0)
@@ -36,7 +36,7 @@ _C4 = tuple(_norm(4, m) for m in range(5))
 
 
 def coefficient_count(degree: int) -> int:
-    """Coefficients per channel of all degrees up to `degree`."""
+    """Return the number of coefficients per channel of all degrees up to `degree`."""
     return (degree + 1) ** 2
 
 
@@ -48,7 +48,7 @@ def basis(directions: Floats, degree: int) -> Floats:
         degree: 0 to 4.
 
     Returns:
-        Shape (n, (degree + 1)**2), dtype of `directions`.
+        Values, shape (n, (degree + 1)**2), dtype of `directions`.
 
     Raises:
         ValueError: If `degree` is not 0 to 4.
@@ -86,13 +86,13 @@ def evaluate(sh: Floats, directions: Floats) -> Floats:
 
     Args:
         sh: Coefficients, shape (n, k, 3) with k = 1, 4, 9, 16 or 25.
-        directions: Unit vectors from the eye to each splat in the cloud's own frame, shape (n, 3).
+        directions: Unit vectors from the eye to each splat in the cloud's own space, shape (n, 3).
 
     Returns:
         RGB in the capture's own colour space, shape (n, 3); at least 0, not bounded above.
 
     Raises:
-        ValueError: If k is none of these.
+        ValueError: If k has another value.
     """
     k = sh.shape[1]
     degree = math.isqrt(k) - 1
@@ -104,19 +104,19 @@ def evaluate(sh: Floats, directions: Floats) -> Floats:
 
 
 def rgb_to_dc(rgb: Floats) -> Floats:
-    """Degree-0 coefficients that give `rgb` from everywhere; any shape."""
+    """Return degree-0 coefficients of a constant colour `rgb`; any shape."""
     return (rgb - 0.5) / C0
 
 
 def dc_to_rgb(dc: Floats) -> Floats:
-    """Colour of degree-0 coefficients, not clamped; any shape."""
+    """Return the colour of degree-0 coefficients, not clamped; any shape."""
     return dc * C0 + 0.5
 
 
 def _fill(
     out: Floats, degree: int, norms: tuple[float, ...], legendre: tuple[Any, ...], turns: tuple
 ) -> None:
-    """Write one degree: norm x derivative of Legendre's polynomial in z x (cos, sin) in x, y."""
+    """Write one degree: norm x derivative of the Legendre polynomial in z x (cos, sin) in x, y."""
     middle = degree * (degree + 1)
     out[:, middle] = norms[0] * legendre[0]
     for m in range(1, degree + 1):

@@ -1,9 +1,9 @@
-"""Turn and mirror view-dependent colour with the splats that carry it.
+"""Rotate and mirror spherical harmonics.
 
-Harmonics of one degree only mix among themselves, so an orthogonal 3x3 matrix becomes one small
-matrix a degree. It is found by asking for equal values: coefficients c' of the turned function obey
-Y(e) c' = Y(Q^T e) c for every direction e, and a fixed, well-spread set of e makes that a least
-squares problem whose solution is exact, because both sides are harmonics of that degree.
+Harmonics of one degree only mix among themselves, so an orthogonal 3x3 matrix acts as one small
+matrix per degree. It follows from equal values: coefficients c' of the rotated function satisfy
+Y(e) c' = Y(Q^T e) c for every direction e. A fixed, well-spread set of directions makes this a
+least squares problem. Its solution is exact, because both sides are harmonics of that degree.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from usdsplat.core.cloud import F32, F64
 
 
 def band_matrices(orthogonal: F64, degree: int) -> list[F64]:
-    """Matrices that turn the coefficients of each degree, 0 up to `degree`.
+    """Return the matrices that rotate the coefficients of each degree, 0 up to `degree`.
 
     Args:
         orthogonal: Rotation or reflection (determinant +1 or -1), column vectors, shape (3, 3).
@@ -38,7 +38,7 @@ def band_matrices(orthogonal: F64, degree: int) -> list[F64]:
 
 
 def rotate(sh: F32, orthogonal: F64) -> F32:
-    """Coefficients of the colour seen after turning the splats by `orthogonal`.
+    """Return the coefficients after rotating the splats by `orthogonal`.
 
     `evaluate(rotate(sh, q), q @ d)` equals `evaluate(sh, d)` for every direction d.
 
@@ -50,13 +50,13 @@ def rotate(sh: F32, orthogonal: F64) -> F32:
         A new array of the same shape and dtype.
 
     Raises:
-        ValueError: As `band_matrices`.
+        ValueError: As for `band_matrices`.
     """
     count = sh.shape[1]
     whole = np.zeros((count, count), sh.dtype)
     for band, matrix in enumerate(band_matrices(orthogonal, math.isqrt(count) - 1)):
         whole[_columns(band), _columns(band)] = matrix
-    # All three channels at once: one product with a large matrix beats many with small ones.
+    # One product with a matrix for all three channels is faster than many small products.
     wide = np.kron(whole, np.eye(3, dtype=sh.dtype))
     flat = sh.reshape(len(sh), 3 * count)
     return np.matmul(flat, wide.T).reshape(sh.shape)
@@ -64,7 +64,7 @@ def rotate(sh: F32, orthogonal: F64) -> F32:
 
 @functools.cache
 def _directions() -> F64:
-    """Unit vectors spread evenly by the golden angle, shape (64, 3)."""
+    """Return unit vectors spread evenly by the golden angle, shape (64, 3)."""
     i = np.arange(64)
     z = 1.0 - (2.0 * i + 1.0) / len(i)
     angle = i * math.pi * (3.0 - math.sqrt(5.0))
@@ -74,11 +74,11 @@ def _directions() -> F64:
 
 @functools.cache
 def _solver(band: int) -> F64:
-    """Least-squares inverse of the harmonics of one degree at the fixed directions."""
+    """Return the least-squares inverse of the harmonics of one degree at the fixed directions."""
     values = harmonics.basis(_directions(), band)[:, _columns(band)]
     return np.linalg.pinv(values).astype(np.float64)
 
 
 def _columns(band: int) -> slice:
-    """Where the coefficients of one degree stand."""
+    """Return the columns of the coefficients of one degree."""
     return slice(band * band, (band + 1) ** 2)

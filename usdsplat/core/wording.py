@@ -1,8 +1,8 @@
-"""Numbers in sentences."""
+"""Format numbers in sentences."""
 
 from __future__ import annotations
 
 
 def counted(number: int, noun: str) -> str:
-    """The number and what it counts, such as "1 field" or "0 fields"."""
+    """Return the number and its noun, such as "1 field" or "0 fields"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,4 +1,4 @@
-"""What changed since the last sync, prim by prim."""
+"""Track the changes of prims since the last sync."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from usdsplat.delegate.dirty_bits import DirtyBits
 
 
 class ChangeTracker:
-    """The dirty bits of every prim of one render index."""
+    """The dirty bits of all prims of a render index."""
 
     def __init__(self) -> None:
         self._bits: dict[str, DirtyBits] = {}
         self._carried: dict[str, tuple[str, ...]] = {}
 
     def insert(self, path: str, bits: DirtyBits) -> None:
-        """Start to track a prim; `bits` are those it must pull before it can be used."""
+        """Track a prim; `bits` are those it must pull before it can be used."""
         self._bits[path] = bits
 
     def remove(self, path: str) -> None:
-        """Forget a prim."""
+        """Stop tracking a prim."""
         self._bits.pop(path, None)
         self._carried.pop(path, None)
 
     def carry(self, instancer: str, paths: Iterable[str]) -> None:
-        """Say which prims an instancer carries: what dirties it dirties them."""
+        """Set the prims that an instancer carries: they become dirty with it."""
         self._carried[instancer] = tuple(paths)
 
     def mark(self, path: str, bits: DirtyBits) -> None:
-        """Add to a prim's dirty bits; a path that nobody tracks is ignored."""
+        """Add dirty bits to a prim; untracked paths are ignored."""
         if path not in self._bits:
             return
         self._bits[path] |= bits
@@ -37,14 +37,14 @@ class ChangeTracker:
                 self.mark(carried, DirtyBits.INSTANCER)
 
     def mark_all(self, bits: DirtyBits) -> None:
-        """Add to every prim's dirty bits."""
+        """Add dirty bits to every prim."""
         for path in self._bits:
             self._bits[path] |= bits
 
     def bits(self, path: str) -> DirtyBits:
-        """What is dirty about a prim."""
+        """Return the dirty bits of a prim."""
         return self._bits.get(path, DirtyBits.CLEAN)
 
     def clean(self, path: str, left: DirtyBits = DirtyBits.CLEAN) -> None:
-        """Say that a prim was synced; `left` is what it chose not to pull yet."""
+        """Mark a prim as synced; `left` are the bits that it did not pull."""
         self._bits[path] = left

@@ -1,4 +1,4 @@
-"""A camera for a scene that has none."""
+"""Create a default camera for a scene."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from usdsplat.core.cloud import F64
 from usdsplat.render.specs import CameraSpec
 
 FIELD_OF_VIEW = math.radians(45)
-"""Of the shorter side of the picture."""
+"""Field of view of the shorter side of the picture [radian]."""
 DIRECTION = (0.42, 0.3, 1.0)
-"""From the scene towards the eye, x right, y up, z back: a front three-quarter view from above."""
+"""Direction from the scene to the eye, x right, y up, z back: front three-quarter, from above."""
 MARGIN = 1.05
-"""How much farther away than where the subject just fits."""
+"""Factor on the distance at which the subject just fits."""
 NEAREST = 1e-3
-"""The near plane is at least this part of the way to the subject."""
+"""Minimum distance of the near plane, as a fraction of the distance to the subject."""
 
 Box = tuple[F64, F64]
 
@@ -26,12 +26,12 @@ Box = tuple[F64, F64]
 def frame_subject(
     subject: Box | None, bounds: Box | None, *, up_axis: str, aspect: float
 ) -> CameraSpec:
-    """Return a perspective camera that has all of `subject` in the picture.
+    """Return a perspective camera that frames all of `subject`.
 
     Args:
-        subject: What to look at: lowest and highest corner in the world [scene unit], shape (3,)
-            each; None for an empty scene, which is framed as a unit cube.
-        bounds: Of everything, for the clipping range.
+        subject: Lower and upper corner of the subject in the world [scene unit], shape (3,) each;
+            None for an empty scene, which is framed as a unit cube.
+        bounds: Bounding box of the whole scene, for the clipping range.
         up_axis: The stage's upAxis, "Y" or "Z".
         aspect: Width over height of the picture.
     """
@@ -58,7 +58,7 @@ def frame_subject(
 
 
 def union(boxes: Iterable[Box | None]) -> Box | None:
-    """The box around boxes; None if there is none."""
+    """Return the bounding box of boxes; None if there is none."""
     found = [box for box in boxes if box is not None]
     if not found:
         return None
@@ -67,12 +67,13 @@ def union(boxes: Iterable[Box | None]) -> Box | None:
 
 
 def _corners(box: Box) -> F64:
-    """The eight corners of a box, shape (8, 3)."""
+    """Return the eight corners of a box, shape (8, 3)."""
     return np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, 8).T
 
 
 def _looking_along(direction: F64) -> F64:
-    """Rotation to a camera that looks that way with y up, rows right, up and back, shape (3, 3)."""
+    """Return the rotation to a camera with this view direction, y up, (3, 3): rows right, up,
+    back."""
     back = -direction / np.linalg.norm(direction)
     right = np.cross((0.0, 1.0, 0.0), back)
     right /= np.linalg.norm(right)

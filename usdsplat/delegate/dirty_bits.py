@@ -1,7 +1,7 @@
-"""What may have changed about a prim, in Hydra's words.
+"""Dirty bits: aspects of a prim that may have changed, with Hydra's names.
 
-The names are those of `HdChangeTracker` (and `HdCamera` for PARAMS); only bits that some prim here
-listens to exist.
+The names are those of `HdChangeTracker` (and of `HdCamera` for PARAMS); only bits that some prim
+here uses exist.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ class DirtyBits(IntFlag):
 
     CLEAN = 0
     PARAMS = 1 << 1
-    """The lens of a camera; what a light sends out."""
+    """The lens of a camera; the emission of a light."""
     DISPLAY_STYLE = 1 << 4
-    """How often surfaces are refined."""
+    """The refinement level of surfaces."""
     POINTS = 1 << 5
-    """Where the points of a mesh are, and all that moves them: skeletons, blend shapes."""
+    """The points of a mesh, and skeletons and blend shapes that move them."""
     PRIMVAR = 1 << 6
-    """The splats of a field, and how it asks to be drawn; colours and coordinates of a mesh."""
+    """The splats and rendering hints of a field; primvars of a mesh."""
     MATERIAL_ID = 1 << 7
-    """Which materials a mesh is bound to, face by face, and what those are."""
+    """The materials of a mesh and their bindings by face."""
     TOPOLOGY = 1 << 8
     TRANSFORM = 1 << 9
-    """Where the prim, or an instancer that carries it, is."""
+    """The transform of the prim or of an instancer that carries it."""
     VISIBILITY = 1 << 10
     NORMALS = 1 << 11
     DOUBLE_SIDED = 1 << 12
     INSTANCER = 1 << 16
-    """The arrays of an instancer; of an rprim, those of an instancer that carries it."""
+    """The arrays of an instancer; for an rprim, those of an instancer that carries it."""
     INSTANCE_INDEX = 1 << 17
-    """By which instances and prototypes an rprim is seen."""
+    """The instances and prototypes through which an rprim appears."""
     RENDER_TAG = 1 << 19
-    """The purpose, or which purposes are wanted."""
+    """The purpose, or the set of drawn purposes."""
     CATEGORIES = 1 << 21
-    """The volumes that a field is cropped by: which collections hold them, and where they are."""
+    """The crop volumes of a field: members of the collections, and transforms."""
     PLACING = TRANSFORM | VISIBILITY | INSTANCE_INDEX | RENDER_TAG
-    """Where an rprim is seen."""
+    """The bits of an rprim's placements."""
     SURFACE = DISPLAY_STYLE | POINTS | PRIMVAR | MATERIAL_ID | TOPOLOGY | NORMALS | DOUBLE_SIDED
-    """All that a mesh looks like."""
+    """The bits of a mesh's surface."""
     ALL = PARAMS | SURFACE | PLACING | INSTANCER | CATEGORIES

@@ -1,4 +1,4 @@
-"""The renderer of an engine. Its device is chosen and opened when it is first needed."""
+"""The renderer of an engine; its device is chosen and opened on first use."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class _Opened:
 
 
 class Drawer:
-    """A renderer of one render scene, and the pass that draws only what is stale.
+    """A renderer of a render scene, with a pass that redraws only outdated pictures.
 
     Args:
-        device: "auto", or a name that `kernels.devices.open_device` knows.
-        threads: How many to use; None for all.
+        device: "auto", or a device name of `kernels.devices.open_device`.
+        threads: Number of threads; None for all.
 
     Raises:
-        BackendError: If there is no device of that name.
+        BackendError: If the device name is unknown.
         UsageError: If the number of threads is out of range.
     """
 
@@ -43,7 +43,7 @@ class Drawer:
         self._opening = threading.Lock()
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Say what will be drawn. It has an effect only until the device is open."""
+        """Announce what will be drawn. This has no effect after the device is open."""
         splats = self._param.scene.draw_list().total
         self._seconds = sum(each.seconds(splats, self._threads) for each in work)
 
@@ -59,7 +59,7 @@ class Drawer:
 
     @property
     def render_pass(self) -> RenderPass:
-        """What redraws only stale pictures; opens the device."""
+        """The pass that redraws only outdated pictures; opens the device."""
         return self._open().render_pass
 
     def close(self) -> None:

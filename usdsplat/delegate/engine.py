@@ -1,10 +1,10 @@
-"""Everything of one stage at one time: the one object that a program needs to make pictures.
+"""The engine: renders pictures of one stage at one time.
 
     with Engine(stage, time=12) as engine:
         view = engine.view("/World/Camera", resolution=(1920, 1080))
         color = engine.picture(view)["color"]
 
-Pictures follow edits of the stage by themselves.
+Pictures follow edits of the stage automatically.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ PURPOSES = ("default", "render")
 
 
 class Engine:
-    """One render scene of one stage at one time; views of it are values.
+    """A render scene of one stage at one time; views of it are values.
 
-    Edits of the stage are noticed, whoever makes them, and cost only what they touch. Two engines
+    Edits of the stage from any source are noticed, and only affected data is read again. Engines
     share nothing: neither scenes, nor caches, nor notices. An engine is used by one thread at a
-    time, and the stage must not be edited while it syncs or a `render` goes on.
+    time, and the stage must not be edited while the engine syncs or a `render` is in progress.
 
     Args:
-        stage: A Usd.Stage. The engine never edits it.
-        device: "auto", or a name that `kernels.devices.open_device` knows.
-        threads: How many to use; None for all.
+        stage: A Usd.Stage, which the engine never edits.
+        device: "auto", or a device name of `kernels.devices.open_device`.
+        threads: Number of threads; None for all.
         time: Time code; None for USD's default time, which ignores time samples.
-        purposes: Which of default, render, proxy and guide are drawn.
-        refinement: How often subdivision surfaces are refined, 0 to 5.
+        purposes: Drawn purposes: default, render, proxy, guide.
+        refinement: Refinement level of subdivision surfaces, 0 to 5.
 
     Raises:
-        BackendError: If the device is not usable here; it is opened when it is first needed.
+        BackendError: If the device is not usable here; it is opened on first use.
         UsageError: If the refinement or the number of threads is out of range.
     """
 
@@ -76,71 +76,71 @@ class Engine:
 
     @property
     def time(self) -> float | None:
-        """The time code that is shown; None for USD's default time."""
+        """The time code; None for USD's default time."""
         return self._open().time
 
     def set_time(self, time: float | None) -> None:
-        """Go to another time; only what varies over time is pulled again."""
+        """Go to another time; only data that varies over time is pulled again."""
         self._open().set_time(time)
 
     def set_purposes(self, purposes: tuple[str, ...]) -> None:
-        """Draw other purposes than before."""
+        """Set the drawn purposes."""
         self._open().set_purposes(purposes)
 
     def set_refinement(self, levels: int) -> None:
-        """Refine subdivision surfaces as often as this, 0 to 5; only meshes are made anew.
+        """Set the refinement level of subdivision surfaces, 0 to 5; only meshes are rebuilt.
 
         Raises:
-            UsageError: If it is out of range.
+            UsageError: If the level is out of range.
         """
         self._open().set_refinement(levels)
 
     def sync(self) -> None:
-        """Bring the render scene up to date with the stage. Pictures do this by themselves."""
+        """Bring the render scene up to date with the stage. Pictures do this automatically."""
         (scene := self._open()).apply_pending_updates()
         self._index.sync_all(scene)
 
     @property
     def device(self) -> str:
-        """Name of what draws."""
+        """Name of the device."""
         return self._drawer.renderer.device
 
     @property
     def remark(self) -> str:
-        """Why `device` is not the fastest one of this machine; "" if it is. It changes when a GPU
-        fails while it draws and the CPU takes over."""
+        """Why `device` is not the fastest one of this machine; "" if it is. The text changes if a
+        GPU fails while drawing and the CPU takes over."""
         return self._drawer.renderer.remark
 
     @property
     def version(self) -> int:
-        """Grows with each change of what is drawn, as far as it was synced."""
+        """Version number that grows with each synced change of the drawn scene."""
         return self._param.version
 
     @property
     def pulls(self) -> Mapping[str, int]:
-        """How many times each kind of thing was read from the stage so far."""
+        """Number of reads from the stage so far, by kind."""
         return dict(self._open().pulls)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each prim, or GPU, that cannot be used as it is; syncs first."""
+        """One sentence for each prim, or GPU, with a problem; syncs first."""
         self.sync()
         remarks = (self.remark,) if self.remark else ()
         return (*remarks, *self._open().warnings)
 
     @property
     def render_scene(self) -> RenderScene:
-        """What is drawn, brought up to date; for reading."""
+        """The render scene, after a sync; read only."""
         self.sync()
         return self._param.scene
 
     @property
     def stats(self) -> FrameStats:
-        """What the last picture took."""
+        """Statistics of the last picture."""
         return self._drawer.renderer.stats
 
     def drawn_paths(self) -> tuple[str, ...]:
-        """Return the paths of the prims that are drawn; entry i is what the AOV primId calls i."""
+        """Return the paths of the drawn prims; entry i has the value i in the AOV primId."""
         return self.render_scene.draw_list().prims
 
     # --- views -----------------------------------------------------------------------------
@@ -151,12 +151,12 @@ class Engine:
         return sorted(self._index.cameras)
 
     def fields(self) -> list[str]:
-        """Return the paths of the stage's splat fields, seen or not, sorted."""
+        """Return the paths of the stage's splat fields, visible or not, sorted."""
         self.sync()
         return sorted(self._index.fields)
 
     def meshes(self) -> list[str]:
-        """Return the paths of the stage's meshes and shapes, seen or not, sorted."""
+        """Return the paths of the stage's meshes and shapes, visible or not, sorted."""
         self.sync()
         return sorted(self._index.meshes)
 
@@ -167,15 +167,15 @@ class Engine:
         resolution: tuple[int, int] | None = None,
         framing: Framing | None = None,
     ) -> View:
-        """Return what a camera sees now.
+        """Return the view of a camera at the current time.
 
         Args:
-            camera: Path of the prim; None for a camera that frames all that is visible.
-            resolution: [pixel]; takes the place of the one of `framing`.
-            framing: How the image samples the aperture.
+            camera: Path of the prim; None for a camera that frames everything visible.
+            resolution: Resolution [pixel]; replaces that of `framing`.
+            framing: Resolution, data window and conform policy.
 
         Raises:
-            StageError: If there is no such camera, or it cannot be used.
+            StageError: If there is no such camera, or it is not usable.
         """
         self.sync()
         framing = framing or Framing()
@@ -185,7 +185,8 @@ class Engine:
     def framing_camera(
         self, times: Iterable[float | None], *, framing: Framing | None = None
     ) -> CameraSpec:
-        """Return a camera that frames all that is visible at any of `times`; the time stays."""
+        """Return a camera that frames everything visible at any of `times`; keeps the current
+        time."""
         before = self.time
         subjects, bounds = [], []
         try:
@@ -206,19 +207,19 @@ class Engine:
         resolution: tuple[int, int] | None = None,
         overrides: Mapping[str, Any] | None = None,
     ) -> tuple[ProductSpec, ...]:
-        """Return what the stage's render settings ask for; nothing when it has none.
+        """Return the products of the stage's render settings; empty if it has none.
 
         Args:
             settings_path: Path of the RenderSettings prim, or of a RenderPass that renders one;
-                None for the settings that the stage names, or else its first. The only RenderPass
-                of some settings counts without being named.
+                None for the settings that the stage names, or else its first. If exactly one
+                RenderPass renders the settings, it applies without being named.
             camera: Path that replaces the authored cameras.
-            resolution: [pixel]; replaces the authored ones.
+            resolution: Resolution [pixel]; replaces the authored ones.
             overrides: Values of `RenderSettings` that replace the authored ones.
 
         Raises:
-            StageError: If `settings_path` is neither, or an authored value is unusable.
-            UsageError: If an override is.
+            StageError: If `settings_path` is neither, or an authored value is invalid.
+            UsageError: If an override is invalid.
         """
         scene = self._open()
         return find_products(
@@ -233,9 +234,9 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Say what will be drawn, so that "auto" can choose the device that finishes first.
+        """Announce what will be drawn, so that "auto" can choose the device that finishes first.
 
-        Call it before the first picture: the device is chosen once. Without it a long session is
+        Call it before the first picture: the device is chosen once. By default a long session is
         assumed.
         """
         self.sync()
@@ -250,17 +251,17 @@ class Engine:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[Band]:
-        """Return the bands of a picture, top to bottom; memory is the splats and one band.
+        """Return the bands of a picture, top to bottom; memory holds the splats and one band.
 
-        The scene must not be edited before the last band is taken.
+        The scene must not be edited before the last band is consumed.
 
         Args:
-            view: What to look at. A camera of the stage moves with time where samples ask for it;
-                what was replaced of it stays as it is.
-            settings: How to draw it.
-            aovs: Which of `renderer.AOVS`.
-            holdout: What else hides, given the pixels x0, y0, x1, y1; see `images.holdout`.
-            band_pixels: About how many pixels to draw at a time.
+            view: The view. For samples at other times, a camera of the stage moves with time; its
+                properties that `view` overrides stay constant.
+            settings: Render settings.
+            aovs: Names from `renderer.AOVS`.
+            holdout: Function that reads a holdout for pixels x0, y0, x1, y1; see `images.holdout`.
+            band_pixels: Approximate number of pixels per band.
         """
         self.sync()
         how = self._resolved(settings)
@@ -278,10 +279,10 @@ class Engine:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
-        """Return all contributions to every pixel, band after band: (y0, y1, samples).
+        """Return all contributions to every pixel, band by band: (y0, y1, samples).
 
-        Premultiplied and linear, in the working space; sorted by zDepth or rayHitDistance.
-        Arguments as in `render`.
+        Colours are premultiplied, linear, in the working space; sorted by zDepth or rayHitDistance.
+        Arguments are those of `render`.
 
         Raises:
             UsageError: If splats are sorted by another key.
@@ -300,17 +301,17 @@ class Engine:
         *,
         sync: bool = True,
     ) -> dict[str, Pixels]:
-        """Return a whole picture, drawn only if the last one was not the same.
+        """Return a whole picture; it is drawn only if it differs from the last one.
 
         Args:
-            view, settings, aovs: As in `render`.
-            sync: False draws what was synced last and leaves the stage alone, which another thread
-                may edit meanwhile. Only pictures that show other times too, by motion blur or the
-                motion AOVs, go to the stage all the same.
+            view, settings, aovs: As for `render`.
+            sync: False draws the last synced state without reading the stage, which another thread
+                may edit meanwhile. Only pictures that need other times, for motion blur or the
+                motion AOVs, still read the stage.
 
         Returns:
-            AOV -> its pixels in the data window, read-only, shape (height, width) or, of color,
-            (height, width, 4): premultiplied, in the space that `settings` ask for.
+            Pixels of the data window by AOV, read-only, shape (height, width) or, for color,
+            (height, width, 4): premultiplied, in the colour space of `settings`.
         """
         if sync:
             self.sync()
@@ -329,7 +330,7 @@ class Engine:
         *,
         band_pixels: int = BAND_PIXELS,
     ) -> Estimate:
-        """Estimate how much memory a picture takes; arguments as in `memory.estimate`."""
+        """Estimate the memory of a picture; arguments as in `memory.estimate`."""
         self.sync()
         settings = self._resolved(settings)
         return estimate(
@@ -340,7 +341,7 @@ class Engine:
     # --- the end ---------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Release arrays, buffers and notices; the engine cannot be used any more."""
+        """Release arrays, buffers and notices; the engine cannot be used afterwards."""
         if self._scene is None:
             return
         self._scene.close()
@@ -358,7 +359,7 @@ class Engine:
     # --- private ---------------------------------------------------------------------------
 
     def _times(self, view: View, how: RenderSettings, aovs: tuple[str, ...]) -> TimeSampler | None:
-        """The scene and what `view` sees at other times, if any are shown."""
+        """Return a sampler of scene and view at other times, if the picture needs it."""
         if not depends_on_time(how, view.camera, aovs):
             return None
         return other_times(

@@ -1,4 +1,4 @@
-"""A point instancer: holds what it scatters; the fields it carries read it there."""
+"""Point instancers; the rprims they carry read their arrays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usdsplat.delegate.render_param import RenderParam
 
 
 class Instancer(Prim):
-    """One UsdGeomPointInstancer. It is not drawn, so it leaves nothing in the render scene."""
+    """A UsdGeomPointInstancer. It has no representation of its own in the render scene."""
 
     INITIAL_DIRTY_BITS = DirtyBits.INSTANCER
 

@@ -1,8 +1,8 @@
-"""How one field is seen many times: point instancers, nested to any depth.
+"""Expand placements of rprims through point instancers, nested to any depth.
 
-A placement is a chain of levels. The first level stands in the world; each further one stands in a
-prototype of the instancer before it; the last level is the field itself. A field that no instancer
-carries has one level. Native instances of USD are simply several placements.
+A placement is a chain of levels. The first level is in the world, each further one in a prototype
+of the instancer before it, and the last level is the field itself. A field that no instancer
+carries has one level. Native instances of USD are separate placements.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from usdsplat.render.specs import InstanceSpec
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class InstancerSpec:
-    """What one point instancer scatters; row i of every array is instance i."""
+    """The arrays of a point instancer; row i of every array is instance i."""
 
     transforms: F64
     """Instance to instancer [scene unit], shape (n, 4, 4), column-vector convention."""
     prototypes: I64
-    """Number of the prototype, shape (n,)."""
+    """Index of the prototype, shape (n,)."""
     shown: npt.NDArray[np.bool_]
-    """False where `invisibleIds` or `inactiveIds` hide it, shape (n,)."""
+    """False if `invisibleIds` or `inactiveIds` hide the instance, shape (n,)."""
 
 
 NO_INSTANCES = InstancerSpec(
@@ -37,7 +37,7 @@ NO_INSTANCES = InstancerSpec(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """One step of a placement: through a prototype of an instancer."""
+    """A step of a placement: through a prototype of an instancer."""
 
     instancer: str
     prototype: int
@@ -45,16 +45,16 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """One way by which a field is seen."""
+    """A placement of a field."""
 
     path: str
-    """Path of the prim that is seen, inside an instance where it is in one."""
+    """Path of the prim, inside its native instance if it has one."""
     links: tuple[Link, ...] = ()
     """Outermost first."""
 
 
 class Scatter(Protocol):
-    """What `expand` asks of an instancer."""
+    """An instancer, as needed by `expand`."""
 
     spec: InstancerSpec
 
@@ -65,20 +65,20 @@ def expand(
     visible: Sequence[bool],
     instancers: Mapping[str, Scatter],
 ) -> tuple[InstanceSpec, ...]:
-    """Return every visible appearance of one field in the world.
+    """Return every visible instance of a field in the world.
 
     Args:
         placements: In order of their paths.
-        transforms: For each placement its levels' matrices, shape (4, 4) each: of the first to the
-            world, of the others to the frame of the prototype they are in.
-        visible: For each placement whether to show it.
-        instancers: By path; holds all those that the placements name.
+        transforms: Matrices of the levels of each placement, shape (4, 4) each: of the first to the
+            world, of the others to the space of their prototype.
+        visible: Whether each placement is visible.
+        instancers: Instancers by path, all that the placements name.
 
     Returns:
-        In order of path, then index; those that are not finite are nowhere. An index is the
-        instance's number in its instancer; through nested ones, their numbers are its digits,
-        outermost first. Where the same prim is seen by more than one placement, the later ones
-        count on from the earlier.
+        Instances in order of path, then index, without those whose transform is not finite. An
+        index is the instance's number in its instancer; for nested instancers, their numbers are
+        its digits, outermost first. If several placements have the same prim, later ones continue
+        the count of the earlier.
     """
     seen = []
     offsets: dict[str, int] = {}
@@ -99,10 +99,12 @@ def expand(
 def _scattered(
     links: Sequence[Link], levels: Sequence[F64], instancers: Mapping[str, Scatter]
 ) -> tuple[I64, F64]:
-    """Flat indices, shape (m,), and world matrices, shape (m, 4, 4), of one placement."""
+    """Return flat indices, shape (m,), and world matrices, shape (m, 4, 4), of a placement."""
     indices = np.zeros(1, np.int64)
     worlds = levels[0][None]
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is left out later
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # transforms that are not finite are dropped later
         for link, inner in zip(links, levels[1:], strict=True):
             spec = instancers[link.instancer].spec
             rows = np.flatnonzero(spec.shown & (spec.prototypes == link.prototype))

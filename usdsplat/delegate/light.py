@@ -1,4 +1,4 @@
-"""A light of the stage."""
+"""Lights of the stage."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usdsplat.render.specs import LightSpec
 
 
 class Light(Sprim):
-    """One UsdLuxDistantLight at the engine's time."""
+    """A UsdLuxDistantLight at the engine's time."""
 
     INITIAL_DIRTY_BITS = DirtyBits.TRANSFORM | DirtyBits.PARAMS | DirtyBits.VISIBILITY
 
@@ -18,13 +18,13 @@ class Light(Sprim):
         self._spec: LightSpec | None = None
 
     def sync(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> DirtyBits:
-        """Pull the light whole: it is one small value. `bits` is as in `Prim.sync`."""
+        """Pull the whole light, which is one small value. `bits` is as in `Prim.sync`."""
         if bits & self.INITIAL_DIRTY_BITS:
             self._shine(param, scene.light(self.path))
         return DirtyBits.CLEAN
 
     def finalize(self, param: RenderParam) -> None:
-        """Put the light out."""
+        """Remove the light from the render scene."""
         self._shine(param, None)
 
     def _shine(self, param: RenderParam, spec: LightSpec | None) -> None:

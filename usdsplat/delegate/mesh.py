@@ -1,4 +1,4 @@
-"""The surface of one opaque prim, and everywhere it is seen."""
+"""Opaque surfaces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usdsplat.delegate.rprim import Rprim
 
 
 class Mesh(Rprim):
-    """One mesh, or one of the shapes that UsdGeom gives by their sizes."""
+    """A mesh, or one of UsdGeom's parametric shapes."""
 
     ARRAYS = DirtyBits.SURFACE
     INITIAL_DIRTY_BITS = DirtyBits.PLACING | DirtyBits.INSTANCER | ARRAYS

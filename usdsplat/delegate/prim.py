@@ -1,7 +1,8 @@
-"""What a prim of the render index is, and whom it asks.
+"""Base classes of prims of the render index, and the interface that they pull data from.
 
 Hydra's contract: `sync` pulls only what `bits` marks, edits the render scene through
-`RenderParam.edit()`, and returns what is still dirty; `finalize` takes back what it put there.
+`RenderParam.edit()`, and returns the bits that are still dirty; `finalize` removes the prim's data
+from the render scene.
 """
 
 from __future__ import annotations
@@ -17,52 +18,52 @@ from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, Me
 
 
 class SceneDelegate(Protocol):
-    """Answers for the prims of a scene; need not be able to answer for what is not dirty."""
+    """Source of the data of prims; only dirty data may be requested."""
 
     def field(self, path: str) -> FieldSpec | None:
-        """The splats of a field; None when it cannot be drawn."""
+        """Return the splats of a field, or None if it cannot be drawn."""
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
-        """A mesh, of which only what `bits` marks is read again; None when it cannot be drawn."""
+        """Return a mesh, reading only what `bits` marks, or None if it cannot be drawn."""
 
     def crops(self, path: str) -> tuple[CropSpec, ...]:
-        """The volumes that a field is cropped by, in the world."""
+        """Return the crop volumes of a field, in the world."""
 
     def placements(self, path: str) -> tuple[Placement, ...]:
-        """Every way by which a field or a mesh is seen."""
+        """Return the placements of a field or a mesh."""
 
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
-        """For each placement the matrices of its levels, outermost first."""
+        """Return the matrices of the levels of each placement, outermost first."""
 
     def visible(self, path: str) -> tuple[bool, ...]:
-        """For each placement whether it is visible and of a wanted purpose."""
+        """Return whether each placement is visible and of a drawn purpose."""
 
     def instancer(self, path: str) -> InstancerSpec:
-        """The arrays of a point instancer."""
+        """Return the arrays of a point instancer."""
 
     def camera(self, path: str) -> CameraSpec | None:
-        """A camera; None when it cannot be used."""
+        """Return a camera, or None if it is not usable."""
 
     def light(self, path: str) -> LightSpec | None:
-        """A light; None when it is hidden or cannot be used."""
+        """Return a light, or None if it is invisible or not usable."""
 
 
 class Prim(ABC):
-    """One prim of the render index."""
+    """A prim of the render index."""
 
     INITIAL_DIRTY_BITS: DirtyBits
-    """What a new prim of this kind must pull."""
+    """Dirty bits of a new prim of this kind."""
 
     def __init__(self, path: str) -> None:
         self.path = path
 
     @abstractmethod
     def sync(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> DirtyBits:
-        """Pull what `bits` says changed and return what is still dirty."""
+        """Pull the data that `bits` marks and return the bits that are still dirty."""
 
     def finalize(self, param: RenderParam) -> None:  # noqa: B027 - most prims put nothing there
-        """Take back what `sync` put into the render scene."""
+        """Remove the prim's data from the render scene."""
 
 
 class Sprim(Prim):
-    """State that pictures need, such as a camera or a light."""
+    """A prim that holds state, such as a camera or a light."""

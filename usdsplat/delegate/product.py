@@ -1,4 +1,4 @@
-"""One picture that a stage, or a command line, asks for."""
+"""Requested pictures: render products."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from usdsplat.render.specs import Framing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProductSpec:
-    """A UsdRenderProduct with everything that it takes from its RenderSettings."""
+    """A UsdRenderProduct with the values that it inherits from its RenderSettings."""
 
     path: str
-    """Of the prim."""
+    """Path of the prim."""
     name: str = ""
-    """`productName`: the file to write; empty when the prim does not say."""
+    """`productName`: the file to write; empty if not authored."""
     kind: str = "raster"
     """`productType`: raster, deepRaster, or a renderer's own."""
     camera: str = ""
-    """Path of the camera; empty when neither prim names one."""
+    """Path of the camera; empty if neither prim names one."""
     framing: Framing
     settings: RenderSettings
     aovs: tuple[str, ...] = ("color",)
-    """Ours, in the order of `orderedVars`."""
+    """Our AOV names, in the order of `orderedVars`."""
     pixel_type: Literal["", "half", "float"] = ""
-    """What the `dataType` of its colour vars asks for, the more precise where they differ; empty
-    where none says."""
+    """Pixel type by the `dataType` of its colour vars, the more precise one if they differ; empty
+    if none is authored."""
     purposes: tuple[str, ...] = ("default", "render")
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()
-    """Prims that hold out, as `View.matte` has them."""
+    """Holdout prims, in the form of `View.matte`."""
     warnings: tuple[str, ...] = ()
-    """One sentence for each thing that it asks for and does not get."""
+    """One sentence for each request that is not fulfilled."""
 
     @property
     def multipart(self) -> bool:
-        """Whether each AOV is an EXR part of its own."""
+        """Whether each AOV has a separate EXR part."""
         return self.settings.multipart

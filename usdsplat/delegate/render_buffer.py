@@ -1,4 +1,4 @@
-"""One AOV of one picture, in memory."""
+"""Render buffers: AOVs in memory."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ Pixels = npt.NDArray[Any]
 
 
 class RenderBuffer:
-    """A picture that bands are written into.
+    """Buffer of one AOV of a picture, written band by band.
 
-    Hydra's Bprim, with this difference: an allocation is never written again once it is complete,
-    so a mapped picture stays what it was after the next one is drawn.
+    Hydra's Bprim, with one difference: a complete allocation is never written again, so a mapped
+    picture stays unchanged when the next one is drawn.
     """
 
     def __init__(self, path: str) -> None:
@@ -22,7 +22,7 @@ class RenderBuffer:
         self._pixels: Pixels | None = None
 
     def allocate(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> None:
-        """Make room for a new picture; `shape` is (height, width) or (height, width, channels)."""
+        """Allocate a new picture; `shape` is (height, width) or (height, width, channels)."""
         self._pixels = np.empty(shape, dtype)
 
     def write(self, row: int, band: Pixels) -> None:
@@ -38,5 +38,5 @@ class RenderBuffer:
         return view
 
     def deallocate(self) -> None:
-        """Give the memory back."""
+        """Free the memory."""
         self._pixels = None

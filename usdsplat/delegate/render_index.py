@@ -1,4 +1,4 @@
-"""Every prim of one engine, and the order in which they are synced."""
+"""The render index: all prims of an engine, and the order of their sync."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ P = TypeVar("P", bound=Prim)
 
 
 class RenderIndex:
-    """Owns rprims (fields, meshes), instancers, sprims (cameras, lights) and bprims (render
-    buffers)."""
+    """Owner of rprims (fields, meshes), instancers, sprims (cameras, lights) and render buffers."""
 
     def __init__(self, param: RenderParam) -> None:
         self.tracker = ChangeTracker()
@@ -69,7 +68,7 @@ class RenderIndex:
         self._remove(self._meshes, path)
 
     def remove_instancer(self, path: str) -> None:
-        """Remove an instancer; the rprims it carried must get other placements."""
+        """Remove an instancer; the rprims it carried must get new placements."""
         self._remove(self._instancers, path)
 
     def remove_camera(self, path: str) -> None:
@@ -81,7 +80,7 @@ class RenderIndex:
         self._remove(self._lights, path)
 
     def buffer(self, aov: str) -> RenderBuffer:
-        """Return the bprim that holds an AOV, made at first use."""
+        """Return the render buffer of an AOV, created on first use."""
         return self._buffers.setdefault(aov, RenderBuffer(aov))
 
     def find_camera(self, path: str) -> Camera:
@@ -97,15 +96,15 @@ class RenderIndex:
         return self._cameras[path]
 
     def sorting_hints(self) -> Iterator[tuple[str, SortingMode]]:
-        """Paths of the visible fields, and the orders that they ask for."""
+        """Yield (path, sorting hint) of the visible fields."""
         for path, field in sorted(self._fields.items()):
             if field.sorting_hint is not None:
                 yield path, field.sorting_hint
 
     def sync_all(self, scene: SceneDelegate) -> None:
-        """Sync what is dirty: sprims, then rprims after the instancers that carry them.
+        """Sync dirty prims: sprims, then instancers, then the rprims that they carry.
 
-        Bprims have nothing to pull: the render pass allocates them.
+        Render buffers have nothing to pull: the render pass allocates them.
         """
         kinds: tuple[Mapping[str, Prim], ...] = (
             self._cameras,

@@ -1,4 +1,4 @@
-"""The only door to the render scene."""
+"""The only access for edits of the render scene."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from usdsplat.render.scene import RenderScene
 
 
 class RenderParam:
-    """Holds the render scene and counts edits, so that a RenderPass can tell stale from fresh."""
+    """Holder of the render scene that counts edits, so that a RenderPass can detect changes."""
 
     def __init__(self, scene: RenderScene) -> None:
         self.scene = scene
-        """For reading."""
+        """The render scene; read only."""
         self.version = 0
 
     def edit(self) -> RenderScene:
-        """Return the scene for editing; whoever cached a result must now recompute."""
+        """Return the scene for editing; cached results become invalid."""
         self.version += 1
         return self.scene

@@ -13,7 +13,7 @@ from usdsplat.render.specs import View
 
 
 class RenderPass:
-    """One view of the render scene into render buffers."""
+    """A pass that draws a view of the render scene into render buffers."""
 
     def __init__(self, renderer: Renderer, param: RenderParam) -> None:
         self._renderer = renderer
@@ -29,11 +29,11 @@ class RenderPass:
         *,
         sampler: TimeSampler | None = None,
     ) -> bool:
-        """Draw if the buffers hold anything but this picture; return whether it was drawn.
+        """Draw unless the buffers already hold this picture; return whether it was drawn.
 
-        Everything a picture depends on is a frozen value or the scene's version, so "stale" is one
-        comparison and there is no flag to forget. What shows other times too, by `sampler`, is
-        always drawn: an edit there need not change anything now.
+        A picture depends only on frozen values and the scene's version, so one comparison decides.
+        Pictures that include other times, by `sampler`, are always drawn: an edit at another time
+        need not change the scene now.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:

@@ -1,4 +1,4 @@
-"""Something that can be seen, and everywhere it is."""
+"""Base class of drawn prims."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from usdsplat.render.specs import InstanceSpec
 
 
 class Rprim(Prim):
-    """A prim with arrays, which its native instances and point instances share.
+    """A drawn prim with arrays, shared by its native instances and point instances.
 
-    The arrays of a prim that cannot be seen are not pulled: ARRAYS stay dirty until it shows.
+    Arrays of a prim without visible instances are not pulled: ARRAYS stay dirty until it is
+    visible.
     """
 
     ARRAYS: DirtyBits
-    """The bits of what `_pull` pulls."""
+    """Bits of the data that `_pull` pulls."""
 
     def __init__(self, path: str, instancers: Mapping[str, Scatter]) -> None:
         super().__init__(path)
@@ -30,7 +31,7 @@ class Rprim(Prim):
         self._visible: tuple[bool, ...] = ()
         self._instances: tuple[InstanceSpec, ...] = ()
         self.is_seen = False
-        """Whether anything would show it, if it can be drawn."""
+        """Whether it has a visible instance."""
         self._resident = False
         self._shown = False
 
@@ -66,7 +67,7 @@ class Rprim(Prim):
 
     @abstractmethod
     def _pull(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> bool:
-        """Make the render scene hold the arrays; False when there is nothing to draw."""
+        """Set the arrays in the render scene; return False if there is nothing to draw."""
 
     def _place(self, param: RenderParam, seen: tuple[InstanceSpec, ...]) -> None:
         if seen != self._instances:

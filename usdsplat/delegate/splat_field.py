@@ -1,4 +1,4 @@
-"""The splats of one prim, and everywhere they are seen."""
+"""Splat fields."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from usdsplat.render.specs import CropSpec, InstanceSpec, SortingMode
 
 
 class SplatField(Rprim):
-    """One splat prim."""
+    """A splat prim with all its instances."""
 
     ARRAYS = DirtyBits.PRIMVAR
     INITIAL_DIRTY_BITS = DirtyBits.PLACING | DirtyBits.INSTANCER | DirtyBits.CATEGORIES | ARRAYS
@@ -26,7 +26,7 @@ class SplatField(Rprim):
 
     @property
     def sorting_hint(self) -> SortingMode | None:
-        """The order that the prim asks for; None while it is not seen."""
+        """Sorting hint of the prim; None while it is not visible."""
         return self._hint if self._shown else None
 
     def sync(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> DirtyBits:

@@ -1,4 +1,4 @@
-"""Scene and view at other times than that of the picture."""
+"""Sample scene and view at times other than that of the picture."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def other_times(
     go: Callable[[float], None],
     camera: Callable[[], CameraSpec],
 ) -> TimeSampler:
-    """Return the scene and the view by times relative to a frame.
+    """Return a sampler of scene and view at times relative to a frame.
 
-    A camera of the stage moves; what `view` has otherwise than the stage stays as it is.
+    A camera of the stage moves; values that `view` overrides stay constant.
 
     Args:
-        scene: What `go` brings to a time.
+        scene: The render scene, which `go` brings to a time.
         frame: The picture's own time code; None for USD's default time, at which nothing moves.
-        spec: The camera of the stage that `view` looks through, at the frame; None for one that is
-            nobody's, which stands still.
-        go: Goes to a time code.
-        camera: The stage's camera at the time gone to.
+        spec: The stage's camera of `view`, at the frame; None for a camera that is not on the
+            stage, which does not move.
+        go: Function that goes to a time code.
+        camera: Function that returns the stage's camera at that time.
     """
     own = {k: v for k, v in asdict(view.camera).items() if spec and v != getattr(spec, k)}
 

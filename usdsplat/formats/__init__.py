@@ -1,8 +1,8 @@
-"""Files to splats and back: one module per format, one entry in `FORMATS`.
+"""Read and write splat files: one module per format, one entry each in `FORMATS`.
 
 A format is a module with `SUFFIXES`, `recognises`, `read` and, if it can be written, `write`: see
-`Format` and `WritableFormat`. What a file contains decides which one reads it; its suffix is asked
-only when the content is unknown, for files get renamed.
+`Format` and `WritableFormat`. The content of a file selects its reader. The suffix counts only if
+no format recognises the content, because files get renamed.
 """
 
 from __future__ import annotations
@@ -41,34 +41,38 @@ __all__ = [
 ]
 
 _HEAD = 1 << 16
-"""Bytes of a file that formats may recognise it by."""
+"""Number of leading bytes that are passed to `recognises`."""
 
 
 class Format(Protocol):
-    """What the registry asks of a module."""
+    """A module that reads one format."""
 
     SUFFIXES: tuple[str, ...]
-    """Ends of file names, lower case; "/name" is a whole name."""
+    """Suffixes of file names, in lower case. A "/name" matches the whole file name."""
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether `path` is of this format, judged by its first bytes (none for a folder)."""
+        """Return whether `path` is of this format, judged by its first bytes (empty for a
+        folder)."""
 
     def read(self, path: Path, how: ReadOptions) -> Capture:
-        """Read all of it."""
+        """Read the whole capture."""
 
 
 class WritableFormat(Format, Protocol):
-    """A module that writes as well; `MAX_DEGREE` says how far its harmonics go if not to 4."""
+    """A module that also writes its format. `MAX_DEGREE`, if present, is the highest degree of
+    harmonics that it writes; the default is 4."""
 
     FRAME: str
-    """Where x, y and z of its files point (`core.axes`), as is usual or as it demands."""
+    """Directions of x, y and z in its files (`core.axes`): prescribed by the format, or else
+    customary."""
 
     def write(self, cloud: SplatCloud, path: Path, how: WriteOptions) -> Mapping[str, str]:
-        """Write all of it; returns how far values may be off, as `Capture.error_bounds` has it."""
+        """Write the whole cloud and return its error bounds, in the form of
+        `Capture.error_bounds`."""
 
 
 FORMATS: tuple[Format, ...] = (compressed_ply, ply, sog, sog_lod, spz, glb, gltf, ksplat, splat)
-"""Every format, the more particular before the more general."""
+"""Every format; a specific one stands before a more general one that would also match."""
 
 
 def read(
@@ -81,13 +85,13 @@ def read(
 
     Args:
         path: A file, or the folder or `meta.json` of an unpacked SOG.
-        how: What else is asked of the reader; `progress` takes the place of its own.
-        progress: Told how many splats are read.
+        how: Options of the reader; its `progress` is replaced by the argument below.
+        progress: Receives the number of splats read.
 
     Raises:
         FormatError: If the file cannot be opened, or is not what it claims to be.
         UnknownFormatError: If neither content nor suffix is known.
-        UsageError: If a level is asked for that the capture does not have.
+        UsageError: If the capture does not have the requested level of detail.
     """
     module = find(path)
     if how.lod and not getattr(module, "HAS_LEVELS", False):
@@ -96,7 +100,7 @@ def read(
 
 
 def find(path: str | Path) -> Format:
-    """Return what reads a capture, by its first bytes or its name.
+    """Return the format of a capture, chosen by its first bytes or its name.
 
     Raises:
         FormatError: If the file cannot be opened.
@@ -123,18 +127,18 @@ def write(
 
     Args:
         cloud: The splats.
-        path: Target; an older file there is replaced when the new one is complete.
-        how: What else the file is to say; `progress` takes the place of its own.
-        progress: Told how many splats are written.
+        path: Target; an existing file is replaced once the new one is complete.
+        how: Options of the writer; its `progress` is replaced by the argument below.
+        progress: Receives the number of splats written.
 
     Returns:
-        Field of the cloud -> how far the written values may be from it; what is not listed is
+        Maximum error of the written values, by field of the cloud; fields that are not listed are
         stored as floats.
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
-        OutputError: If nothing can be written there, or a number of the cloud is not finite.
-        UsageError: If the format cannot hold such a cloud, or what `how` asks for.
+        OutputError: If the target cannot be written, or a number of the cloud is not finite.
+        UsageError: If the format cannot hold the cloud, or does not support what `how` requests.
     """
     path = Path(path)
     writer = _writer(path)
@@ -143,7 +147,7 @@ def write(
 
 
 def frame_written(path: str | Path) -> str:
-    """Where x, y and z point in files of the format that the suffix names, such as "rdf".
+    """Return the axes of files with the suffix of `path`, such as "rdf".
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
@@ -152,7 +156,9 @@ def frame_written(path: str | Path) -> str:
 
 
 def degree_written(path: str | Path) -> int:
-    """Highest degree of harmonics that others read in files of the format that the suffix names.
+    """Return the highest degree of harmonics to write in the format that the suffix names.
+
+    A format may hold more than the readers of other projects support; this is what they support.
 
     Raises:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
@@ -161,18 +167,18 @@ def degree_written(path: str | Path) -> int:
 
 
 def suffixes_read() -> tuple[str, ...]:
-    """Ends of names that can be read; "/name" stands for a whole name."""
+    """Return the suffixes that can be read; "/name" matches a whole file name."""
     return tuple(suffix for module in FORMATS for suffix in module.SUFFIXES)
 
 
 def suffixes_written() -> tuple[str, ...]:
-    """Ends of names that can be written."""
+    """Return the suffixes that can be written."""
     able = [module for module in FORMATS if hasattr(module, "write")]
     return tuple(suffix for module in able for suffix in module.SUFFIXES)
 
 
 def _check_finite(cloud: SplatCloud, path: Path) -> None:
-    """Refuse what bytes cannot say and readers refuse, before anything is written."""
+    """Raise an error, before anything is written, if the cloud has a number that is not finite."""
 
     def check(rows: slice) -> None:
         for field in ("positions", "scales", "rotations", "opacities", "sh"):
@@ -184,12 +190,13 @@ def _check_finite(cloud: SplatCloud, path: Path) -> None:
 
 
 def _writer(path: Path) -> WritableFormat:
-    """What writes files of such a name."""
+    """Return the writer for the suffix of `path`."""
     return cast(WritableFormat, _by_suffix(path, suffixes_written()))
 
 
 def _by_suffix(path: Path, allowed: tuple[str, ...]) -> Format:
-    """The format whose suffix `path` has, the longest that fits, if `allowed` lists it."""
+    """Return the format with the longest suffix that matches `path`, if `allowed` lists that
+    suffix."""
     name = f"/{path.name.lower()}"
     fitting = [
         (len(suffix), suffix, module)
@@ -207,12 +214,12 @@ def _by_suffix(path: Path, allowed: tuple[str, ...]) -> Format:
 
 
 def _head(path: Path) -> bytes:
-    """First bytes of a plain file, none of a folder."""
+    """Return the first bytes of a plain file, or none for a folder."""
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
             return b""
-        if not stat.S_ISREG(mode):  # a pipe would wait, a device never end
+        if not stat.S_ISREG(mode):  # opening a pipe may block, a device has no end
             raise FormatError(str(path), "neither file nor folder", "a capture file")
         with path.open("rb") as file:
             return file.read(_HEAD)

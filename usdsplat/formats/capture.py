@@ -1,4 +1,4 @@
-"""What a reader hands over: the splats, and what the file said or left unsaid about them."""
+"""The result of reading a capture file: splats and metadata."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from usdsplat.core.cloud import SplatCloud
 
 UNKNOWN_AXES = "the file does not say where its axes point: 'rdf' is assumed, else try 'rub'"
-"""A note of every reader whose files have no word on it."""
+"""Note of readers whose format does not state the axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -17,24 +17,25 @@ class Capture:
     """A capture file in memory."""
 
     cloud: SplatCloud
-    """The splats, every encoding undone, in the file's own frame and order."""
+    """The splats, decoded, in the file's own axes and order."""
     format: str
-    """Format and version, for people: "PLY", "SPZ 2"."""
+    """Format and version for display: "PLY", "SPZ 2"."""
     files: tuple[Path, ...]
-    """What was read: one file, or those of an unpacked SOG that its `meta.json` names, and that."""
+    """Files that were read: one, or `meta.json` of an unpacked SOG and the files it names."""
     frame: str
-    """Where x, y and z point (`core.axes`): as the file says, else as files of its kind do."""
+    """Directions of x, y and z (`core.axes`): as the file states, or else as is customary for its
+    format."""
     antialiased: bool = False
     """Whether the capture was trained with the antialiased (mip) projection."""
     color_space: str = "srgb_rec709_scene"
     """Colour space of the radiance, a token of USD's ColorSpaceAPI."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)
-    """Field of the cloud -> how far its values may be from those that were encoded; fields that are
-    not listed were stored as floats."""
+    """Maximum error of the encoding, by field of the cloud; fields that are not listed were stored
+    as floats."""
     notes: tuple[str, ...] = ()
-    """What a careful reader would want to be told, a sentence each."""
+    """Findings about the file that a user should know, one sentence each."""
 
     @property
     def states_frame(self) -> bool:
-        """Whether the file, or what its format demands, says where its axes point."""
+        """Whether the file or its format states the directions of the axes."""
         return UNKNOWN_AXES not in self.notes

@@ -16,14 +16,14 @@ from usdsplat.core.sh import coefficient_count
 from usdsplat.formats.options import ReadOptions
 
 BLOCK = 16384
-"""Rows that readers decode at a time, so that temporaries stay in the cache."""
+"""Number of rows decoded at a time, so that temporaries stay in the cache."""
 
 Namer = Callable[[str, int], str]
-"""(field of the cloud, flat column) -> the file's own name of that property."""
+"""Function (field of the cloud, flat column) -> the file's name of that property."""
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Rows 0 to `count` in slices of `BLOCK`."""
+    """Yield rows 0 to `count` in slices of `BLOCK`."""
     for start in range(0, count, BLOCK):
         yield slice(start, min(start + BLOCK, count))
 
@@ -33,7 +33,7 @@ def _nobody(_rows: int) -> None:
 
 
 def threads() -> ThreadPoolExecutor:
-    """Return a pool of one thread per processor, at most 8: more would wait for memory."""
+    """Return a pool of one thread per processor, at most 8: memory bandwidth limits more."""
     return ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
 
 
@@ -47,7 +47,7 @@ def in_parallel(
     """Call `work` for each block of rows 0 to `count`, on all processors.
 
     NumPy's loops release the GIL, so threads run in parallel. `told` is called in the caller's
-    thread with the number of rows that are done.
+    thread with the number of finished rows.
 
     Raises:
         Exception: The first that `work` raised, in the order of the rows.
@@ -63,7 +63,7 @@ def _field_name(field: str, _column: int) -> str:
 
 
 class CloudBuilder:
-    """Uninitialised arrays of a cloud; rows are filled and settled in any order, by any thread.
+    """A cloud under construction; any thread may fill and settle rows, in any order.
 
     Create it only after checking that the file is long enough for `count` splats: a header alone
     must not cause an allocation.
@@ -96,16 +96,17 @@ class CloudBuilder:
                     raise self._not_finite(field, rows, flat, name)
                 self._nonfinite[rows] |= ~flat.all(axis=1)
         quaternions = self.rotations[rows]
-        with np.errstate(invalid="ignore"):  # rows that are not finite go
+        with np.errstate(invalid="ignore"):  # rows that are not finite are dropped in `cloud`
             self._zero[rows] = ~quaternions.any(axis=1)
             quaternions[:] = quaternion.normalize(quaternions)
 
     def settle_linear(self, rows: slice, name: Namer = _field_name) -> None:
-        """Settle rows of a file that stores scales, not their logarithms, so that a scale may be
-        negative: such a splat counts as one with a number that is not finite.
+        """Settle rows of a format that stores linear scales, which may therefore be negative.
+
+        A splat with a negative scale is treated like one with a number that is not finite.
 
         Raises:
-            FormatError: As `settle` does, and at the first negative scale.
+            FormatError: As for `settle`, and for the first negative scale.
         """
         scales = self.scales[rows]
         negative = scales < 0
@@ -118,7 +119,7 @@ class CloudBuilder:
         self.settle(rows, name)
 
     def cloud(self) -> tuple[SplatCloud, tuple[str, ...]]:
-        """The finished cloud, less the splats that cannot be drawn, and notes if there were any."""
+        """Return the cloud without the splats that cannot be drawn, and notes on those."""
         kinds = {"their rotation is zero": self._zero & ~self._nonfinite}
         kinds["a number of theirs is not finite"] = self._nonfinite
         counts = {why: int(np.count_nonzero(rows)) for why, rows in kinds.items()}
@@ -135,7 +136,7 @@ class CloudBuilder:
     def _not_finite(
         self, field: str, rows: slice, finite: npt.NDArray[np.bool_], name: Namer
     ) -> FormatError:
-        """The first number of a field that is not; `finite` has a row for each of `rows`."""
+        """Return an error for the first number that is not finite; `finite` has one row per row."""
         row = int(np.argmin(finite.all(axis=1)))
         column = int(np.argmin(finite[row]))
         found = getattr(self, field)[rows].reshape(len(finite), -1)[row, column]

@@ -1,4 +1,4 @@
-"""Unpacking that stops where the file's own counts say, however much more there is."""
+"""Decompress gzip and zstd streams up to a size that the file's own counts imply."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import BinaryIO, cast
 from usdsplat.core.errors import FormatError
 
 TRUSTED_COUNT = 1 << 19
-"""Splats that a compressed file of any size may claim (degree 4: 180 MB in memory)."""
+"""Number of splats that any compressed file may claim (degree 4: 180 MB in memory)."""
 BYTES_PER_SPLAT = 2
-"""Above `TRUSTED_COUNT`, bytes of file that each splat must have: real captures take 7 or more."""
+"""Above `TRUSTED_COUNT`, minimum number of file bytes per splat; real captures take 7 or more."""
 
 _INPUT = 1 << 16
 _OUTPUT = 1 << 20
-_GZIP = 31  # window bits: a header of gzip, and the longest window
+_GZIP = 31  # window bits: gzip header and the longest window
 _MAX_WINDOW = 1 << 27  # zstd's own default limit
 
 
 def check_count(source: str, count: int, file_bytes: int) -> None:
-    """Refuse counts that a file of this size holds only if it was made to fill memory.
+    """Raise an error for a count that only a file made to exhaust memory would have.
 
     Raises:
-        FormatError: If `count` is past `TRUSTED_COUNT` and below `BYTES_PER_SPLAT`.
+        FormatError: If `count` exceeds `TRUSTED_COUNT` and one splat per `BYTES_PER_SPLAT` bytes.
     """
     most = max(TRUSTED_COUNT, file_bytes // BYTES_PER_SPLAT)
     if count > most:
@@ -31,17 +31,19 @@ def check_count(source: str, count: int, file_bytes: int) -> None:
 
 
 class Inflater(ABC):
-    """A compressed stream read forward, never further than asked; `source` names it in errors."""
+    """A compressed stream that is read forward and never further than requested.
+
+    `source` names it in error messages."""
 
     def __init__(self, source: str) -> None:
         self._source = source
 
     @abstractmethod
     def _next(self, limit: int) -> bytes:
-        """At most `limit` further bytes; none only at the end of the stream."""
+        """Return at most `limit` further bytes; none only at the end of the stream."""
 
     def read(self, size: int, what: str) -> bytes:
-        """Exactly `size` bytes; memory grows with what arrives, not with `size`.
+        """Read exactly `size` bytes; memory grows with the data that arrives, not with `size`.
 
         Raises:
             FormatError: If the stream is damaged or ends before; `what` says what is missing.
@@ -49,7 +51,7 @@ class Inflater(ABC):
         return b"".join(self.pieces(size, _OUTPUT, what))
 
     def pieces(self, size: int, step: int, what: str) -> Iterator[bytes]:
-        """`size` bytes in pieces of `step`, the last one shorter.
+        """Yield `size` bytes in pieces of `step`, the last one shorter.
 
         Raises:
             FormatError: If the stream is damaged or ends before; `what` says what is missing.
@@ -62,7 +64,7 @@ class Inflater(ABC):
             yield piece
 
     def read_up_to(self, size: int) -> bytes:
-        """`size` bytes, or as many as there are before the end of the stream."""
+        """Read `size` bytes, or fewer at the end of the stream."""
         found: list[bytes] = []
         left = size
         while left and (piece := self._next(min(left, _OUTPUT))):
@@ -71,10 +73,10 @@ class Inflater(ABC):
         return found[0] if len(found) == 1 else b"".join(found)
 
     def expect_end(self, what: str) -> None:
-        """Check that nothing follows `what`.
+        """Raise an error if data follows `what`.
 
         Raises:
-            FormatError: If the stream goes on, or its checksum is wrong.
+            FormatError: If the stream continues, or its checksum is wrong.
         """
         if self._next(1):
             raise FormatError(self._source, f"more data after {what}", "the end of the stream")
@@ -86,9 +88,11 @@ class Gunzip(Inflater):
     def __init__(self, source: str, file: BinaryIO) -> None:
         super().__init__(source)
         self._file = file
-        from isal import isal_zlib  # zlib's interface, and twice as fast
+        # Zlib's interface at twice the speed.
+        from isal import isal_zlib
 
-        self._error = cast(type[Exception], isal_zlib.error)  # its stubs say an instance
+        # Its type stubs wrongly declare an instance.
+        self._error = cast(type[Exception], isal_zlib.error)
         self._stream = isal_zlib.decompressobj(wbits=_GZIP)
 
     def _next(self, limit: int) -> bytes:
@@ -106,7 +110,7 @@ class Gunzip(Inflater):
 
 
 class Unzstd(Inflater):
-    """One zstd frame."""
+    """A zstd frame."""
 
     def __init__(self, source: str, data: bytes) -> None:
         import zstandard

@@ -1,4 +1,4 @@
-"""JSON of any shape in, checked values out: what files say must not surprise their readers."""
+"""Parse untrusted JSON into checked values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def parse_object(where: str, text: bytes) -> Mapping[str, Any]:
     """Parse a JSON object; the caller has bounded the length of `text`.
 
     Raises:
-        FormatError: If it is not JSON, or JSON of another kind.
+        FormatError: If it is not JSON, or not an object.
     """
     try:
         value = json.loads(text)
@@ -27,7 +27,7 @@ def parse_object(where: str, text: bytes) -> Mapping[str, Any]:
 
 
 def an_object(where: str, value: Any) -> Mapping[str, Any]:
-    """`value`, if it is an object.
+    """Return `value` if it is an object.
 
     Raises:
         FormatError: If it is not.
@@ -38,7 +38,7 @@ def an_object(where: str, value: Any) -> Mapping[str, Any]:
 
 
 def a_list(where: str, value: Any) -> list[Any]:
-    """`value`, if it is a list.
+    """Return `value` if it is a list.
 
     Raises:
         FormatError: If it is not.
@@ -49,7 +49,7 @@ def a_list(where: str, value: Any) -> list[Any]:
 
 
 def whole(where: str, value: Any, least: int, most: int) -> int:
-    """`value`, if it is a whole number in a range.
+    """Return `value` if it is a whole number in a range.
 
     Raises:
         FormatError: If it is not.
@@ -60,7 +60,7 @@ def whole(where: str, value: Any, least: int, most: int) -> int:
 
 
 def numbers(where: str, value: Any, length: int, *, largest: float) -> F64:
-    """`value`, if it is a list of `length` numbers of at most that magnitude.
+    """Return `value` as an array if it is `length` numbers of at most that magnitude.
 
     Raises:
         FormatError: If it is not.
@@ -69,13 +69,13 @@ def numbers(where: str, value: Any, length: int, *, largest: float) -> F64:
     if len(items) != length:
         raise FormatError(where, f"{len(items)} values", f"{length} numbers")
     for item in items:
-        # False for NaN; whole numbers of JSON may be of any size.
+        # NaN fails the comparison; integers in JSON may have any size.
         if type(item) not in (int, float) or not abs(item) <= largest:
             raise FormatError(where, show(item), f"a number of at most {largest:g}")
     return np.array(items, np.float64)
 
 
 def show(value: Any) -> str:
-    """A value of JSON as it may stand in a sentence."""
+    """Return a JSON value, shortened for an error message."""
     text = reprlib.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""What a caller may ask of a reader or a writer."""
+"""Options of readers and writers."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from usdsplat.core.cloud import F32
 from usdsplat.core.progress import Progress, silent
 
 Empty = Callable[[tuple[int, ...]], F32]
-"""Gives an array of a shape whose values are about to be written."""
+"""Function that returns an uninitialised float32 array of a shape."""
 
 SPZ_VERSIONS = (3, 4)
-"""Of SPZ that can be written."""
+"""Versions of SPZ that can be written."""
 
 
 def _empty(shape: tuple[int, ...]) -> F32:
@@ -23,34 +23,34 @@ def _empty(shape: tuple[int, ...]) -> F32:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions:
-    """How a capture is read."""
+    """Options for reading a capture."""
 
     drop_nonfinite: bool = False
-    """Leave out splats with a number that is not finite instead of refusing the file."""
+    """Drop splats with a number that is not finite, instead of rejecting the file."""
     lod: int = 0
-    """Level of a capture that has several, 0 the finest; others have no further level."""
+    """Level of detail to read, 0 being the finest; formats without levels have only level 0."""
     empty: Empty = _empty
-    """Where the arrays of the cloud come from: a caller may want them in memory of its own."""
+    """Allocator of the cloud's arrays, for callers that provide their own memory."""
     progress: Progress = silent
-    """Told how many splats are read."""
+    """Receives the number of splats read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WriteOptions:
-    """How a capture is written."""
+    """Options for writing a capture."""
 
     antialiased: bool = False
     """Whether the splats are meant for the antialiased (mip) projection."""
     frame: str | None = None
-    """Where x, y and z of the cloud point (`core.axes`), for formats that can say so; None if that
-    is not known."""
+    """Directions of x, y and z of the cloud (`core.axes`), for formats that can state them; None if
+    unknown."""
     spz_version: int = 4
     """Version of SPZ: one of `SPZ_VERSIONS`."""
     progress: Progress = silent
-    """Told how many splats are written."""
+    """Receives the number of splats written."""
 
 
 READ_OPTIONS = ReadOptions()
-"""As readers read unless they are told otherwise."""
+"""Default options of readers."""
 WRITE_OPTIONS = WriteOptions()
-"""As writers write unless they are told otherwise."""
+"""Default options of writers."""

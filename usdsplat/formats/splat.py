@@ -1,11 +1,11 @@
-"""antimatter15's .splat: 32 bytes a splat and nothing else, no header, no harmonics.
+"""antimatter15's .splat: 32 bytes a splat, without a header or harmonics.
 
-Centres and scales are floats; colour, opacity and rotation are bytes. A file has no mark by which
-it could be known, so that its name decides. Lossy: see `ERROR_BOUNDS`; harmonics above degree 0,
-identities and velocities have no place there.
+Positions and scales are floats; colour, opacity and rotation are bytes. The content has no mark, so
+the name identifies the format. Lossy: see `ERROR_BOUNDS`. Harmonics above degree 0, ids and
+velocities are not stored.
 
-Source: antimatter15/splat, whose `convert.py` defines the layout. It cuts the fractions of bytes
-off where this module rounds, which halves the error; both decode alike.
+Source: antimatter15/splat, whose `convert.py` defines the layout. It truncates bytes where this
+module rounds, which halves the error; both are decoded alike.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ RECORD = np.dtype(
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that is not empty has the name of one: its content has no mark."""
+    """Return whether a file is not empty and has the suffix: its content has no mark."""
     return bool(head) and path.name.lower().endswith(SUFFIXES)
 
 
@@ -48,8 +48,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read all records.
 
     Raises:
-        FormatError: If the file is no whole number of records, a number in it is not finite or a
-            scale is negative.
+        FormatError: If the file is not a whole number of records, a number in it is not finite, or
+            a scale is negative.
     """
     source, size = str(path), path.stat().st_size
     count, rest = divmod(size, RECORD.itemsize)
@@ -60,7 +60,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         for rows in blocks(count):
             wanted = (rows.stop - rows.start) * RECORD.itemsize
             data = file.read(wanted)
-            if len(data) < wanted:  # somebody cut the file since
+            if len(data) < wanted:  # the file was truncated in the meantime
                 raise FormatError(source, f"an end after splat {rows.start}", f"{count} splats")
             _decode(builder, rows, np.frombuffer(data, RECORD))
             builder.settle_linear(rows)
@@ -77,18 +77,19 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
 
 def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
-    """Write the splats that matter most first, as viewers that show a part of a file expect.
+    """Write the most visible splats first, as viewers that show files progressively expect.
 
     Args:
         cloud: Splats; colours outside 0 to 1 are clamped.
         path: Target, replaced when the file is complete.
-        how: Only its progress matters: the file can say nothing about itself.
+        how: Only its progress is used: the format has no metadata.
 
     Returns:
-        What that costs, field by field, as a `Capture` has it.
+        Error bounds, in the form of `Capture.error_bounds`.
 
     Raises:
-        OutputError: If nothing can be written there, or there is no splat: an empty file is none.
+        OutputError: If the target cannot be written, or the cloud is empty: an empty file is
+        invalid.
     """
     if not len(cloud):
         raise OutputError(str(path), "no splat to write", "at least one")
@@ -101,7 +102,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
 
 
 def _decode(builder: CloudBuilder, rows: slice, records: npt.NDArray[np.void]) -> None:
-    """Fill some rows; a rotation of zero length, which no writer makes, is left out later."""
+    """Decode some rows; splats with a zero rotation, which no writer makes, are dropped later."""
     builder.positions[rows] = records["position"]
     builder.scales[rows] = records["scale"]
     rgba = records["rgba"] / np.float32(255)
@@ -111,7 +112,7 @@ def _decode(builder: CloudBuilder, rows: slice, records: npt.NDArray[np.void]) -
 
 
 def _encode(cloud: SplatCloud, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.void]:
-    """Records of some splats."""
+    """Return the records of some splats."""
     records = np.empty(len(rows), RECORD)
     records["position"] = cloud.positions[rows]
     records["scale"] = cloud.scales[rows]
@@ -123,5 +124,5 @@ def _encode(cloud: SplatCloud, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.voi
 
 
 def _weight(cloud: SplatCloud) -> F64:
-    """Volume times opacity, in float64 because products of scales leave float32."""
+    """Return volume times opacity, in float64 because products of scales overflow float32."""
     return np.prod(cloud.scales.astype(np.float64), axis=1) * cloud.opacities

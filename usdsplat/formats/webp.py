@@ -1,4 +1,4 @@
-"""Lossless WebP images as arrays of bytes, their size known before they are unpacked.
+"""Decode and encode lossless WebP images as arrays of bytes.
 
 Source: the RIFF container and the VP8L bit stream as Google specifies them.
 """
@@ -19,14 +19,14 @@ _ANIMATED = 0x02
 _VP8L_SIGNATURE = 0x2F
 
 LONGEST_SIDE = 16383
-"""Pixels that an encoder takes."""
+"""Maximum width and height of an image [pixel]."""
 
 
 def image_size(where: str, data: bytes) -> tuple[int, int]:
-    """Width and height [pixel] that a lossless WebP declares; nothing is unpacked.
+    """Return the declared width and height [pixel] of a lossless WebP without decoding it.
 
     Raises:
-        FormatError: If `data` is no lossless still WebP; `where` names it.
+        FormatError: If `data` is not a lossless still WebP; `where` names it.
     """
     if data[:4] != b"RIFF" or data[8:12] != b"WEBP":
         raise FormatError(where, f"{data[:12]!r} at the start", "a WebP image")
@@ -50,9 +50,9 @@ def image_size(where: str, data: bytes) -> tuple[int, int]:
 
 
 def decode(where: str, data: bytes) -> npt.NDArray[np.uint8]:
-    """Pixels in rows from the top, shape (height * width, 4), red green blue alpha.
+    """Decode pixels in rows from the top, shape (height * width, 4), RGBA.
 
-    Check `image_size` first: this allocates what the image declares.
+    Check `image_size` first: this function allocates the declared size.
 
     Raises:
         FormatError: If the data is damaged.
@@ -67,10 +67,10 @@ def decode(where: str, data: bytes) -> npt.NDArray[np.uint8]:
 
 
 def encode(pixels: npt.NDArray[np.uint8]) -> bytes:
-    """Losslessly, colours of transparent pixels included.
+    """Encode pixels losslessly, colours of transparent pixels included.
 
     Args:
-        pixels: Red green blue alpha, shape (height, width, 4), sides of 1 to `LONGEST_SIDE`.
+        pixels: RGBA, shape (height, width, 4), sides of 1 to `LONGEST_SIDE`.
     """
     from PIL import Image
 
@@ -80,10 +80,10 @@ def encode(pixels: npt.NDArray[np.uint8]) -> bytes:
 
 
 def size_for(count: int) -> tuple[int, int]:
-    """Width and height [pixel] of a nearly square image of at least `count` pixels.
+    """Return width and height [pixel] of a nearly square image of at least `count` pixels.
 
     Raises:
-        ValueError: If no image has so many.
+        ValueError: If `count` exceeds the largest image.
     """
     if count > LONGEST_SIDE**2:
         raise ValueError(f"count: found {count} pixels, expected at most {LONGEST_SIDE**2}")

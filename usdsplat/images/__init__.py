@@ -1,4 +1,4 @@
-"""Pictures to files, by OpenImageIO, and the colour spaces they are in."""
+"""Write pictures with OpenImageIO, and convert colour spaces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 ColorMode = Literal["display", "scene"]
 
 COLOR_MODES: dict[str, ColorMode] = {".exr": "scene", ".png": "display"}
-"""Every suffix we write -> the colour mode a picture of that kind is expected in."""
+"""Suffix -> default colour mode of pictures in this format."""
 
 
 def open_writer(path: Path | str, layout: ImageLayout) -> ImageWriter:
@@ -22,9 +22,9 @@ def open_writer(path: Path | str, layout: ImageLayout) -> ImageWriter:
 
     Raises:
         UnknownFormatError: If no writer has this suffix.
-        UsageError: If the format cannot hold what the layout asks for.
+        UsageError: If the format cannot hold the layout.
     """
-    # OpenImageIO is loaded where a file is written, not where a colour space is looked up.
+    # OpenImageIO is imported only when a file is written, not to look up a colour space.
     if _suffix(path) == ".exr":
         from usdsplat.images.exr import ExrWriter
 
@@ -44,7 +44,7 @@ def default_color_mode(path: Path | str) -> ColorMode:
 
 
 def limit_threads(count: int) -> None:
-    """Let all writers of this process together use `count` threads, where they take all else."""
+    """Limit all writers of this process together to `count` threads; the default is all."""
     import OpenImageIO
 
     OpenImageIO.attribute("threads", count)
@@ -52,14 +52,14 @@ def limit_threads(count: int) -> None:
 
 
 def thread_count() -> int:
-    """How many threads one reader or writer uses, as `limit_threads` or OpenImageIO left it."""
+    """Return the number of threads of a reader or writer, set by `limit_threads` or OpenImageIO."""
     import OpenImageIO
 
     return max(1, OpenImageIO.get_int_attribute("exr_threads"))
 
 
 def _suffix(path: Path | str) -> str:
-    """The suffix in lower case, if it is one we write."""
+    """Return the suffix in lower case, if there is a writer for it."""
     suffix = Path(path).suffix.lower()
     if suffix not in COLOR_MODES:
         raise UnknownFormatError(

@@ -1,7 +1,7 @@
-"""What may be in a picture besides its colour, and what each thing means in a file.
+"""The AOVs of pictures: names, channels, precision and meaning.
 
-One entry of `AOVS` says how an AOV is called when it is asked for, which EXR channels it fills, how
-exactly it must be kept, and its meaning, which goes into the file beside it.
+An entry of `AOVS` has the name of an AOV, its EXR channels, its precision, and its meaning, which
+is written to the file's header.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from usdsplat.core.errors import UsageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aov:
-    """One output of a render."""
+    """An AOV: one output of a render."""
 
     name: str
-    """The name it is asked for by, and its key in a band of pixels."""
+    """Name in requests, and key in a band of pixels."""
     hydra: str
-    """What a renderer calls it."""
+    """Name in the renderer (Hydra's, where it has one)."""
     channels: tuple[str, ...]
-    """EXR channels, in the order of the array's last axis; one channel has no such axis."""
+    """EXR channels, in the order of the array's last axis; with one channel there is no such
+    axis."""
     kind: Literal["color", "data", "id"]
-    """Colour may be kept as half; data is float32; ids are uint32, in a part of their own."""
+    """Colour may be stored as half; data is float32; ids are uint32, in a separate part."""
     meaning: str
-    """One sentence for whoever opens the file."""
+    """Meaning in one sentence, for the file's header."""
 
 
 _ALL = (
@@ -43,23 +44,23 @@ _ALL = (
         channels=("Z",),
         kind="data",
         meaning="planar camera depth at which half of the pixel's coverage, surfaces included, is "
-        "passed; inf where nothing is",
+        "reached; inf in empty pixels",
     ),
     Aov(
         name="Zfront",
         hydra="depthFront",
         channels=("Zfront",),
         kind="data",
-        meaning="planar camera depth of the first thing that adds 1/255 or more to the pixel's "
-        "coverage; inf where nothing is",
+        meaning="planar camera depth of the first splat or surface that adds 1/255 or more to the "
+        "pixel's coverage; inf in empty pixels",
     ),
     Aov(
         name="Zexp",
         hydra="depthExpected",
         channels=("Zexp",),
         kind="data",
-        meaning="mean planar camera depth, weighted by what each thing adds to the pixel's "
-        "coverage; inf where nothing is",
+        meaning="mean planar camera depth, weighted by contributions to the pixel's coverage; inf "
+        "in empty pixels",
     ),
     Aov(
         name="N",
@@ -67,14 +68,14 @@ _ALL = (
         channels=("N.x", "N.y", "N.z"),
         kind="data",
         meaning="unit normal in camera space (x right, y up, z towards the eye), the mean weighted "
-        "by what each thing adds to the pixel's coverage; 0 where nothing is",
+        "by contributions to the pixel's coverage; 0 in empty pixels",
     ),
     Aov(
         name="P",
         hydra="P",
         channels=("P.x", "P.y", "P.z"),
         kind="data",
-        meaning="world position at Z, in scene units; 0 where nothing is",
+        meaning="world position at Z, in scene units; 0 in empty pixels",
     ),
     Aov(
         name="albedo",
@@ -89,63 +90,61 @@ _ALL = (
         hydra="motionForward",
         channels=("forward.u", "forward.v"),
         kind="data",
-        meaning="pixels that what holds Z moves until the next frame; u right, v up; 0 where "
-        "nothing is",
+        meaning="motion of the splat or surface at Z until the next frame, in pixels; u right, "
+        "v up; 0 in empty pixels",
     ),
     Aov(
         name="backward",
         hydra="motionBackward",
         channels=("backward.u", "backward.v"),
         kind="data",
-        meaning="pixels that what holds Z has moved since the previous frame; u right, v up; 0 "
-        "where nothing is",
+        meaning="motion of the splat or surface at Z since the previous frame, in pixels; u right, "
+        "v up; 0 in empty pixels",
     ),
     Aov(
         name="cryptoObject",
         hydra="cryptoObject",
         channels=tuple(f"cryptoObject{rank:02}.{c}" for rank in range(3) for c in "RGBA"),
         kind="data",
-        meaning="Cryptomatte of prim paths: hash and coverage of the six prims that cover most of "
-        "the pixel, most first",
+        meaning="Cryptomatte of prim paths: hash and coverage of the six prims with the largest "
+        "coverage of the pixel, in descending order",
     ),
     Aov(
         name="id",
         hydra="primId",
         channels=("id",),
         kind="id",
-        meaning="number of the prim that holds Z, its place in usdsplat:ids; 4294967295 where "
-        "nothing is",
+        meaning="index in usdsplat:ids of the prim at Z; 4294967295 in empty pixels",
     ),
     Aov(
         name="instanceId",
         hydra="instanceId",
         channels=("instanceId",),
         kind="id",
-        meaning="number in its point instancer of the instance that holds Z; 4294967295 where "
-        "nothing is",
+        meaning="index in its point instancer of the instance at Z; 4294967295 in empty pixels",
     ),
     Aov(
         name="splatId",
         hydra="elementId",
         channels=("splatId",),
         kind="id",
-        meaning="row in the prim's arrays of the splat that holds Z, or face of the mesh that "
-        "does; 4294967295 where nothing is",
+        meaning="row in the prim's arrays of the splat at Z, or face of the mesh at Z; 4294967295 "
+        "in empty pixels",
     ),
 )
 
 AOVS = {aov.name: aov for aov in _ALL}
-"""Every AOV that a file can hold, by name."""
+"""AOVs by name."""
 
 
 _BY_EITHER_NAME = {aov.hydra: aov for aov in _ALL} | AOVS
 
 
 def find_aovs(names: Sequence[str], *, where: str = "AOVs") -> tuple[Aov, ...]:
-    """Return the AOVs called `names`, in a file's words or a renderer's, in that order.
+    """Return the AOVs called `names`, names of files or of the renderer, in that order.
 
     Raises:
-        UsageError: If one is unknown, asked for twice, or there is none at all.
+        UsageError: If a name is unknown or repeated, or there is none.
     """
     for name in names:
         if name not in _BY_EITHER_NAME:

@@ -1,8 +1,8 @@
-"""The camera of a picture as header entries that compositing packages know.
+"""Describe the camera of a picture in header entries that compositing packages know.
 
-OpenEXR's matrices are for row vectors. Its camera space is left-handed (x right, y up, z the way
-the camera looks), and its normalised device coordinates go from (0, 0) at the top left of the
-display window to (1, 1) at the bottom right.
+OpenEXR's matrices are for row vectors. Its camera space is left-handed (x right, y up, z in viewing
+direction). Its normalised device coordinates go from (0, 0) at the top left of the display window
+to (1, 1) at the bottom right.
 
 Source: OpenEXR's standard attributes worldToCamera, worldToNDC, screenWindowCenter and -Width.
 """
@@ -26,11 +26,11 @@ def camera_metadata(
     """Return the entries for `ImageLayout.metadata`.
 
     Args:
-        world_to_camera: 16 numbers, row-major, for column vectors; a USD camera, which looks down
-            -Z with +Y up [scene unit].
-        window: (left, bottom, right, top) that the display window shows: at distance 1 from the
-            eye, or in scene units for an orthographic camera.
-        orthographic: Whether it is one.
+        world_to_camera: 16 numbers, row-major, for column vectors, of a USD camera, which looks
+            down -Z with +Y up [scene unit].
+        window: (left, bottom, right, top) of the display window: at distance 1 from the eye, or in
+            scene units for an orthographic camera.
+        orthographic: Whether the camera is orthographic.
     """
     left, bottom, right, top = window
     camera = np.reshape(np.asarray(world_to_camera, np.float64), (4, 4))
@@ -45,7 +45,7 @@ def camera_metadata(
 
 
 def _to_ndc(window: tuple[float, float, float, float], orthographic: bool) -> F64:
-    """Camera space to normalised device coordinates, column vectors; z keeps it invertible."""
+    """Return the matrix from camera space to NDC, column vectors; row z keeps it invertible."""
     left, bottom, right, top = window
     width, height = right - left, top - bottom
     if orthographic:
@@ -56,5 +56,5 @@ def _to_ndc(window: tuple[float, float, float, float], orthographic: bool) -> F6
 
 
 def _row_vectors(matrix: F64) -> tuple[float, ...]:
-    """A matrix for column vectors as EXR spells it."""
+    """Convert a matrix for column vectors to EXR's form."""
     return tuple(matrix.T.ravel().tolist())

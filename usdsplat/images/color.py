@@ -1,14 +1,15 @@
-"""RGB colour spaces by their Gf names, and the thirteen numbers that take one to another.
+"""Convert between RGB colour spaces, which have their Gf names.
 
-A capture's coefficients are numbers in the space it was trained in, and a picture is wanted in
-some other one. Both ends of that path, splats in a kernel and pixels in a file, need the same three
-steps: undo the source's transfer curve, multiply by a matrix, apply the target's curve.
-`conversion` packs them in one small array that a kernel can take.
+The coefficients of a capture are in the colour space it was trained in; a picture may be in
+another. Splats in kernels and pixels in files need the same three steps: invert the source's
+transfer curve, multiply by a matrix, apply the target's curve. `conversion` packs them in an array
+of thirteen numbers for kernels.
 
-The curve of a space is given by `gamma` g and `linear_bias` a, as in USD's `GfColorSpace`: an
-encoded t is linear `((t + a) / (1 + a)) ** g` at and above `a / (g - 1)`, and below on the straight
-line through 0 that meets the power there. The line also carries negative values; without a bias its
-slope is 1, so a pure power leaves negative values as they are. Values above 1 are not clamped.
+A transfer curve has a `gamma` g and a `linear_bias` a, as in USD's `GfColorSpace`: an encoded t is
+linear `((t + a) / (1 + a)) ** g` at and above `a / (g - 1)`, and below that on the straight line
+through 0 that meets the power function there. The line also applies to negative values. Without a
+bias its slope is 1, so a pure power function leaves negative values unchanged. Values above 1 are
+not clamped.
 
 Source: OpenUSD's `GfColorSpace` documentation; primaries from ITU-R BT.709 and BT.2020, SMPTE
 EG 432-1, Adobe RGB (1998), SMPTE ST 2065-1 and S-2014-004; adaptation to D65 by Bradford, 1985.
@@ -47,7 +48,7 @@ SRGB = (2.4, 0.055)
 
 @dataclass(frozen=True, slots=True)
 class ColorSpace:
-    """One RGB space; `chromaticities` is None for data, which no conversion changes."""
+    """An RGB colour space; `chromaticities` is None for data, which is never converted."""
 
     chromaticities: Chromaticities | None
     gamma: float = 1.0
@@ -73,17 +74,17 @@ COLOR_SPACES: dict[str, ColorSpace] = {
     "data": ColorSpace(None),
     "identity": ColorSpace(None),
     "unknown": ColorSpace(None),
-    # Written by others, unknown to Gf: the same numbers, said to be meant for a display.
+    # Written by other tools and unknown to Gf: the same numbers, display-referred.
     "srgb_rec709_display": ColorSpace(REC709, *SRGB),
 }
-"""Every space we know, by the token that `ColorSpaceAPI` holds."""
+"""Known colour spaces by their `ColorSpaceAPI` token."""
 
 
 def color_space(name: str, *, where: str = "color space") -> ColorSpace:
-    """Return the space called `name`; `where` names the option or prim that asked, for the error.
+    """Return the space called `name`; `where` names the option or prim in error messages.
 
     Raises:
-        UsageError: If there is none of that name; the message lists those there are.
+        UsageError: If the name is unknown; the message lists the known ones.
     """
     if name not in COLOR_SPACES:
         raise UsageError(where, repr(name), f"one of {', '.join(COLOR_SPACES)}")
@@ -91,18 +92,17 @@ def color_space(name: str, *, where: str = "color space") -> ColorSpace:
 
 
 def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNIT) -> F32:
-    """Return what a kernel needs to take colours from one space to another.
+    """Return the parameters with which kernels convert colours from one space to another.
 
     Args:
-        source: Name of the space that colours are in.
-        target: Name of the space that they are wanted in.
-        grade: 3x3 that changes source-linear RGB on the way, row-major, for column vectors.
+        source: Name of the space of the colours.
+        target: Name of the space of the result.
+        grade: 3x3 matrix applied to source-linear RGB, row-major, for column vectors.
 
     Returns:
         Shape (13,), float32: source gamma, source linear bias, the matrix from source-linear to
-        target-linear RGB (row-major, 9 values), target gamma, target linear bias. All neutral
-        (`is_identity`) where nothing changes, which without a grade is so whenever either end is
-        data.
+        target-linear RGB (row-major, 9 values), target gamma, target linear bias. The result is
+        neutral (`is_identity`) if nothing changes; without a grade also if either space is data.
 
     Raises:
         UsageError: If either name is unknown.
@@ -110,7 +110,7 @@ def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNIT) -> 
     numbers = _numbers(source, target)
     if tuple(grade) == UNIT:
         return np.array(numbers, np.float32)
-    if numbers == _NEUTRAL:  # a grade is of linear colour: there and back again
+    if numbers == _NEUTRAL:  # a grade needs linear colour: decode and encode again
         curve = COLOR_SPACES[source]
         numbers = (curve.gamma, curve.linear_bias, *UNIT, curve.gamma, curve.linear_bias)
     matrix = np.reshape(numbers[2:11], (3, 3)) @ np.reshape(grade, (3, 3))
@@ -118,21 +118,21 @@ def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNIT) -> 
 
 
 def is_identity(numbers: npt.NDArray[np.floating]) -> bool:
-    """Whether a `conversion` changes nothing, so that callers can skip it."""
+    """Return whether a `conversion` changes nothing, so that callers can skip it."""
     return bool(np.array_equal(numbers, np.array(_NEUTRAL, np.float32)))
 
 
 def convert(rgb: npt.ArrayLike, source: str, target: str) -> F64:
-    """Convert colours in plain float64: the reference for the kernels, and for small jobs.
+    """Convert colours in float64: the reference for the kernels, and for small tasks.
 
     Args:
-        rgb: Colours that are not premultiplied, shape (..., 3); negative values and those over 1
+        rgb: Straight (not premultiplied) colours, shape (..., 3); negative values and those above 1
             are legal.
-        source: Name of the space that `rgb` is in.
+        source: Name of the space of `rgb`.
         target: Name of the space of the result.
 
     Returns:
-        Shape (..., 3), float64.
+        Converted colours, shape (..., 3), float64.
 
     Raises:
         UsageError: If either name is unknown.
@@ -143,19 +143,19 @@ def convert(rgb: npt.ArrayLike, source: str, target: str) -> F64:
 
 
 def to_xyz(chromaticities: Chromaticities) -> F64:
-    """Linear RGB to CIE XYZ as seen under D65, column vectors, shape (3, 3)."""
+    """Return the matrix from linear RGB to CIE XYZ under D65, column vectors, shape (3, 3)."""
     d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]
     matrix = _own_xyz(chromaticities)
     return adaptation(matrix.sum(axis=1), d65) @ matrix
 
 
 def luminance(chromaticities: Chromaticities) -> F64:
-    """How much linear red, green and blue give to the luminance, shape (3,), sum 1."""
+    """Return the weights of linear red, green and blue in the luminance, shape (3,), sum 1."""
     return _own_xyz(chromaticities)[1]
 
 
 def adaptation(source: F64, target: F64) -> F64:
-    """CIE XYZ under the white `source` to the same look under `target`, by Bradford, (3, 3)."""
+    """Return the Bradford adaptation of CIE XYZ from white `source` to `target`, (3, 3)."""
     ratio = (BRADFORD @ target) / (BRADFORD @ source)
     return np.linalg.inv(BRADFORD) @ (ratio[:, None] * BRADFORD)
 
@@ -164,7 +164,7 @@ _NEUTRAL = (1.0, 0.0, *UNIT, 1.0, 0.0)
 
 
 def _numbers(source: str, target: str) -> tuple[float, ...]:
-    """`conversion` before it is rounded to float32."""
+    """Return `conversion` before it is rounded to float32."""
     one, two = color_space(source), color_space(target)
     if one == two or one.chromaticities is None or two.chromaticities is None:
         return _NEUTRAL
@@ -173,14 +173,14 @@ def _numbers(source: str, target: str) -> tuple[float, ...]:
 
 
 def _matrix(source: Chromaticities, target: Chromaticities) -> F64:
-    """Linear RGB to linear RGB, shape (3, 3); exactly the unit matrix within one gamut."""
+    """Return the matrix between linear RGB spaces, (3, 3); exactly identity within one gamut."""
     if source == target:
         return np.eye(3)
     return np.linalg.inv(to_xyz(target)) @ to_xyz(source)
 
 
 def _own_xyz(chromaticities: Chromaticities) -> F64:
-    """Linear RGB to CIE XYZ under the space's own white, column vectors, shape (3, 3)."""
+    """Return the matrix from linear RGB to CIE XYZ under the space's own white, shape (3, 3)."""
     xy: F64 = np.array(chromaticities).reshape(4, 2)
     columns = np.stack([xy[:, 0], xy[:, 1], 1 - xy.sum(axis=1)])
     red_green_blue, white = columns[:, :3], columns[:, 3] / xy[3, 1]
@@ -189,7 +189,7 @@ def _own_xyz(chromaticities: Chromaticities) -> F64:
 
 
 def _line(gamma: float, bias: float) -> tuple[float, float]:
-    """Where the straight part of a curve ends (encoded), and its slope encoded / linear."""
+    """Return the end of a curve's straight part (encoded), and its slope encoded / linear."""
     if bias == 0.0:
         return 0.0, 1.0
     end = bias / (gamma - 1.0)
@@ -197,7 +197,7 @@ def _line(gamma: float, bias: float) -> tuple[float, float]:
 
 
 def _decode(encoded: F64, gamma: float, bias: float) -> F64:
-    """Undo a transfer curve."""
+    """Invert a transfer curve."""
     if gamma == 1.0:
         return encoded
     end, slope = _line(gamma, bias)

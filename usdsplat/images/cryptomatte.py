@@ -1,8 +1,8 @@
-"""Cryptomatte: what the pixels of a `crypto…` AOV call a prim, and the header entries beside them.
+"""Cryptomatte: object hashes and header entries of `crypto…` AOVs.
 
-A pixel holds pairs of a prim's number and the part of the pixel that it covers. The number is a
-hash of the prim's path, kept in a float32 channel bit for bit. So its bits must be those of a
-normal number: a hash that would be denormal, infinite or not a number has one bit turned over.
+A pixel holds pairs of a prim's id and the fraction of the pixel that it covers. The id is a hash of
+the prim's path, stored bit for bit in a float32 channel. Its bits must therefore be those of a
+normal number: one bit of a hash that would be denormal, infinite or NaN is flipped.
 
 Source: Cryptomatte specification 1.2 (Friedman, Jones; Psyop 2015-2018). MurmurHash3_x86_32 from
 Appleby's description of the algorithm (2011).
@@ -26,7 +26,7 @@ _ONE, _TWO = 0xCC9E2D51, 0x1B873593
 
 
 def object_hash(name: str) -> np.float32:
-    """Return what pixels call the object `name`: a finite number that is neither 0 nor denormal."""
+    """Return the id of object `name` in pixels: a finite number that is neither 0 nor denormal."""
     return np.float32(struct.unpack("<f", struct.pack("<I", hash_bits(name)))[0])
 
 
@@ -42,7 +42,7 @@ def metadata(layer: str, names: Iterable[str]) -> Metadata:
 
     Args:
         layer: Name of the AOV, such as "cryptoObject".
-        names: Everything that may be in the picture, each once.
+        names: Names of all objects that may be in the picture, each once.
     """
     prefix = f"cryptomatte/{hash_bits(layer):08x}"[:-1]
     manifest = {name: f"{hash_bits(name):08x}" for name in names}

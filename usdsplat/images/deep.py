@@ -1,13 +1,13 @@
-"""Deep EXR files, written band by band: every pixel holds as many samples as it needs.
+"""Write deep EXR files band by band.
 
-One scanline part with channels R G B A Z, and ZBack where samples may be merged ones. Each row is
-packed on its own and goes to the file at once, so memory holds one band.
+A file has one scanline part with channels R G B A Z, and ZBack if samples may be merged. Each row
+is compressed separately and written at once, so memory holds one band.
 
-We write the bytes ourselves, because that was measured to be fastest by far (`benchmarks/deep.py`):
-for 1920x1080 with 15 samples a pixel on two busy cores 1 s uncompressed and 8 s with zips. The
-OpenEXR wheel takes 17 s uncompressed and wants the whole picture as an object for each pixel;
-OpenImageIO's DeepData, which is filled value by value, takes 45 s. Zips makes the samples of splats
-smaller by a third only.
+This module writes the bytes itself, because that is the fastest way by far (`benchmarks/deep.py`):
+1920x1080 with 15 samples a pixel on two busy cores take 1 s uncompressed and 8 s with zips. The
+OpenEXR wheel takes 17 s uncompressed and needs an object for each pixel of the whole picture.
+OpenImageIO's DeepData, which is filled value by value, takes 45 s. Zips reduces the size of splat
+samples by only a third.
 
 Source: OpenEXR's "File Layout" and "Interpreting OpenEXR Deep Pixels".
 """
@@ -57,31 +57,31 @@ MERGED_MEANINGS = {"usdsplat:aov:ZBack": "planar camera depth at which a merged 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DeepBand:
-    """Whole rows of a deep picture. Samples go by row, then by pixel, then from near to far."""
+    """Whole rows of a deep picture; samples are ordered by row, pixel, then near to far."""
 
     counts: npt.NDArray[np.uint32]
-    """Samples of each pixel, shape (rows, width)."""
+    """Number of samples of each pixel, shape (rows, width)."""
     depth: F32
     """Planar camera depth [scene unit], shape (n,)."""
     depth_back: F32
-    """Where a sample ends [scene unit], shape (n,); `depth` itself for one that is not merged."""
+    """Far end of a sample [scene unit], shape (n,); equals `depth` if it is not merged."""
     color: F32
     """Premultiplied linear RGBA, shape (n, 4)."""
 
 
 class DeepWriter:
-    """A deep EXR that is being written: a context manager fed with bands, top to bottom.
+    """Writer of a deep EXR: a context manager that takes bands, top to bottom.
 
     Args:
         path: The file; it appears when the context ends without an error.
-        layout: Size and labels; `pixel_type` half (default) or float is that of R, G, B and A, and
-            `aovs` does not count. Its colour space must be linear.
-        merged: Whether samples may end behind where they start, which adds ZBack.
+        layout: Size and metadata; `pixel_type` half (default) or float applies to R, G, B and A,
+            and `aovs` is ignored. Its colour space must be linear.
+        merged: Whether samples may have an extent in depth, which adds ZBack.
         compression: One of `COMPRESSIONS`.
 
     Raises:
-        UsageError: If the layout or the compression is not one that a deep EXR can hold.
-        OutputError: If the file cannot be made, on entering the context.
+        UsageError: If a deep EXR cannot have this layout or compression.
+        OutputError: If the file cannot be created, on entering the context.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class DeepWriter:
             bottom = self._layout.window[3]
             if self._next_row != bottom:
                 raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
-            # The table of chunks follows the header, in which the highest count had to wait.
+            # The chunk table follows the header, which needs the final maximum sample count.
             start = self._header()
             self._seek(0)
             self._put(start)
@@ -142,13 +142,13 @@ class DeepWriter:
         """Append whole rows.
 
         Args:
-            y0: First row [pixel], in display window coordinates; the row after the last band's.
+            y0: First row [pixel], in display window coordinates; it must follow the last band.
             band: The rows.
 
         Raises:
             OutputError: If the file cannot be written.
-            ValueError: If rows are out of order, arrays do not fit each other or the layout, or the
-                samples of a pixel do not go from near to far.
+            ValueError: If rows are out of order, arrays do not match each other or the layout, or
+                the samples of a pixel are not in order from near to far.
         """
         rows = self._rows_of(y0, band)
         ends = np.cumsum(band.counts.sum(axis=1, dtype=np.int64)).tolist()
@@ -168,7 +168,7 @@ class DeepWriter:
         self._next_row += rows
 
     def _rows_of(self, y0: int, band: DeepBand) -> int:
-        """Check a band; return how many rows it has."""
+        """Check a band and return its number of rows."""
         rows, n = len(band.counts), len(band.depth)
         expected = {
             "counts": f"uint32{(rows, self._layout.shape[1])}",
@@ -189,7 +189,7 @@ class DeepWriter:
         return rows
 
     def _packed(self, y: int, band: DeepBand, row: int, part: slice) -> tuple[bytes, ...]:
-        """One row as the file holds it: where it belongs, counts, samples."""
+        """Return one row in the file's form: row number and sizes, counts, samples."""
         ends = np.cumsum(band.counts[row], dtype="<i4")
         depth = band.depth[part]
         falls = depth[1:] < depth[:-1]
@@ -200,7 +200,7 @@ class DeepWriter:
         color = band.color[part]
         if self._color.itemsize == 2:
             color = np.clip(color, -HALF_MAX, HALF_MAX)
-        # Channels go by name, which is alphabet order: A B G R Z ZBack.
+        # Channels are in alphabetical order: A B G R Z ZBack.
         pieces = [color.T[::-1].astype(self._color, order="C"), depth.astype("<f4", copy=False)]
         if self._merged:
             pieces.append(band.depth_back[part].astype("<f4", copy=False))
@@ -240,8 +240,8 @@ class DeepWriter:
             "chunkCount": ("int", struct.pack("<i", layout.shape[0])),
             "maxSamplesPerPixel": ("int", struct.pack("<i", self._most)),
         }
-        # No deepImageState, which could say that samples are sorted: OpenEXR's own Python package
-        # refuses files that have it.
+        # deepImageState could state that samples are sorted, but OpenEXR's Python package rejects
+        # files that have it.
         return header(attributes | encoded(labels), DEEP)
 
     def _put(self, data: bytes) -> None:

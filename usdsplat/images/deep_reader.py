@@ -1,10 +1,10 @@
-"""Deep EXR files, read as arrays, some rows at a time.
+"""Read deep EXR files as arrays, some rows at a time.
 
-Scanline and tiled parts with any of the compressions that deep files may have (none, rle, zips) are
-read here, because OpenImageIO hands samples to Python one by one: for 1920x1080 with 15 samples a
-pixel that takes 22 s, and this 2 s (none) or 3 s (zips; `benchmarks/deep.py`). Nothing is allocated
-on the word of a header: bytes are unpacked to the size that the counts beside them imply, and
-counts to the size of their row or tile, never beyond.
+This module reads scanline and tiled parts with any compression of deep files (none, rle, zips)
+itself, because OpenImageIO passes samples to Python one by one: for 1920x1080 with 15 samples a
+pixel that takes 22 s, and this module 2 s (none) or 3 s (zips; `benchmarks/deep.py`). Memory is not
+allocated by a header alone: data is decompressed to the size that its counts imply, and counts to
+the size of their row or tile.
 
 Source: OpenEXR's "File Layout".
 """
@@ -43,28 +43,28 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DeepImage:
-    """All samples of a deep picture: by row, then by pixel, then in the order of the file."""
+    """A deep picture; samples are ordered by row, pixel, then as in the file."""
 
     window: Box
-    """(x0, y0, x1, y1) [pixel], end exclusive: the pixels there are."""
+    """Data window (x0, y0, x1, y1) [pixel], end exclusive."""
     display_window: Box
-    """(x0, y0, x1, y1) [pixel], end exclusive."""
+    """Display window (x0, y0, x1, y1) [pixel], end exclusive."""
     offsets: I64
-    """Pixel i, row-major in the window, has the samples offsets[i] to offsets[i + 1]; shape
+    """Pixel i, row-major in the window, has samples offsets[i] to offsets[i + 1]; shape
     (h*w + 1,)."""
     depth: F32
     """Planar camera depth, shape (n,)."""
     depth_back: F32
-    """Where a sample ends, shape (n,); `depth` where the file has no ZBack."""
+    """Far end of a sample, shape (n,); equals `depth` without a channel ZBack."""
     color: F32
-    """Premultiplied RGBA, shape (n, 4); 0 for colours that the file does not have."""
+    """Premultiplied RGBA, shape (n, 4); 0 for channels that the file lacks."""
 
 
 def read_deep(path: Path | str) -> DeepImage:
-    """Return all that the first deep part of a file holds.
+    """Read the first deep part of a file.
 
     Raises:
-        FormatError: If it is no deep EXR, has no Z or A, or is damaged.
+        FormatError: If it is not a deep EXR, has no Z or A, or is damaged.
         OSError: If it cannot be read.
     """
     with DeepFile(path) as file:
@@ -82,10 +82,10 @@ def read_deep(path: Path | str) -> DeepImage:
 
 
 class DeepFile:
-    """The first deep part of an EXR that is open for reading; a context manager.
+    """The first deep part of an open EXR; a context manager.
 
     Raises:
-        FormatError: If it is no deep EXR, or has no Z or A.
+        FormatError: If it is not a deep EXR, or has no Z or A.
         OSError: If it cannot be read.
     """
 
@@ -110,20 +110,20 @@ class DeepFile:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
     def rows(self, y0: int, y1: int, names: tuple[str, ...]) -> tuple[I64, dict[str, F32]]:
-        """Return the samples of whole rows of the data window.
+        """Read the samples of whole rows of the data window.
 
         Args:
             y0: First row [pixel].
             y1: The row after the last; both within `window`.
-            names: Channels; those that the file does not have are left out.
+            names: Channels to read; those that the file lacks are omitted.
 
         Returns:
-            Where the samples of each pixel start and the last ends, shape (rows * width + 1,); and
-            channel -> values, shape (n,).
+            Offsets of the samples of each pixel, shape (rows * width + 1,); and values by channel,
+            shape (n,).
 
         Raises:
             FormatError: If the file is damaged.
@@ -182,7 +182,7 @@ class DeepFile:
         self._chunks = struct.unpack_from(f"<{count}Q", table)
 
     def _chunk(self, column: int, band: int) -> _Chunk:
-        """Read one tile, or one row of a scanline file, which is a tile as wide as the window."""
+        """Read a tile; a row of a scanline file is a tile of the window's width."""
         where, file = self._where, self._file
         x0, y0, x1, y1 = self.window
         width = min(self._tile[0], x1 - x0 - column * self._tile[0])
@@ -199,11 +199,11 @@ class DeepFile:
         return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)
 
     def _lines(self, chunk: _Chunk, names: tuple[str, ...]) -> list[_Line]:
-        """Unpack a chunk: row after row, and in each the channels one after the other."""
+        """Decode a chunk: row by row, and in each row channel by channel."""
         where = self._where
         height, width = chunk.shape
         wanted = 4 * width * height
-        # Where it is not packed, OpenEXR writes the table of a cut tile as long as a whole one's.
+        # For a cropped tile, OpenEXR writes an uncompressed table of a whole tile's length.
         table = unpacked(chunk.table[:wanted], wanted, self._compression, where)
         ends = np.frombuffer(table, "<i4").reshape(height, width).astype(np.int64)
         counts = np.diff(ends, axis=1, prepend=0)
@@ -226,19 +226,19 @@ class DeepFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Chunk:
-    """A tile as the file holds it."""
+    """A tile in its compressed form."""
 
     shape: tuple[int, int]
-    """Rows and columns."""
+    """Number of rows and columns."""
     table: bytes
     samples: bytes
     size: int
-    """Of the samples when they are unpacked."""
+    """Size of the decompressed samples [byte]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Line:
-    """A row of a tile."""
+    """A row of a tile, decoded."""
 
     counts: I64
     values: dict[str, F32]

@@ -1,17 +1,17 @@
-"""OpenEXR files, written band by band: colour and data in one part, ids in another; or many parts.
+"""Write OpenEXR files band by band.
 
-Colour may be half; data channels beside it stay float32 in the same part, because EXR keeps a type
-for each channel. Colour that half cannot hold is clamped to +-65504, its largest number: an
-infinite pixel would spread through every filter that the picture goes through.
+Colour and data share a part and ids have their own, or each AOV has one. Colour may be half; data
+channels in the same part stay float32, because EXR has a type per channel. Colour beyond the range
+of half is clamped to +-65504, its largest number: an infinite pixel would spread through every
+filter.
 
-Ids are uint32 in a part of their own, written from uint32 arrays: on the way through a float buffer
-every id above 2^24 would change. dwaa and dwab lose a little wherever a channel is called R, G or
-B, whatever it holds, so Cryptomatte, whose numbers must not change by a bit, leaves their part for
-one with zip.
+Ids are uint32 in a separate part, written from uint32 arrays: in a float buffer, every id above
+2^24 would change. dwaa and dwab are lossy for every channel named R, G or B. Cryptomatte, whose
+numbers must stay exact, is then moved to a separate part with zip.
 
-A file takes one part after the other and a render makes them side by side, so all but the first
-wait in unnamed files beside the target until the first is complete: memory holds one band, whatever
-the size of the picture.
+A file stores its parts one after the other, but a render produces them together. So all parts but
+the first are kept in unnamed files beside the target until the first is complete: memory holds one
+band, regardless of the picture's size.
 
 Source: OpenEXR's standard attributes; ASWF Color Interop IDs; OpenImageIO's notes on OpenEXR.
 """
@@ -39,7 +39,7 @@ from usdsplat.images.writer import ROWS, ImageWriter
 Pixels = npt.NDArray[Any]
 
 COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
-"""Those that keep float32 data as it is, for which parts with Cryptomatte leave the last two."""
+"""Compressions. Parts with Cryptomatte do not use the last two, which are lossy."""
 LOSSY = ("dwaa", "dwab")
 
 SHARED = (
@@ -49,16 +49,16 @@ SHARED = (
     "screenWindowCenter",
     "screenWindowWidth",
 )
-"""Entries that every part has: what ids stand for and where the camera is. Readers that look at one
-part only need them there."""
+"""Entries of every part: the prims of ids, and the camera. Readers of a single part need them
+there."""
 
 PART_NAMES = {"color": "rgba", "Z": "depth"}
-"""AOV -> its part in a file of many, where that is not the AOV's name."""
+"""AOV -> name of its part in a multipart file, if it differs from the AOV's."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Some AOVs that are kept together."""
+    """AOVs that share a part."""
 
     name: str
     aovs: tuple[Aov, ...]
@@ -66,16 +66,16 @@ class _Part:
 
 
 class ExrWriter(ImageWriter):
-    """An EXR file that is being written; see `ImageWriter` for how to feed it.
+    """Writer of an EXR file; see `ImageWriter` for its use.
 
     Args:
         path: The file; it appears when the context ends without an error.
-        layout: What it will hold; `pixel_type` half (default) or float.
-        compression: One of `COMPRESSIONS`; ids are kept exactly by any of them.
+        layout: Contents of the file; `pixel_type` half (default) or float.
+        compression: One of `COMPRESSIONS`; all of them keep ids exactly.
 
     Raises:
-        UsageError: If the layout or the compression is not one that EXR can hold.
-        OutputError: If the file cannot be made, on entering the context.
+        UsageError: If EXR cannot have this layout or compression.
+        OutputError: If the file cannot be created, on entering the context.
     """
 
     FORMAT = "openexr"
@@ -114,12 +114,12 @@ class ExrWriter(ImageWriter):
             self._put_aside(pixels, file)
 
     def _within_range(self, aov: Aov, values: Pixels) -> Pixels:
-        """Values that the channels of an AOV can hold; NaN stays NaN."""
+        """Clamp values to the range of an AOV's channels; NaN stays NaN."""
         is_half = _type_of(aov, self._layout) == "half"
         return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
 
     def _put_aside(self, pixels: Pixels, file: IO[bytes]) -> None:
-        """Let rows of a later part wait until the parts before it are complete."""
+        """Store rows of a later part until the parts before it are complete."""
         try:
             pixels.tofile(file)
         except OSError as error:
@@ -128,7 +128,7 @@ class ExrWriter(ImageWriter):
             ) from error
 
     def _finish(self) -> None:
-        """Copy the parts that wait behind the first, some rows at a time."""
+        """Append the stored parts after the first, some rows at a time."""
         _, top, _, bottom = self._layout.window
         width = self._layout.shape[1]
         for i, file in enumerate(self._waiting, start=1):
@@ -143,17 +143,17 @@ class ExrWriter(ImageWriter):
 
 
 def _parts(aovs: tuple[Aov, ...], layout: ImageLayout, compression: str) -> tuple[_Part, ...]:
-    """Who shares a part with whom, in the order of the file."""
+    """Assign AOVs to parts, in the order of the file."""
     groups: dict[str, list[Aov]] = {}
     for aov in aovs:
         groups.setdefault(_part_name(aov, layout.multipart, compression), []).append(aov)
-    # Colour leads and ids come last: readers that know one part only look at the first.
+    # Colour first, ids last: readers of a single part read the first.
     names = sorted(groups, key=lambda name: (name not in ("main", "rgba"), name == "ids"))
     return tuple(_part(name, tuple(groups[name]), compression) for name in names)
 
 
 def _part_name(aov: Aov, is_multipart: bool, compression: str) -> str:
-    """The part that an AOV goes to."""
+    """Return the name of an AOV's part."""
     if aov.kind == "id":
         return "ids"
     if is_multipart:
@@ -162,24 +162,24 @@ def _part_name(aov: Aov, is_multipart: bool, compression: str) -> str:
 
 
 def _part(name: str, aovs: tuple[Aov, ...], compression: str) -> _Part:
-    """A part, with a compression that its channels can bear."""
+    """Return a part with a compression that keeps its channels exact where necessary."""
     is_exact = any(map(_must_be_exact, aovs))
     return _Part(name, aovs, "zip" if is_exact and compression in LOSSY else compression)
 
 
 def _must_be_exact(aov: Aov) -> bool:
-    """Whether a lossy compression would change data, which it takes by name for colour."""
+    """Return whether an AOV is data that a lossy compression would treat as colour by its name."""
     return aov.kind == "data" and any(name.endswith((".R", ".G", ".B")) for name in aov.channels)
 
 
 def _side_by_side(arrays: list[Pixels]) -> Pixels:
-    """The channels of one part, shape (rows, width, channels), contiguous."""
+    """Return the channels of a part, shape (rows, width, channels), contiguous."""
     planes = [np.atleast_3d(array) for array in arrays]
     return np.ascontiguousarray(planes[0]) if len(planes) == 1 else np.concatenate(planes, axis=2)
 
 
 def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
-    """Header of one part, as far as the parts have it in common, and its channels."""
+    """Return the header entries and channels of a part."""
     rows, columns = layout.shape
     types = tuple(_type_of(aov, layout) for aov in part.aovs for _ in aov.channels)
     spec = oiio.ImageSpec(columns, rows, len(types), types[0])
@@ -192,7 +192,7 @@ def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     spec.attribute("oiio:subimagename", part.name)
     for aov in part.aovs:
         spec.attribute(f"usdsplat:aov:{aov.name}", aov.meaning)
-    # Parts that disagree on one of these two are refused by OpenEXR.
+    # OpenEXR rejects files whose parts differ in one of these two.
     spec.attribute("PixelAspectRatio", float(layout.pixel_aspect_ratio))
     chromaticities = color_space(layout.color_space, where="output color space").chromaticities
     if chromaticities is not None:
@@ -206,7 +206,7 @@ def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
 
 
 def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries: Metadata) -> None:
-    """Add what describes the picture as a whole: our version, and the caller's entries."""
+    """Add metadata of the whole picture: our version, and the caller's entries."""
     specs[0].attribute("Software", f"usdsplat {usdsplat.__version__}")
     _attach(specs[0], entries)
     for spec, part in zip(specs[1:], parts[1:], strict=True):
@@ -217,7 +217,7 @@ def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries:
 
 
 def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
-    """Add entries of the caller's."""
+    """Add the caller's entries."""
     for key, value in metadata.items():
         if isinstance(value, tuple):
             kind = "matrix" if len(value) == 16 else f"float[{len(value)}]"
@@ -227,7 +227,7 @@ def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
 
 
 def _type_of(aov: Aov, layout: ImageLayout) -> str:
-    """How a channel is kept; "uint", because the name "uint32" would silently become half."""
+    """Return the type of a channel; "uint", because OpenImageIO silently makes half of "uint32"."""
     if aov.kind == "color":
         return layout.pixel_type or "half"
     return "uint" if aov.kind == "id" else "float"

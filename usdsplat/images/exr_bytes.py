@@ -1,7 +1,7 @@
-"""The pieces of an EXR file as bytes, as far as deep files need them.
+"""Encode and decode the parts of EXR files that deep files need.
 
-OpenImageIO's Python interface hands out deep samples one by one, so deep files are read and written
-here: rows of samples are arrays, and their bytes go to the file as they are.
+OpenImageIO's Python interface passes deep samples one by one. This module instead converts whole
+rows of samples between arrays and bytes.
 
 Source: OpenEXR's "File Layout" and "Technical Introduction"; the byte order of its zip compression
 (split in two halves, then differences plus 128) from the same.
@@ -30,7 +30,7 @@ CODES = {dtype: code for code, dtype in TYPES.items()}
 Attributes = dict[str, tuple[str, bytes]]
 """Name -> (type, value)."""
 Channels = dict[str, np.dtype[Any]]
-"""Name -> how it is kept, in the order of the file, which is that of the names."""
+"""Name -> type, in the order of the file, which is alphabetical."""
 Box = tuple[int, int, int, int]
 
 _TUPLES = {2: "v2f", 3: "v3f", 8: "chromaticities", 16: "m44f"}
@@ -40,7 +40,7 @@ _TUPLES = {2: "v2f", 3: "v3f", 8: "chromaticities", 16: "m44f"}
 
 
 def encoded(metadata: Metadata) -> Attributes:
-    """Return header entries as attributes: text, int, float, and tuples as vector or matrix."""
+    """Encode header entries as attributes: text, int, float, and tuples as vector or matrix."""
     found: Attributes = {}
     for key, value in metadata.items():
         if isinstance(value, str):
@@ -65,13 +65,13 @@ def channel_list(channels: Channels) -> bytes:
 
 
 def box(window: Box) -> bytes:
-    """Return a window whose end is exclusive as EXR spells it."""
+    """Encode a window with exclusive end in EXR's form."""
     x0, y0, x1, y1 = window
     return struct.pack("<4i", x0, y0, x1 - 1, y1 - 1)
 
 
 def header(attributes: Attributes, flags: int) -> bytes:
-    """Return the start of a file of one part."""
+    """Return the start of a single-part file."""
     if max(map(len, attributes)) > SHORT_NAME_MAX:
         flags |= LONG_NAMES
     entries = (
@@ -82,7 +82,7 @@ def header(attributes: Attributes, flags: int) -> bytes:
 
 
 def zipped(raw: bytes) -> bytes:
-    """Return `raw` compressed, or as it is where that makes it no smaller."""
+    """Return `raw` compressed, or unchanged if that is not smaller."""
     data = np.frombuffer(raw, np.uint8)
     split = np.concatenate([data[0::2], data[1::2]])
     split[1:] = np.diff(split) + np.uint8(128)
@@ -94,10 +94,10 @@ def zipped(raw: bytes) -> bytes:
 
 
 def read_headers(file: BinaryIO, where: str) -> tuple[list[Attributes], bool]:
-    """Return the attributes of each part, and whether chunks name theirs; the file is left behind.
+    """Return the attributes of each part, and whether chunks have part numbers; advances `file`.
 
     Raises:
-        FormatError: If it is no EXR.
+        FormatError: If it is not an EXR file.
     """
     start = file.read(8)
     magic, version = struct.unpack("<iI", start) if len(start) == 8 else (0, 0)
@@ -128,7 +128,7 @@ def _read_name(file: BinaryIO, where: str) -> str:
 
 
 def read_exactly(file: BinaryIO, size: int, where: str) -> bytes:
-    """Return the next `size` bytes, allocating no more than there are."""
+    """Read the next `size` bytes; raise an error, before allocating, if there are fewer."""
     here = file.tell()
     left = file.seek(0, 2) - here
     file.seek(here)
@@ -138,7 +138,7 @@ def read_exactly(file: BinaryIO, size: int, where: str) -> bytes:
 
 
 def read_box(attributes: Attributes, name: str, where: str) -> Box:
-    """Return a window, end exclusive."""
+    """Read a window, end exclusive."""
     x0, y0, x1, y1 = values(attributes, name, "<4i", where)
     if x1 < x0 or y1 < y0:
         raise FormatError(where, f"an empty {name}", "pixels")
@@ -146,7 +146,7 @@ def read_box(attributes: Attributes, name: str, where: str) -> Box:
 
 
 def values(attributes: Attributes, name: str, form: str, where: str) -> tuple[Any, ...]:
-    """Return the numbers of an attribute."""
+    """Read the numbers of an attribute."""
     raw = attributes[name][1] if name in attributes else b""
     if len(raw) != struct.calcsize(form):
         raise FormatError(where, f"no proper {name}", "every attribute that EXR demands")
@@ -170,10 +170,10 @@ def read_channels(attributes: Attributes, where: str) -> Channels:
 
 
 def unpacked(packed: bytes, size: int, compression: int, where: str) -> bytes:
-    """Return the `size` bytes that `packed` stands for; never makes more than that.
+    """Decompress `packed` to `size` bytes, never to more.
 
     Raises:
-        FormatError: If there are not as many.
+        FormatError: If the size differs.
     """
     if len(packed) == size:
         return packed
@@ -194,14 +194,14 @@ def unpacked(packed: bytes, size: int, compression: int, where: str) -> bytes:
 
 def _inflated(packed: bytes, size: int) -> bytes:
     try:
-        # One byte more than there may be, so that too much is noticed.
+        # Allow one extra byte, so that longer data is noticed.
         return zlib.decompressobj().decompress(packed, size + 1)
     except zlib.error:
         return b""
 
 
 def _run_lengths(packed: bytes, size: int) -> bytes:
-    """Undo runs: n >= 0 repeats a byte n + 1 times, n < 0 is followed by -n bytes as they are."""
+    """Undo RLE: n >= 0 repeats a byte n + 1 times, n < 0 is followed by -n literal bytes."""
     raw = bytearray()
     at = 0
     while at < len(packed) and len(raw) <= size:

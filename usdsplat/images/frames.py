@@ -1,8 +1,9 @@
-"""Frame numbers as people type them, and file names that hold one.
+"""Parse frame ranges, and insert frame numbers in file names.
 
-A range is one or more pieces with commas between: `7`, `1-10` or `1:10` (both ends included), and a
-step, `1-10x2`. A range may run backwards, and a step need not be whole: `10-1`, `1-2x0.25`. A name
-holds the number as `####` or `%04d`; a fraction of a frame needs room of its own, as in `####.##`.
+A range is one or more pieces separated by commas: `7`, `1-10` or `1:10` (both ends included), and
+with a step, `1-10x2`. A range may be descending and a step fractional: `10-1`, `1-2x0.25`. A file
+name has a placeholder for the number, `####` or `%04d`; a fractional frame needs one with a
+fraction, `####.##`.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ _PIECE = re.compile(rf"{_NUMBER}(?:[-:]{_NUMBER}(?:x{_NUMBER})?)?")
 _PLACE = re.compile(r"(#+)(?:\.(#+))?|%(?:0(\d+))?d")
 
 LIMIT = 1_000_000
-"""More frames than this in one request are a slip of the finger."""
+"""Maximum number of frames in a request; more are assumed to be a mistake."""
 
 
 def parse_frames(text: str) -> tuple[float, ...]:
-    """Return the frame numbers that `text` names, in its order, each once.
+    """Parse a frame range into frame numbers, in its order, each once.
 
     Raises:
-        UsageError: If `text` is not a range, a step is 0 or leads nowhere, or it names more than
-            `LIMIT` frames.
+        UsageError: If `text` is not a range, a step is 0 or has the wrong sign, or there are more
+            than `LIMIT` frames.
     """
     frames: dict[float, None] = {}
     for piece in text.split(","):
@@ -40,15 +41,15 @@ def parse_frames(text: str) -> tuple[float, ...]:
 
 
 def has_place(pattern: str | Path) -> bool:
-    """Whether the name holds a frame number."""
+    """Return whether the name has a placeholder for a frame number."""
     return _PLACE.search(Path(pattern).name) is not None
 
 
 def frame_path(pattern: str | Path, frame: float) -> Path:
-    """Return `pattern` with the frame number in its place; without a place it is returned as it is.
+    """Return `pattern` with the frame number inserted; unchanged without a placeholder.
 
     Raises:
-        UsageError: If the name has more than one place, or the frame has a fraction and no room.
+        UsageError: If there are several placeholders, or a fractional frame does not fit.
     """
     path = Path(pattern)
     places = list(_PLACE.finditer(path.name))
@@ -68,10 +69,10 @@ def frame_path(pattern: str | Path, frame: float) -> Path:
 
 
 def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...]:
-    """Return a file for each frame.
+    """Return a path for each frame.
 
     Raises:
-        UsageError: If two frames would be one file, and as `frame_path` does.
+        UsageError: If two frames have the same path, and as for `frame_path`.
     """
     paths = tuple(frame_path(pattern, frame) for frame in frames)
     if len(set(paths)) < len(paths):
@@ -82,12 +83,12 @@ def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...
 
 
 def frames_found(pattern: str | Path) -> dict[float, Path]:
-    """Return the files and folders that `pattern` names with a number in its place, ascending.
+    """Return existing files and folders that match `pattern` by frame number, ascending.
 
-    Only names that `frame_path` would give count: `####` does not stand for `1`, nor `#` for `01`.
+    Only names that `frame_path` would return match: `####` does not match `1`, nor `#` `01`.
 
     Raises:
-        UsageError: If the name has no place for the frame number, or more than one.
+        UsageError: If the name has no placeholder, or more than one.
         OSError: If the folder cannot be listed.
     """
     path = Path(pattern)
@@ -105,13 +106,13 @@ def frames_found(pattern: str | Path) -> dict[float, Path]:
 
 
 def without_place(pattern: str | Path) -> Path:
-    """Return `pattern` without the frame number's place and the separator before it."""
+    """Return `pattern` without the placeholder and the separator before it."""
     path = Path(pattern)
     return path.parent / re.sub(rf"[._-]?(?:{_PLACE.pattern})", "", path.name)
 
 
 def _span(text: str, first: float, last: str | None, step: str | None) -> list[float]:
-    """The frames of one piece."""
+    """Return the frames of one piece of a range."""
     if last is None:
         return [first]
     way = float(last) - first

@@ -1,8 +1,8 @@
-"""A grade as one matrix, so that it costs a renderer nothing.
+"""Convert a grade to one matrix, which renderers apply at no cost.
 
-White balance takes the light that was white to D65, or rather to what the same locus calls 6504 K,
-by Bradford's chromatic adaptation. The locus is that of CIE daylight from 5000 K up and of black
-bodies up to 4000 K, with a straight mix of their CIE 1960 u v between, so that it has no step.
+White balance adapts the given light to D65, more precisely to 6504 K on the same locus, by
+Bradford's chromatic adaptation. The locus is CIE daylight from 5000 K up and black bodies up to
+4000 K, with linear interpolation in CIE 1960 u v between, so that it is continuous.
 
 Source: CIE 15:2004 for daylight; Krystek 1985 for black bodies, an approximation good to 1e-4 in
 u v; ANSI C78.377 for Duv; adaptation and primaries as in `color`.
@@ -20,21 +20,21 @@ from usdsplat.core.grade import NEUTRAL_TEMPERATURE, Grade
 from usdsplat.images.color import REC709, adaptation, color_space, luminance, to_xyz
 
 WARM, COOL = 4000.0, 5000.0
-"""[K] up to which lights are black bodies, and from which on daylight."""
+"""Limits of black bodies (up to the first) and daylight (from the second) [K]."""
 
 
 def grade_matrix(grade: Grade, space: str) -> tuple[float, ...]:
-    """Return what a grade does to linear RGB.
+    """Return the matrix of a grade on linear RGB.
 
     Args:
-        grade: In range; `Grade.check` says so.
-        space: Name of the space whose primaries the RGB has; data counts as Rec.709.
+        grade: A grade that passes `Grade.check`.
+        space: Name of the colour space with the primaries of the RGB; data counts as Rec.709.
 
     Returns:
-        3x3, row-major, for column vectors; exactly the unit matrix for a grade that does nothing.
+        Matrix 3x3, row-major, for column vectors; exactly identity for a neutral grade.
 
     Raises:
-        UsageError: If there is no such space.
+        UsageError: If the space is unknown.
     """
     primaries = color_space(space).chromaticities or REC709
     matrix = np.reshape(np.array(grade.matrix, np.float64), (3, 3))
@@ -53,7 +53,7 @@ def white_xyz(temperature: float = NEUTRAL_TEMPERATURE, tint: float = 0.0) -> F6
     """Return CIE XYZ of a white light, Y = 1, shape (3,).
 
     Args:
-        temperature: [K], 1000 to 25000.
+        temperature: Colour temperature [K], 1000 to 25000.
         tint: Duv, the distance from the locus in CIE 1960 u v; positive is greenish.
     """
     u, v = _locus(temperature)
@@ -67,14 +67,14 @@ def white_xyz(temperature: float = NEUTRAL_TEMPERATURE, tint: float = 0.0) -> F6
 
 
 def temperature_and_tint(xyz: npt.ArrayLike) -> tuple[float, float]:
-    """Return the temperature [K] and tint of a light, those of the nearest white there is.
+    """Return temperature [K] and tint of a light, relative to the nearest white on the locus.
 
     Args:
         xyz: CIE XYZ of any brightness, shape (3,).
     """
     x, y, z = np.asarray(xyz, np.float64)
     u, v = 4 * x / (x + 15 * y + 3 * z), 6 * y / (x + 15 * y + 3 * z)
-    low, high = 1e6 / 25000.0, 1e6 / 1000.0  # mired, in which the locus is run evenly
+    low, high = 1e6 / 25000.0, 1e6 / 1000.0  # in mired the locus is nearly uniform
 
     def distance(mired: float) -> float:
         at = _locus(1e6 / mired)
@@ -93,7 +93,7 @@ def temperature_and_tint(xyz: npt.ArrayLike) -> tuple[float, float]:
 
 
 def _locus(temperature: float) -> tuple[float, float]:
-    """CIE 1960 u v of the white lights."""
+    """Return CIE 1960 u v of a white light."""
     if temperature <= WARM:
         return _black_body(temperature)
     if temperature >= COOL:

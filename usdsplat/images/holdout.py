@@ -1,7 +1,7 @@
-"""What other renderers have drawn, as something that hides splats behind it.
+"""Read pictures of other renderers as holdouts, which hide splats behind them.
 
-A flat picture holds out at one depth per pixel. A deep one lets through what it does not cover:
-light from behind a sample is multiplied by one minus its opacity.
+A flat picture has one depth per pixel. A deep one has transmittance: light from behind a sample is
+multiplied by one minus its opacity.
 """
 
 from __future__ import annotations
@@ -18,25 +18,24 @@ from usdsplat.core.errors import FormatError, UsageError
 from usdsplat.images.deep_reader import I64, DeepFile
 
 DEPTHS = ("Z", "depth.Z", "depth")
-"""Channels that hold planar camera depth, the likeliest first."""
+"""Channels of planar camera depth, in order of preference."""
 
 DeepRows = tuple[I64, F32, F32]
-"""Where the samples of each pixel start and the last ends, (h*w + 1,); their planar camera depth,
-(n,), near to far within a pixel; and the part of the light from right behind each that passes it
-and all before it, (n,) [0..1]."""
+"""Offsets of each pixel's samples, (h*w + 1,); planar camera depth of the samples, (n,), near to
+far within a pixel; and the transmittance of each sample together with all in front of it, (n,)
+[0..1]."""
 
 
 class Holdout(ABC):
-    """A picture with depth; `open_holdout` makes one."""
+    """A picture with depth, created by `open_holdout`."""
 
     @abstractmethod
     def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | DeepRows:
-        """Return what holds out in a window of the display window's pixels, ends exclusive.
+        """Read the holdout in a window of the display window's pixels, ends exclusive.
 
         Returns:
-            For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf where nothing is;
-            for a deep one its samples, pixels row-major. Pixels that the file does not have hold
-            nothing out.
+            For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf in empty pixels;
+            for a deep one its samples, pixels row-major. Pixels outside the file are empty.
 
         Raises:
             FormatError: If the file is damaged.
@@ -44,19 +43,19 @@ class Holdout(ABC):
 
 
 def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
-    """Return the picture at `path` as a holdout: the first part that is deep or has depth.
+    """Open a picture as a holdout: its first part that is deep or has depth.
 
-    In a flat picture the channel is Z, depth.Z or depth, of this layer or another's ("x.Z"). Where
-    the same part has A, depth counts only where A is above 0; depth that is not above 0 never does.
-    A deep sample with a ZBack counts half way through.
+    In a flat picture the channel is Z, depth.Z or depth, or that of another layer ("x.Z"). If the
+    same part has A, depth applies only where A is above 0; depths that are not above 0 are ignored.
+    A deep sample with a ZBack acts at the middle of its extent.
 
     Args:
         path: An EXR file.
-        resolution: Display window of the picture it holds out of [pixel]; it must have the same.
+        resolution: Display window of the rendered picture [pixel]; the file must have the same.
 
     Raises:
-        UsageError: If there is no such file, or its display window is another.
-        FormatError: If it has no depth, or is no picture.
+        UsageError: If the file does not exist, or has another display window.
+        FormatError: If it has no depth, or is not a picture.
     """
     where = str(path)
     if not Path(path).is_file():
@@ -76,7 +75,7 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
                 return _Deep(where) if spec.deep else _Flat(where, part, spec, str(depth))
             channels += spec.channelnames
             part += 1
-        # OpenImageIO prints at exit what nobody asked about: here that there are no more parts.
+        # OpenImageIO prints unread errors at exit, here that there are no more parts.
         file.geterror()
     finally:
         file.close()
@@ -84,7 +83,7 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
 
 
 def _depth_channel(names: tuple[str, ...]) -> str | None:
-    """The channel that holds depth."""
+    """Return the depth channel, or None."""
     layers = [name for name in names if name.endswith(".Z")]
     return next((name for name in (*DEPTHS, *layers) if name in names), None)
 
@@ -101,7 +100,7 @@ def _check_display(where: str, spec: oiio.ImageSpec, resolution: tuple[int, int]
 
 
 class _Flat(Holdout):
-    """One depth for each pixel."""
+    """A flat holdout: one depth for each pixel."""
 
     def __init__(self, where: str, part: int, spec: oiio.ImageSpec, depth: str) -> None:
         self._where = where
@@ -134,12 +133,12 @@ class _Flat(Holdout):
         return plane
 
     def _channel(self, file: oiio.ImageInput, index: int, y0: int, y1: int) -> F32:
-        """Whole rows of one channel."""
+        """Read whole rows of one channel."""
         spec, part, channels = self._spec, self._part, (index, index + 1)
         if spec.tile_height == 0:
             pixels = file.read_scanlines(part, 0, y0, y1, 0, *channels, "float")
             return self._checked(file, pixels)
-        # Tiles are read whole, as many rows of them as hold the rows asked for.
+        # Tiles are read completely: all rows of tiles that contain the requested rows.
         first = y0 - (y0 - spec.y) % spec.tile_height
         last = min(y1 + (spec.y - y1) % spec.tile_height, spec.y + spec.height)
         right = spec.x + spec.width
@@ -155,7 +154,7 @@ class _Flat(Holdout):
 
 
 class _Deep(Holdout):
-    """Any number of samples for each pixel."""
+    """A deep holdout: any number of samples for each pixel."""
 
     def __init__(self, where: str) -> None:
         self._where = where
@@ -185,7 +184,7 @@ class _Deep(Holdout):
 
 
 def _middle(values: dict[str, F32]) -> F32:
-    """Where samples count: half way from front to back."""
+    """Return the depths at which samples act: halfway from front to back."""
     front = values["Z"]
     if "ZBack" not in values:
         return front
@@ -194,12 +193,12 @@ def _middle(values: dict[str, F32]) -> F32:
 
 
 def _in_order(offsets: I64, depth: F32, alpha: F32) -> DeepRows:
-    """Sort each pixel's samples from near to far and multiply up what they let through."""
+    """Sort each pixel's samples from near to far and accumulate their transmittance."""
     pixel = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     falls = (depth[1:] < depth[:-1]) & (pixel[1:] == pixel[:-1])
-    # What is nowhere, or covers no part of a pixel, hides nothing.
+    # A sample with NaN depth or opacity has no effect.
     alpha = np.where(np.isnan(depth) | np.isnan(alpha), 0, np.clip(alpha, 0, 1))
-    if falls.any() or np.isnan(depth).any():  # A comparison with NaN finds no fall.
+    if falls.any() or np.isnan(depth).any():  # comparisons with NaN are false
         order = np.lexsort((depth, pixel))
         depth, alpha = np.nan_to_num(depth[order], nan=np.inf, posinf=np.inf), alpha[order]
     passed = (1 - alpha).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What a picture says about how it was made, as header entries."""
+"""Header entries that describe how a picture was made."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from usdsplat.images.layout import Metadata
 
 
 def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float) -> Metadata:
-    """Return the entries for `ImageLayout.metadata`; our version is in every file anyway.
+    """Return the entries for `ImageLayout.metadata`; writers add our version themselves.
 
     Args:
-        stage: Name of the stage's root layer, as the user gave it.
+        stage: Root layer of the stage, as given by the user.
         frame: Time code of the picture.
-        samples: Pictures averaged over shutter, lens and pixel.
-        exposure: What the camera multiplies linear light by.
+        samples: Number of samples of shutter, lens and pixel.
+        exposure: Factor of the camera on linear light.
     """
     return {
         "usdsplat:stage": stage,

@@ -1,4 +1,4 @@
-"""What an image file is going to hold, said before the first pixel arrives."""
+"""Layout of an image file, given before the first pixel arrives."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ Band = Mapping[str, npt.NDArray[np.generic]]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ImageLayout:
-    """Size, contents and labels of one image. Pixel (0, 0) is the display window's top left."""
+    """Size, contents and metadata of an image. Pixel (0, 0) is the display window's top left."""
 
     resolution: tuple[int, int]
     """Display window, width and height [pixel]."""
     data_window: tuple[int, int, int, int] | None = None
-    """(x0, y0, x1, y1) [pixel], end exclusive: the pixels there are; None means the display window.
-    It may lie inside it (crop) or reach outside (overscan)."""
+    """Data window (x0, y0, x1, y1) [pixel], end exclusive; None is the display window. It may lie
+    inside the display window (crop) or extend beyond it (overscan)."""
     pixel_aspect_ratio: float = 1.0
     """Width over height of a pixel."""
     aovs: tuple[str, ...] = ("color",)
     """Names in `aovs.AOVS`."""
     pixel_type: PixelType | None = None
-    """How colour is kept; None takes the format's own: half in EXR, uint8 in PNG."""
+    """Type of colour channels; None is the format's default: half in EXR, uint8 in PNG."""
     color_space: str = "lin_rec709_scene"
-    """What the numbers in the colour channels mean, a name from `color.COLOR_SPACES`."""
+    """Colour space of the colour channels, a name from `color.COLOR_SPACES`."""
     multipart: bool = False
-    """Whether an EXR has a part for each AOV, named after it, instead of one with many channels."""
+    """Whether an EXR has a part for each AOV, instead of one with many channels."""
     metadata: Metadata = field(default_factory=dict)
-    """Further header entries; 16 numbers are a matrix as the file format wants it."""
+    """Further header entries; 16 numbers are a matrix in the file format's convention."""
 
     @property
     def window(self) -> tuple[int, int, int, int]:
-        """The data window, or the display window when there is none."""
+        """The data window, or the display window if there is none."""
         return self.data_window or (0, 0, *self.resolution)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of pixels there are."""
+        """Number of rows and columns of the data window."""
         x0, y0, x1, y1 = self.window
         return y1 - y0, x1 - x0
 
     def rows_of(self, y0: int, band: Band) -> int:
-        """Check that `band`, from row `y0` on, holds this layout's AOVs; return how many rows.
+        """Check that `band` from row `y0` has this layout's AOVs; return its number of rows.
 
         Raises:
-            ValueError: If an array is missing or has another shape or dtype than its AOV asks for.
+            ValueError: If an array is missing or has the wrong shape or dtype.
         """
         rows = len(band[self.aovs[0]]) if self.aovs[0] in band else 0
         for name in self.aovs:

@@ -1,8 +1,9 @@
-"""Find the grade that makes colours look like others: exposure, white balance, a matrix.
+"""Fit a grade that matches colours to a reference: exposure, white balance, a matrix.
 
-The fit is by least squares of differences relative to the wanted brightness, so that shadows count
-as highlights do. It is robust by trimming: from a first guess by medians on, only the colours that
-fit well are fitted again, until they stay the same ones; what is not in both pictures drops out.
+The fit minimises squared differences relative to the wanted brightness, so that shadows count as
+much as highlights. It is made robust by trimming: starting from medians, only the colours that fit
+well are fitted again, until the set stays the same. Colours that are in only one of the pictures
+drop out.
 
 Source: Rousseeuw and Van Driessen 2006, the concentration steps of least trimmed squares.
 """
@@ -26,48 +27,48 @@ Part = Literal["exposure", "whiteBalance", "matrix"]
 PARTS: tuple[Part, ...] = get_args(Part)
 
 SPACE = "lin_rec709_scene"
-"""The linear space of everything here."""
+"""The linear colour space of this module."""
 SHADOW = 0.02
-"""Brightness, of that of all colours, below which differences count as absolute ones."""
+"""Fraction of the mean brightness below which differences count absolutely."""
 KEPT = 0.7
-"""Part of the colours that a concentration step keeps."""
+"""Fraction of the colours that a concentration step keeps."""
 INLIER = 3.0
-"""Times the median error: what is further off does not count in the end."""
+"""Multiple of the median error above which colours are ignored in the final fit."""
 FLAT = 0.02
-"""Least spread of the colours, of the greatest, that tells a matrix from a balance."""
+"""Minimum spread of the colours, relative to the largest, to fit a matrix."""
 FEWEST = 6
-"""Colours without which there is no matrix."""
+"""Minimum number of colours to fit a matrix."""
 STEPS = 30
-"""Concentration steps at most; a few are enough."""
+"""Maximum number of concentration steps; usually a few suffice."""
 WARM_START = 300.0
-"""[mired] of the second start: from daylight alone the way to tungsten may end at the locus's
-corner."""
+"""Second starting point [mired]: from daylight alone, a fit of tungsten light may end at the corner
+of the locus."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A grade that was found."""
+    """A fitted grade."""
 
     grade: Grade
-    """For a field in Rec.709; `in_primaries` says what it is for others."""
+    """The grade for a field in Rec.709; `in_primaries` converts it for others."""
     used: int
-    """Colours that it was fitted to in the end."""
+    """Number of colours in the final fit."""
     notes: tuple[str, ...] = ()
-    """What was left out, and why."""
+    """Parts of the fit that were skipped, and why."""
 
 
 def fit_grade(found: npt.ArrayLike, wanted: npt.ArrayLike, *, parts: Sequence[str] = PARTS) -> Fit:
-    """Return the grade that takes colours nearest to those that are wanted.
+    """Fit the grade that brings colours closest to the wanted ones.
 
-    Exposure and balance are fitted first, so that the matrix holds only what they cannot do.
+    Exposure and balance are fitted first, so that the matrix holds only the remainder.
 
     Args:
         found: Ungraded colours, linear Rec.709, shape (n, 3).
-        wanted: What they should be, shape (n, 3).
-        parts: Which of `PARTS` may change; others stay neutral.
+        wanted: Reference colours, shape (n, 3).
+        parts: The `PARTS` to fit; others stay neutral.
 
     Raises:
-        UsageError: If a part is unknown, or there is nothing to fit to.
+        UsageError: If a part is unknown, or there are no colours.
     """
     for part in parts:
         if part not in PARTS:
@@ -94,9 +95,9 @@ def fit_grade(found: npt.ArrayLike, wanted: npt.ArrayLike, *, parts: Sequence[st
 
 
 def in_primaries(grade: Grade, space: str) -> Grade:
-    """Return the grade that does to linear colours of `space` what `grade` does to Rec.709.
+    """Convert a grade for Rec.709 to the equivalent for linear colours of `space`.
 
-    Exposure and balance mean the same everywhere; gain and saturation must be neutral.
+    Exposure and balance are the same in all spaces; gain and saturation must be neutral.
     """
     chromaticities = color_space(space).chromaticities
     if chromaticities is None or grade.matrix == UNIT:
@@ -114,14 +115,14 @@ def in_primaries(grade: Grade, space: str) -> Grade:
 
 
 def apply_grade(rgb: npt.ArrayLike, grade: Grade) -> F64:
-    """Return linear Rec.709 colours, shape (..., 3), graded."""
+    """Apply a grade to linear Rec.709 colours, shape (..., 3)."""
     graded: F64 = np.asarray(rgb, np.float64) @ _matrix(grade).T
     return graded
 
 
 def _fit(x: F64, y: F64, free: set[str]) -> Grade:
-    """Least squares, without any weights or robustness."""
-    # Only these sums matter. With S = L Lᵀ the squares are those of T L − C L⁻ᵀ, nine numbers.
+    """Fit by plain least squares, without weights."""
+    # Only these sums matter. With S = L Lᵀ the squared error is that of T L − C L⁻ᵀ, nine numbers.
     s, c = x.T @ x, y.T @ x
     low = np.linalg.cholesky(s + 1e-12 * np.trace(s) * np.eye(3))
     target: F64 = np.linalg.solve(low, c.T).T.astype(np.float64)
@@ -139,7 +140,7 @@ def _fit(x: F64, y: F64, free: set[str]) -> Grade:
 
 
 def _balance(low: F64, target: F64, free: set[str]) -> Grade:
-    """Exposure [stop], mired and thousandths of Duv, by Levenberg and Marquardt."""
+    """Fit exposure [stop], mired and thousandths of Duv by Levenberg-Marquardt."""
     neutral = 1e6 / NEUTRAL_TEMPERATURE
     active = np.array(["exposure" in free, "whiteBalance" in free, "whiteBalance" in free])
     if not active.any():
@@ -182,7 +183,7 @@ def _balance(low: F64, target: F64, free: set[str]) -> Grade:
 
 
 def _grade(values: F64) -> Grade:
-    """A grade of the numbers that are fitted, kept in range."""
+    """Return the grade of fitted numbers, clamped to its ranges."""
     exposure, mired, tint = values.tolist()
     warm, cool = RANGES["temperature"]
     return Grade(
@@ -197,18 +198,18 @@ def _matrix(grade: Grade) -> F64:
 
 
 def _too_flat(x: F64) -> str:
-    """Why these colours do not tell a matrix; "" if they do."""
+    """Return the reason why these colours do not determine a matrix; "" if they do."""
     if len(x) < FEWEST:
-        return f"matrix left alone: {len(x)} colours, and it takes {FEWEST}"
+        return f"matrix not fitted: {len(x)} colours, at least {FEWEST} needed"
     spread = np.linalg.svd(x, compute_uv=False)
     part = spread[2] / spread[0]
     if part >= FLAT:
         return ""
-    return f"matrix left alone: the colours are too alike (spread {part:.1%}, it takes {FLAT:.0%})"
+    return f"matrix not fitted: the colours are too similar (spread {part:.1%}, needs {FLAT:.0%})"
 
 
 def _typical(x: F64, y: F64) -> npt.NDArray[np.bool_]:
-    """The colours that the medians of the channels' ratios fit best."""
+    """Return which colours fit the medians of the channel ratios best."""
     legal = x > 1e-9
     gains = [
         np.median(y[legal[:, c], c] / x[legal[:, c], c]) for c in range(3) if legal[:, c].any()
@@ -223,7 +224,7 @@ def _residuals(grade: Grade, x: F64, y: F64) -> F64:
 
 
 def _best(residuals: F64, part: float) -> npt.NDArray[np.bool_]:
-    """The given part of the colours, those with the least residuals."""
+    """Return which colours are the given fraction with the smallest residuals."""
     limit = np.quantile(residuals, part)
     best: npt.NDArray[np.bool_] = residuals <= limit
     return best

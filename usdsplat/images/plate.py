@@ -1,4 +1,4 @@
-"""Read the colours of a picture that somebody else made."""
+"""Read the colours of a plate: a picture from another source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from usdsplat.core.errors import FormatError
 from usdsplat.images.color import COLOR_SPACES, convert
 
 CLIPPED = 0.98
-"""Code value of a display-referred picture from which on it may be clipped."""
+"""Code value from which a display-referred picture may be clipped."""
 ALIASES = {
     "acescg": "lin_ap1_scene",
     "aces2065-1": "lin_ap0_scene",
@@ -24,27 +24,27 @@ ALIASES = {
     "srgb": "srgb_rec709_scene",
     "rec709": "srgb_rec709_scene",
 }
-"""What files and OpenImageIO call spaces, in lower case -> our names."""
+"""Names of spaces in files and OpenImageIO, in lower case -> our names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Plate:
-    """A picture, the whole display window."""
+    """A picture, complete in its display window."""
 
     rgb: F32
     """Linear Rec.709, not premultiplied, shape (h, w, 3)."""
     usable: npt.NDArray[np.bool_]
     """Pixels that are opaque, finite, above black and not clipped, shape (h, w)."""
     space: str
-    """The space that the file was read as."""
+    """Colour space that the file was read as."""
 
 
 def read_plate(path: Path, *, space: str | None = None) -> Plate:
-    """Read the first part of a picture.
+    """Read the first part of a picture file.
 
     Args:
         path: A file of any format that OpenImageIO reads.
-        space: Space of its colours, one of `COLOR_SPACES`; None for what the file says, or sRGB
+        space: Colour space, one of `COLOR_SPACES`; None for the one named in the file, else sRGB
             for integers and linear Rec.709 for floats.
 
     Raises:
@@ -65,7 +65,7 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
         raise FormatError(str(path), f"channels {', '.join(names)}", "R, G and B")
     is_float = str(spec.format) in ("half", "float", "double")
     space = space or _written(spec) or ("lin_rec709_scene" if is_float else "srgb_rec709_scene")
-    # the display window, whatever part of it holds data; OpenImageIO has premultiplied all it read
+    # The whole display window; OpenImageIO has premultiplied the pixels.
     pixels = np.asarray(buffer.get_pixels(oiio.FLOAT, buffer.roi_full))
     whole = np.ones(pixels.shape[:2], np.float32)
     alpha = pixels[..., names.index("A")] if "A" in names else whole
@@ -80,7 +80,7 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
 
 
 def _written(spec: object) -> str:
-    """The space that a file names, if it is one that we know."""
+    """Return the colour space that a file names, if it is known, else ""."""
     for key in ("colorInteropID", "oiio:ColorSpace"):
         name = str(spec.getattribute(key) or "")  # type: ignore[attr-defined]
         name = ALIASES.get(name.lower(), name)

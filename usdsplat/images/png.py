@@ -1,8 +1,8 @@
-"""PNG files, written band by band: the picture as a screen shows it, sRGB, 8 or 16 bits.
+"""Write PNG files band by band: display-referred sRGB, 8 or 16 bits.
 
-PNG holds one picture of straight (not premultiplied) colour, so pixels are divided by their alpha,
-clipped to 0..1 and rounded to the nearest step, halves up. It has no display window: of a crop or
-an overscan it holds the pixels there are, and nothing about where they belong.
+PNG stores straight (not premultiplied) colour, so pixels are divided by their alpha, clipped to
+0..1 and rounded to the nearest step, halves up. It has no display window: a file of a crop or an
+overscan contains the data window, without its position.
 
 Source: W3C PNG Specification, Third Edition.
 """
@@ -23,21 +23,21 @@ from usdsplat.images.layout import Band, ImageLayout
 from usdsplat.images.writer import ImageWriter
 
 END = b"\0\0\0\0IEND\xae\x42\x60\x82"
-"""The chunk that every whole PNG ends with."""
+"""The final chunk of every complete PNG."""
 RESOLUTION = 72.0
-"""Pixels per inch; PNG states the shape of a pixel by two of these."""
+"""Pixels per inch; PNG expresses the pixel aspect ratio by two of these."""
 
 
 class PngWriter(ImageWriter):
-    """A PNG file that is being written; see `ImageWriter` for how to feed it.
+    """Writer of a PNG file; see `ImageWriter` for its use.
 
     Args:
         path: The file; it appears when the context ends without an error.
-        layout: What it will hold: the AOV "color" in sRGB, `pixel_type` uint8 (default) or uint16.
+        layout: Contents: the AOV "color" in sRGB, `pixel_type` uint8 (default) or uint16.
 
     Raises:
-        UsageError: If the layout is not one that PNG can hold.
-        OutputError: If the file cannot be made, on entering the context.
+        UsageError: If PNG cannot have this layout.
+        OutputError: If the file cannot be created, on entering the context.
     """
 
     FORMAT = "png"
@@ -63,11 +63,11 @@ class PngWriter(ImageWriter):
 
 
 def quantized(premultiplied: F32, dtype: npt.DTypeLike) -> npt.NDArray[np.unsignedinteger]:
-    """Return straight RGBA in whole steps, as PNG holds it.
+    """Quantise premultiplied colour to straight RGBA.
 
     Args:
-        premultiplied: RGBA [0..1], shape (..., 4); what lies outside is clipped after division by
-            alpha, and colour without alpha becomes 0.
+        premultiplied: RGBA [0..1], shape (..., 4); values outside are clipped after division by
+            alpha, and colour with alpha 0 becomes 0.
         dtype: uint8 or uint16.
     """
     top = np.float32(np.iinfo(dtype).max)
@@ -78,15 +78,15 @@ def quantized(premultiplied: F32, dtype: npt.DTypeLike) -> npt.NDArray[np.unsign
 
 
 def _spec(layout: ImageLayout) -> oiio.ImageSpec:
-    """Header of the file."""
+    """Return the header of the file."""
     rows, columns = layout.shape
     spec = oiio.ImageSpec(columns, rows, 4, layout.pixel_type or "uint8")
     if color_space(layout.color_space).chromaticities is not None:
         spec.attribute("oiio:ColorSpace", "srgb_rec709_display")
-    # The filter of differences to the left and little deflating: half the time, 5 % more bytes.
+    # The "sub" filter with low compression takes half the time for 5 % more bytes.
     spec.attribute("png:filter", 16)
     spec.attribute("png:compressionLevel", 3)
-    # Ours is straight already; without this OpenImageIO would divide by alpha again.
+    # The colours are straight already; without this OpenImageIO would divide by alpha again.
     spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("Software", f"usdsplat {usdsplat.__version__}")
     if layout.pixel_aspect_ratio != 1.0:

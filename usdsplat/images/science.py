@@ -1,4 +1,4 @@
-"""What we ask colour-science: colour differences and the colours of charts."""
+"""Colour differences and colour charts by colour-science."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CHARTS = {
     "classic24-2005": "ColorChecker24 - Before November 2014",
     "sg140": "ColorCheckerSG - After November 2014",
 }
-"""Short names -> those of colour-science, which are understood too."""
+"""Short names -> names of colour-science, which are accepted too."""
 
 
 def delta_e(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
@@ -29,7 +29,7 @@ def delta_e(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
         first, second: Linear Rec.709, shape (..., 3); 1 is white.
 
     Returns:
-        Shape (...,).
+        Differences, shape (...,).
     """
     colour = colour_science()
     matrix = to_xyz(REC709)
@@ -42,13 +42,13 @@ def delta_e(first: npt.ArrayLike, second: npt.ArrayLike) -> F64:
 
 
 def chart(name: str) -> dict[str, F64]:
-    """Return the colours of a chart under D65: patch, in the chart's order -> linear Rec.709.
+    """Return the colours of a chart under D65 by patch, in the chart's order, linear Rec.709.
 
     Args:
         name: One of `CHARTS`, or a name of colour-science's CCS_COLOURCHECKERS.
 
     Raises:
-        UsageError: If there is no such chart; the message lists those there are.
+        UsageError: If the chart is unknown; the message lists the known ones.
     """
     colour = colour_science()
     known = colour.CCS_COLOURCHECKERS
@@ -62,10 +62,11 @@ def chart(name: str) -> dict[str, F64]:
 
 
 def colour_science() -> Any:
-    """Return the module `colour`, which takes half a second to import, without a word on stderr.
+    """Import the module `colour`, which takes half a second, without output on stderr.
 
-    It warns of optional packages, and where SciPy or Matplotlib is missing it leaves a mock in its
-    place, which others then take for the real one: importing Numba fails. They are taken away.
+    It warns of missing optional packages. If SciPy or Matplotlib is missing, it leaves a mock in
+    sys.modules, which other packages take for the real one: importing Numba then fails. The mocks
+    are removed.
     """
     before = set(sys.modules)
     with warnings.catch_warnings():

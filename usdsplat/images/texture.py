@@ -1,8 +1,8 @@
-"""Pictures that lie on surfaces, read by OpenImageIO as linear Rec.709.
+"""Read textures with OpenImageIO as linear Rec.709.
 
-Encoded values are decoded before anything is averaged. A picture of more than `LARGEST` pixels a
-side is reduced by a whole factor: each pixel of the result is the mean of a square of the original
-ones, of what is there of it at the right and lower edge.
+Values are decoded before they are averaged. A picture of more than `LARGEST` pixels a side is
+reduced by an integer factor: each pixel of the result is the mean of a square of original ones,
+smaller at the right and lower edge.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from usdsplat.core.errors import FormatError
 from usdsplat.images.color import convert
 
 LARGEST = 4096
-"""Pixels a side that are kept."""
+"""Maximum size of a returned picture [pixel]."""
 READABLE = 1 << 30
-"""Pixels that a picture may claim to have."""
+"""Maximum number of pixels of a file."""
 
 Encoding = Literal["auto", "sRGB", "raw"]
 
 
 def read_texture(path: Path | str, *, encoding: Encoding = "auto", largest: int = LARGEST) -> F32:
-    """Return the picture at `path`.
+    """Read the picture at `path`.
 
     Args:
-        path: A file of any kind that OpenImageIO reads; of several parts or levels the first.
-        encoding: How colours are encoded; auto is sRGB for 8-bit pictures in colour, else raw, as
-            UsdUVTexture says.
-        largest: Pixels a side beyond which the picture is reduced.
+        path: A file of any format that OpenImageIO reads; the first part or level is read.
+        encoding: Encoding of colours; auto is sRGB for 8-bit colour pictures, else raw, as in
+            UsdUVTexture.
+        largest: Size above which the picture is reduced [pixel].
 
     Returns:
         Linear Rec.709, shape (h, w, 3), row 0 at the top; grey becomes equal channels, alpha is
-        left out.
+        dropped.
 
     Raises:
         FormatError: If the file cannot be read as a picture.
@@ -53,12 +53,12 @@ def read_texture(path: Path | str, *, encoding: Encoding = "auto", largest: int 
 
 
 def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") -> F32:
-    """Return the picture that `data` holds, as `read_texture` does; `name` tells its format.
+    """Read a picture from bytes, as `read_texture` does; the suffix of `name` is its format.
 
     Raises:
         FormatError: If it cannot be read as a picture.
     """
-    # OpenImageIO's Python reads from files only.
+    # OpenImageIO's Python interface reads from files only.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"texture{Path(name).suffix}"
         path.write_bytes(data)
@@ -69,7 +69,7 @@ def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") 
 
 
 def _read(path: str) -> npt.NDArray[Any]:
-    """All channels in the file's own type, shape (h, w, c)."""
+    """Read all channels in the file's own type, shape (h, w, c)."""
     file = oiio.ImageInput.open(path)
     if file is None:
         raise FormatError(path, _reason(), "a picture")
@@ -89,12 +89,12 @@ def _read(path: str) -> npt.NDArray[Any]:
 
 
 def _reason() -> str:
-    """What OpenImageIO says is wrong, on one line."""
+    """Return OpenImageIO's error message on one line."""
     return " ".join(oiio.geterror().split()) or "a file that cannot be read"
 
 
 def _linear(rgb: npt.NDArray[Any], encoding: Encoding, step: int) -> F32:
-    """Decode, and reduce by `step`, band by band."""
+    """Decode, and reduce by `step`, row by row."""
     height, width = -(-rgb.shape[0] // step), -(-rgb.shape[1] // step)
     table = _table(rgb.dtype, encoding)
     found = np.empty((height, width, 3), np.float32)
@@ -106,7 +106,7 @@ def _linear(rgb: npt.NDArray[Any], encoding: Encoding, step: int) -> F32:
 
 
 def _table(dtype: np.dtype[Any], encoding: Encoding) -> F32 | None:
-    """What each whole number stands for; None where pixels are not such."""
+    """Return the linear value of each integer; None for float pixels."""
     if dtype.kind != "u":
         return None
     top = np.iinfo(dtype).max
@@ -122,7 +122,7 @@ def _decoded(values: npt.NDArray[Any], encoding: Encoding) -> F32:
 
 
 def _mean(rows: F32, step: int) -> F32:
-    """Means of squares of `step` pixels a side, shape (width, 3), of one row of them."""
+    """Return the means of squares of `step` pixels a side in a row, shape (width, 3)."""
     starts = np.arange(0, rows.shape[1], step)
     sums = np.add.reduceat(rows.sum(axis=0, dtype=np.float64), starts, axis=0)
     counts = np.diff(np.append(starts, rows.shape[1])) * len(rows)

@@ -1,12 +1,12 @@
-"""What a display shows of a working space, and what a working space needs so that it is shown.
+"""Apply OCIO view transforms and their inverses.
 
-A view transform is an OCIO display, view and looks from a linear working space, by OpenImageIO. It
-is named by five texts and holds nothing else, so it may cross threads and processes.
+A view transform is an OCIO display, view and looks for a linear working space, applied by
+OpenImageIO. It consists of strings only, so it may be passed between threads and processes.
 
-A capture's colours are code values of an sRGB display. On another display of the config they become
-that display's own code values of the same light first, by the config's own conversion, so what is
-kept is how the capture looks on an sRGB display. A view whose code values are data, or a config
-that has no sRGB display, gives no such conversion: there the code values are the display's own.
+A capture's colours are code values of an sRGB display. For another display of the config, they are
+first converted to that display's code values by the config's own conversion, which keeps the
+appearance on an sRGB display. There is no such conversion if the view's code values are data or the
+config has no sRGB display: then they are used as the display's own code values.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from usdsplat.core.errors import UsageError
 from usdsplat.images.color import convert
 
 BUILT_IN = "ocio://default"
-"""The config where neither an option nor $OCIO names one."""
+"""Config if neither an option nor $OCIO names one."""
 CAPTURE_SPACE = "srgb_rec709_display"
 ROUND_TRIP = 0.5 / 255
-"""Error of a code value that no 8-bit display shows; ACES 2.0 itself comes back within 3e-4."""
+"""Tolerance of code values, invisible on an 8-bit display; ACES 2.0 round-trips within 3e-4."""
 
 ROW = 1024
-"""Pixels in a row of those that are converted together."""
+"""Number of pixels in a row of those converted together."""
 
 ALIASES = {
     "lin_rec709_scene": (
@@ -46,39 +46,39 @@ ALIASES = {
     "lin_p3d65_scene": ("Linear P3-D65", "lin_p3d65", "Utility - Linear - P3-D65"),
     CAPTURE_SPACE: ("sRGB - Display", "srgb_display", "Output - sRGB"),
 }
-"""What configs that do not know the interop names call our spaces."""
+"""Names of our spaces in configs without the interop names."""
 
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewTransform:
-    """One view of one working space; `open_view` makes it."""
+    """A view of a working space, created by `open_view`."""
 
     working_space: str
-    """Linear space of what is viewed, a Gf name."""
+    """Linear colour space of the input, a Gf name."""
     config: str = ""
-    """OCIO config, a file or an ocio:// name; "" for none: the plain sRGB curve and a matrix."""
+    """OCIO config, a file or an ocio:// name; "" for the plain sRGB curve and a matrix."""
     display: str = ""
     view: str = ""
     looks: str = ""
     source: str = ""
-    """What the config calls the working space."""
+    """Name of the working space in the config."""
     target: str = ""
-    """What the config calls the display's own space; "" if its code values are sRGB's."""
+    """Name of the display's space in the config; "" if its code values are sRGB's."""
     capture: str = ""
-    """What the config calls the sRGB display's space."""
+    """Name of the sRGB display's space in the config."""
 
     @property
     def is_plain(self) -> bool:
-        """Whether no OCIO is involved."""
+        """Whether OCIO is not used."""
         return not self.config
 
     def forward(self, rgb: F32) -> F32:
-        """Return what the display shows.
+        """Apply the view.
 
         Args:
-            rgb: Linear, in the working space, shape (h, w, 3).
+            rgb: Linear colours in the working space, shape (h, w, 3).
 
         Returns:
             Code values of the display, shape (h, w, 3). The plain transform does not clamp.
@@ -88,7 +88,7 @@ class ViewTransform:
         return self._display(rgb, inverse=False)
 
     def inverse(self, rgb: F32, *, most: float) -> tuple[F32, Mask]:
-        """Return what must be viewed for an sRGB display to show `rgb`.
+        """Return the colours for which the view shows `rgb` on an sRGB display.
 
         Args:
             rgb: Code values of an sRGB display, shape (h, w, 3).
@@ -96,8 +96,9 @@ class ViewTransform:
 
         Returns:
             Linear colours in the working space, at most `most`, shape (h, w, 3); and which pixels
-            fail, shape (h, w): those of which `forward` makes other code values, `ROUND_TRIP` or
-            more away in any channel, because the view cannot show them or `most` is in the way.
+            fail, shape (h, w). A pixel fails if `forward` returns a code value that differs by
+            `ROUND_TRIP` or more in any channel, because the view cannot show it or `most` limits
+            it.
         """
         if self.is_plain:
             exact = convert(rgb, CAPTURE_SPACE, self.working_space).astype(np.float32)
@@ -107,17 +108,17 @@ class ViewTransform:
             code = self._convert(rgb, self.capture, self.target)
             linear = np.minimum(self._display(code, inverse=True), np.float32(most))
             back = self._convert(self._display(linear, inverse=False), self.target, self.capture)
-        # written so that NaN fails
+        # Written so that NaN fails.
         failed = ~(np.abs(back - rgb) < ROUND_TRIP).all(axis=-1)
         return linear, failed
 
     def forward_over(self, image: F32) -> F32:
-        """`forward` of a premultiplied picture, shape (h, w, 4); where alpha is 0 it stays."""
+        """Apply `forward` to a premultiplied picture, shape (h, w, 4); alpha 0 stays unchanged."""
         covered = image[..., 3] > 0
         return _with_colors(image, covered, self.forward(_colors(image, covered)))
 
     def inverse_over(self, image: F32, *, most: float) -> tuple[F32, Mask]:
-        """`inverse` of a premultiplied picture, shape (h, w, 4); where alpha is 0 nothing fails."""
+        """Apply `inverse` to a premultiplied picture, shape (h, w, 4); alpha 0 never fails."""
         covered = image[..., 3] > 0
         linear, failed = self.inverse(_colors(image, covered), most=most)
         fails = np.zeros(covered.shape, np.bool_)
@@ -125,10 +126,10 @@ class ViewTransform:
         return _with_colors(image, covered, linear), fails
 
     def _display(self, rgb: F32, *, inverse: bool) -> F32:
-        """Through the view, in either direction."""
+        """Apply the view in either direction."""
         import OpenImageIO as oiio
 
-        # The transform of a whole picture is one call: a config is parsed anew for each, 0.1 s.
+        # One call for the whole picture: each call parses the config again, which takes 0.1 s.
         return _pixels(
             oiio.ImageBufAlgo.ociodisplay(
                 _buffer(rgb),
@@ -143,7 +144,7 @@ class ViewTransform:
         )
 
     def _convert(self, rgb: F32, source: str, target: str) -> F32:
-        """Code values of one display as those of another."""
+        """Convert code values of one display to those of another."""
         import OpenImageIO as oiio
 
         if not self.target:
@@ -163,17 +164,17 @@ def open_view(
     look: str = "",
     working_space: str = "lin_rec709_scene",
 ) -> ViewTransform:
-    """Return the view that the names describe; with none of them it is plain sRGB.
+    """Create the view with these names; without any it is plain sRGB.
 
     Args:
-        config: A file or an ocio:// name; "" for that of the environment, or OCIO's own.
-        display: "" for the config's first.
-        view: "" for the display's first.
-        look: OCIO looks, commas between; "" for those that the view has.
+        config: A file or an ocio:// name; "" for that of the environment, or the built-in one.
+        display: OCIO display; "" for the config's first.
+        view: OCIO view; "" for the display's first.
+        look: OCIO looks, separated by commas; "" for those of the view.
         working_space: A Gf name of a linear space.
 
     Raises:
-        UsageError: If a name does not exist, saying which ones do, or the config cannot be read.
+        UsageError: If a name is unknown, listing the known ones, or the config cannot be read.
     """
     if not (config or display or view or look):
         return ViewTransform(working_space=working_space)
@@ -208,7 +209,7 @@ def open_view(
 
 
 def _one_of(where: str, name: str, known: Iterable[str]) -> str:
-    """The name, or the first there is if it is empty."""
+    """Return the name, or the first known one if it is empty."""
     names = tuple(known)
     if not name and names:
         return names[0]
@@ -218,7 +219,7 @@ def _one_of(where: str, name: str, known: Iterable[str]) -> str:
 
 
 def _find(known: Any, space: str) -> str:
-    """What a config calls one of our spaces; "" if it has none."""
+    """Return the name of one of our spaces in a config; "" if it has none."""
     for name in (space, *ALIASES.get(space, ())):
         if known.getColorSpaceIndex(name) >= 0:
             return str(known.resolve(name))
@@ -229,9 +230,9 @@ def _find(known: Any, space: str) -> str:
 
 
 def _colors(image: F32, covered: Mask) -> F32:
-    """Straight colours of the covered pixels only, in rows that threads can share; the rest is 0.
+    """Return straight colours of the covered pixels, in rows for threads; padded with 0.
 
-    A view costs a microsecond a pixel, and half of a picture of a capture is often empty.
+    A view takes a microsecond per pixel, and often half of a capture's picture is empty.
     """
     pixels = image[covered]
     rows = np.zeros((max(1, -(-len(pixels) // ROW)), ROW, 3), np.float32)
@@ -240,7 +241,7 @@ def _colors(image: F32, covered: Mask) -> F32:
 
 
 def _with_colors(image: F32, covered: Mask, rows: F32) -> F32:
-    """The picture with other straight colours where it is covered."""
+    """Return the picture with new straight colours in covered pixels."""
     result = image.copy()
     alpha = image[covered][:, 3:]
     result[covered, :3] = rows.reshape(-1, 3)[: len(alpha)] * alpha
@@ -248,14 +249,15 @@ def _with_colors(image: F32, covered: Mask, rows: F32) -> F32:
 
 
 def _buffer(rgb: F32) -> Any:
-    """Pixels as OpenImageIO takes them."""
+    """Convert pixels to an OpenImageIO buffer."""
     import OpenImageIO as oiio
 
     return oiio.ImageBuf(np.ascontiguousarray(rgb, np.float32))
 
 
 def _pixels(buffer: Any) -> F32:
-    """And back; what OCIO cannot do, such as invert some views, is the view's fault."""
+    """Convert a buffer to pixels; raise an error if OCIO failed, such as for a view without
+    inverse."""
     import OpenImageIO as oiio
 
     if buffer.has_error:

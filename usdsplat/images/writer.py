@@ -1,4 +1,4 @@
-"""What all picture files share: they grow row by row under a temporary name."""
+"""Base class of picture writers, which write rows to a temporary file."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from usdsplat.core.output import atomic_path
 from usdsplat.images.layout import Band, ImageLayout
 
 ROWS = 64
-"""Rows that are handled at a time: few, so that copies of them stay in the processor's cache."""
+"""Number of rows processed at a time: copies of them stay in the cache."""
 
 
 class ImageWriter(ABC):
-    """A picture file that is being written: a context manager fed with bands, top to bottom.
+    """Writer of a picture file: a context manager that takes bands, top to bottom.
 
     The file appears under its name when the context ends without an error, else not at all. A
-    format says in `_append` what becomes of a band, and in `_finish` what comes after the last.
+    format implements `_append` for the rows of a band, and `_finish` for data after the last row.
     """
 
     FORMAT: str
-    """OpenImageIO's name for the format."""
+    """OpenImageIO's name of the format."""
 
     def __init__(
         self, path: Path | str, layout: ImageLayout, specs: tuple[oiio.ImageSpec, ...]
@@ -72,13 +72,13 @@ class ImageWriter(ABC):
         """Append whole rows.
 
         Args:
-            y0: First row [pixel], in display window coordinates; the row after the last band's.
+            y0: First row [pixel], in display window coordinates; it must follow the last band.
             band: AOV name -> float32 or uint32 (ids) array, shape (rows, width) for one channel and
                 (rows, width, channels) for more; AOVs that the layout does not name are ignored.
 
         Raises:
             OutputError: If the file cannot be written.
-            ValueError: If rows are out of order or an array is not what its AOV asks for.
+            ValueError: If rows are out of order, or an array does not match its AOV.
         """
         rows = self._layout.rows_of(y0, band)
         if y0 != self._next_row or not 0 < rows <= self._layout.window[3] - y0:
@@ -90,25 +90,27 @@ class ImageWriter(ABC):
 
     @abstractmethod
     def _append(self, y0: int, band: Band) -> None:
-        """Put some rows of a checked band into the file."""
+        """Write some rows of a checked band."""
 
     def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
-        """Add what follows the last row."""
+        """Write data after the last row."""
 
     def _is_whole(self, path: Path) -> bool:
-        """Whether the closed file has its end; for formats whose writer says nothing if not."""
+        """Return whether the closed file is complete, for formats whose writer does not report
+        errors."""
         return path.stat().st_size > 0
 
     def _write_rows(self, y0: int, pixels: npt.NDArray[np.generic]) -> None:
-        """Append to the open part; `pixels` of shape (rows, width, channels)."""
+        """Append `pixels` of shape (rows, width, channels) to the open part."""
         self._check(self._file.write_scanlines(y0, y0 + len(pixels), 0, pixels))
 
     def _open_next_part(self, spec: oiio.ImageSpec) -> None:
-        """Go on with the next part of a file that was opened with several."""
+        """Open the next part of a multipart file."""
         self._check(self._file.open(str(self._temporary), spec, "AppendSubimage"))
 
     def _check(self, succeeded: bool) -> None:
-        """Turn OpenImageIO's refusal into our error; a message it keeps is printed at exit."""
+        """Raise an error if OpenImageIO failed; reading its message keeps it from printing it at
+        exit."""
         message = self._file.geterror() or oiio.geterror()
         if not succeeded:
             found = message.replace(str(self._temporary), self._path.name).strip().rstrip(".")

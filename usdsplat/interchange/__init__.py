@@ -1,4 +1,4 @@
-"""Captures to stages and back, with axes, unit, colour space and provenance accounted for."""
+"""Convert captures to stages and back, with axes, unit, colour space and provenance."""
 
 from __future__ import annotations
 

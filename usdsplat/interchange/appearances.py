@@ -1,4 +1,4 @@
-"""Which splat fields of a stage are seen, where, and how often."""
+"""Find the visible splat fields of a stage, with every place where they appear."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from usdsplat.core.errors import StageError
 from usdsplat.interchange.placement import checked_path
 
 MOST_SPLATS = 1 << 28
-"""A cloud of more is a slip with an instancer, not an export: it would take 60 GB."""
+"""Maximum number of splats of an export: more would take 60 GB and are assumed to be a mistake."""
 
 _PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _IN_WORLD = Usd.TraverseInstanceProxies()
 _IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
-"""Prototypes may be kept under an `over` or a `class`, so that they do not show by themselves."""
+"""Prototypes may be under an `over` or a `class`, so that they are not drawn by themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Appearance:
-    """A field and every place where it is seen."""
+    """A field with every place where it appears."""
 
     prim: Usd.Prim
     to_world: F64
-    """Maps from its own space to the world's, column vectors, shape (k, 4, 4)."""
+    """Local to world matrices, column vectors, shape (k, 4, 4)."""
 
     def cloud(self, time: float | None, turn: F64) -> SplatCloud:
-        """All its splats in world space, whose axes are turned by `turn`, shape (3, 3).
+        """Return all its splats in world space, with axes rotated by `turn`, shape (3, 3).
 
         Raises:
-            StageError: If these are more than `MOST_SPLATS`, the field cannot be read, or float32
-                cannot hold where they are in the world.
+            StageError: If there are more than `MOST_SPLATS`, the field cannot be read, or float32
+                cannot hold its world positions.
         """
         own = schema.fetch(self.prim, time)
         total = len(own) * len(self.to_world)
@@ -48,7 +48,7 @@ class Appearance:
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
 
     def _placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
-        """The field's cloud after a map that is finite."""
+        """Return the field's cloud transformed by a finite matrix."""
         if not np.isfinite(matrix).all():
             found = "a transform that is not finite"
             raise StageError(str(self.prim.GetPath()), found, "finite numbers")
@@ -62,16 +62,16 @@ class Appearance:
 def appearances(
     stage: Usd.Stage, prim_path: str | None, time: float | None
 ) -> tuple[list[Appearance], list[str]]:
-    """Fields that can be seen, instances each for themselves, and notes on what is left out.
+    """Return the visible fields, one entry per field, and notes on what is left out.
 
     Args:
-        prim_path: A field, which is taken as it is, or a prim with fields beneath it; None is the
-            whole stage.
-        time: Time code; None is the default one.
+        prim_path: A field, which is taken even if invisible, or a prim with fields below it; None
+            is the whole stage.
+        time: Time code; None is the default time.
 
     Raises:
-        StageError: If there is no such prim, or nothing to be seen.
-        UsageError: If `prim_path` is none.
+        StageError: If there is no such prim, or nothing is visible.
+        UsageError: If `prim_path` is not the path of a prim.
     """
     root = (
         stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
@@ -100,12 +100,12 @@ def appearances(
 
 
 def code(time: float | None) -> Usd.TimeCode:
-    """A time as USD has it."""
+    """Return a time as a USD time code."""
     return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
 
 
 def _once(prim: Usd.Prim, places: UsdGeom.XformCache) -> Appearance:
-    """A field where it stands."""
+    """Return a field with its own transform."""
     return Appearance(prim=prim, to_world=_columns(places.GetLocalToWorldTransform(prim))[None])
 
 
@@ -115,7 +115,8 @@ def _instances(
     time: float | None,
     notes: list[str],
 ) -> Iterator[Appearance]:
-    """The fields of its prototypes, each at every instance that is shown."""
+    """Yield the fields of the prototypes of a point instancer, each with all its visible
+    instances."""
     path = instancer.GetPath()
     if not _is_visible(instancer.GetPrim(), time):
         notes.append(f"{path}: left out, it is not shown in renders")
@@ -138,10 +139,10 @@ def _instances(
 
 
 def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, F64]:
-    """Maps of the instances that are not masked, shape (k, 4, 4), and their prototypes, (k,)."""
+    """Return matrices of the unmasked instances, (k, 4, 4), and their prototypes, (k,)."""
     own, positions = UsdGeom.PointInstancer, instancer.GetPositionsAttr()
     when = code(time)
-    if time is None and positions.Get() is None:  # as of fields, the first sample
+    if time is None and positions.Get() is None:  # as for fields, the first sample
         when = code(next(iter(positions.GetTimeSamples()), None))
     maps = instancer.ComputeInstanceTransformsAtTime(
         when, when, own.IncludeProtoXform, own.IgnoreMask
@@ -156,12 +157,12 @@ def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, 
 
 
 def _columns(matrix: object) -> F64:
-    """One of Gf's matrices, whose vectors are rows, for vectors that are columns."""
+    """Convert a Gf matrix, for row vectors, to one for column vectors."""
     return np.array(matrix, np.float64).T
 
 
 def _is_visible(prim: Usd.Prim, time: float | None, root: Usd.Prim | None = None) -> bool:
-    """Whether renders show the prim; what is above `root`, a prototype's, hides nothing in it."""
+    """Return whether renders show the prim; ancestors of a prototype `root` are ignored."""
     purpose = ""
     while prim and not prim.IsPseudoRoot():
         imageable = UsdGeom.Imageable(prim)

@@ -1,4 +1,4 @@
-"""A capture that was read, onto a stage: what one file and a sequence of them have in common."""
+"""Author captures on a stage: shared by single files and sequences."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from usdsplat.interchange.placement import (
 from usdsplat.schema import DrawingHints, Form
 
 IN_USD_MEMORY = ReadOptions(empty=schema.empty)
-"""How to read what is to be authored: most arrays need no copy then."""
+"""Options for reading captures that will be authored: most arrays are then not copied."""
 
-_BLOCK = 1 << 16  # splats turned at a time
+_BLOCK = 1 << 16  # splats transformed at a time
 _UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
 
 
 def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:
-    """Let an empty stage say what its coordinates mean.
+    """Author up axis, unit and creator of a new stage.
 
     Args:
-        stage: A new one.
+        stage: A new stage.
         up_axis: "Y" or "Z"; "Y" if None.
         meters_per_unit: 1 if None.
 
     Raises:
-        UsageError: If there is no such axis, or the unit is not positive.
+        UsageError: If the axis is unknown, or the unit is not positive.
     """
     up_axis = up_axis or "Y"
     if up_axis not in axes.UP_AXIS_FRAME:
@@ -58,19 +58,20 @@ def author_field(
     bake_axes: bool,
     time: float | None = None,
 ) -> Usd.Prim:
-    """Write the field of a capture, and the groups above it.
+    """Write the field of a capture, and the Xforms above it.
 
     Args:
-        stage: Its edit target is written.
+        stage: The stage; its edit target is written.
         where: Path of the field.
-        capture: What to write. Its arrays are the stage's afterwards: nobody else may need them.
-        placed: From the capture's coordinates to the stage's.
-        form: How the field is stored, see `schema.author`.
-        bake_axes: Turn the splats instead of authoring a transform op on the prim.
+        capture: The capture. The stage takes over its arrays: the caller must not use them
+            afterwards.
+        placed: Transformation from the capture's coordinates to the stage's.
+        form: Storage form of the field, see `schema.author`.
+        bake_axes: Transform the splats instead of authoring a transform op on the prim.
         time: Time code of a sample; None writes default values.
 
     Raises:
-        UsdSplatError: As `schema.author` says.
+        UsdSplatError: As for `schema.author`.
     """
     define_ancestors(stage, where)
     if bake_axes and not placed.is_identity:
@@ -90,7 +91,7 @@ def author_field(
 
 
 def _turn(cloud: SplatCloud, matrix: F64) -> None:
-    """Carry a cloud through a map in its own arrays, so that it is not held twice."""
+    """Transform a cloud in place, so that it is not in memory twice."""
     arrays = {item.name: getattr(cloud, item.name) for item in fields(cloud)}
     arrays = {name: array for name, array in arrays.items() if array is not None}
     for first in range(0, len(cloud), _BLOCK):
@@ -101,13 +102,13 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
 
 
 def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
-    """What was taken for true without the file saying so."""
+    """Return notes on assumptions that the file does not confirm."""
     given = [] if frame is None else [f"the axes are {frame!r} because the import was told so"]
     return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
 
 
 def axes_text(placed: Placement, baked: bool) -> str:
-    """One sentence on what happens to the axes."""
+    """Describe the change of axes in one sentence."""
     if placed.is_identity:
         return placed.text
     return placed.text + (" in the arrays" if baked else f" by {OP}")

@@ -1,6 +1,6 @@
-"""Photographs' cameras become cameras of the stage, beside the field that was trained from them.
+"""Import the cameras of photographs, beside the field that was trained from them.
 
-USD's cameras are pinholes: what else a lens does is noted, and kept in customData.
+USD cameras are pinholes: lens distortion is noted and stored in customData.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from usdsplat.interchange.provenance import KEY
 from usdsplat.schema import attributes, stock, tokens
 
 SCOPE = "cameras"
-"""Name of the group, beside the field."""
+"""Name of the scope of cameras, beside the field."""
 APERTURE = 36.0
-"""Width of every camera's aperture [tenth of a scene unit]: lenses read as on a 36 mm film."""
+"""Horizontal aperture of every camera [tenth of a scene unit]: that of 36 mm film."""
 
 _NEAREST = 0.01
-"""Of the median depth of the splats in front of a camera, where its near plane is."""
+"""Near plane of a camera, as a fraction of the median depth of the splats in front of it."""
 _RANGE = 1e6
-"""Far over near, at most: what depth buffers can bear."""
+"""Maximum ratio of far to near plane, for depth buffers."""
 _SHOWN = 0.5
-"""Pixels that a photograph and a render must differ by to be worth a note."""
+"""Minimum difference between photograph and render that is noted [pixel]."""
 _STEP = 64
 _SAMPLED = 1 << 16
-"""Centres that are looked at for the clipping range."""
+"""Maximum number of splat centres used for the clipping range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraReport:
-    """Cameras on a stage."""
+    """Report on imported cameras."""
 
     source: str
-    """The file with the poses, or the folder."""
+    """File or folder of the poses."""
     format: str
     """"COLMAP binary", "COLMAP text" or "transforms.json"."""
     prim_paths: tuple[str, ...]
-    """One for each photograph, in the order of the file."""
+    """Prim paths, one for each photograph, in the order of the file."""
     notes: tuple[str, ...] = ()
-    """What a careful reader would want to be told, a sentence each."""
+    """Findings that a user should know, one sentence each."""
 
 
 def import_cameras(
@@ -63,26 +63,26 @@ def import_cameras(
     edited: F64 | None = None,
     progress: Progress = silent,
 ) -> CameraReport:
-    """Author a camera for each photograph of a capture, in the group "cameras" beside its field.
+    """Author a camera for each photograph of a capture, in a scope "cameras" beside its field.
 
-    A point that the photograph has at a pixel, lens distortion apart, is there in a render with the
+    Apart from lens distortion, a point has the same pixel in the photograph and in a render of the
     photograph's size. customData["usdsplat"] of a camera has `image`, `width`, `height`, the lens
-    and what it does beyond a pinhole.
+    and its distortion.
 
     Args:
         source: See `formats.cameras.read`.
-        field: What was made of the capture, on a stage whose edit target is written.
-        frame: Where x, y and z of the capture point, as its import was told; of no account where
-            the field has the op of its import, which says it.
-        meters_per_unit: Metres in a unit of the capture, likewise.
-        edited: What was done to the capture between training and import, shape (4, 4), column
+        field: Field of the capture, on a stage whose edit target is written.
+        frame: Axes of the capture, as given to its import; ignored if the field has the transform
+            op of its import.
+        meters_per_unit: Metres per unit of the capture; ignored in the same case.
+        edited: Transformation of the capture between training and import, shape (4, 4), column
             vectors: a rotation, a uniform scale and a translation.
-        progress: Told about reading and authoring.
+        progress: Receives the progress of reading and authoring.
 
     Raises:
-        FormatError: If the source is not what it claims to be.
-        UsageError: If `frame` or `edited` mirrors or shears: no camera can.
-        StageError: If the field's own transform does.
+        FormatError: If the source is invalid.
+        UsageError: If `frame` or `edited` mirrors or shears, which a camera cannot.
+        StageError: If the field's own transform mirrors or shears.
     """
     found = cameras.read(source, progress=progress)
     matrix = _to_parent(field, frame, meters_per_unit, edited)
@@ -107,10 +107,10 @@ def import_cameras(
 def _to_parent(
     field: Usd.Prim, frame: str, meters_per_unit: float | None, edited: F64 | None
 ) -> F64:
-    """From the capture's coordinates to those of the field's parent."""
+    """Return the matrix from the capture's coordinates to the field's parent space."""
     xformable = UsdGeom.Xformable(field)
     matrix: F64 = np.array(xformable.GetLocalTransformation(Usd.TimeCode.Default())).T
-    if not field.HasAttribute(OP):  # the splats themselves were turned, or there was nothing to do
+    if not field.HasAttribute(OP):  # axes were baked, or needed no change
         turn = placement(field.GetStage(), frame, meters_per_unit).matrix
         _check(turn, UsageError("frame", f"{frame!r}, which is left-handed", "a right-handed one"))
         matrix = matrix @ turn
@@ -125,7 +125,7 @@ def _to_parent(
 
 
 def _check(matrix: F64, error: Exception) -> None:
-    """Raise the error if cameras cannot be carried by the matrix."""
+    """Raise the error if the matrix is not a similarity."""
     try:
         carried(np.eye(4), matrix)
     except ValueError:
@@ -135,7 +135,7 @@ def _check(matrix: F64, error: Exception) -> None:
 def _author(
     stage: Usd.Stage, path: Sdf.Path, posed: Posed, pose: F64, clipping: tuple[float, float]
 ) -> None:
-    """One camera; apertures are in the unit of the focal length, so that only ratios count."""
+    """Author a camera; apertures have the unit of the focal length, so only ratios matter."""
     lens = posed.lens
     focal = lens.fx * APERTURE / lens.width
     camera = UsdGeom.Camera.Define(stage, path)
@@ -152,7 +152,7 @@ def _author(
 
 
 def _remembered(posed: Posed) -> dict[str, object]:
-    """What the photograph was, for whoever wants to lay it over a render."""
+    """Return metadata of the photograph, for comparing it with a render."""
     lens = posed.lens
     return {
         "image": posed.name,
@@ -168,9 +168,9 @@ def _remembered(posed: Posed) -> dict[str, object]:
 
 
 def _centres(field: Usd.Prim) -> F64:
-    """Some of the field's splats, and the corners of its box, in its parent's space, homogeneous.
+    """Return some splat centres and the box corners of a field in its parent space, homogeneous.
 
-    The corners come last, eight of them, if there are any.
+    The corners come last: eight, or none without an extent.
     """
     code = Usd.TimeCode.EarliestTime()
     packed = schema.is_packed(field)
@@ -187,19 +187,20 @@ def _centres(field: Usd.Prim) -> F64:
 
 
 def _clipping_range(pose: F64, points: F64) -> tuple[float, float]:
-    """Planes that hold everything in front of a camera, but for what is right before its lens."""
+    """Return near and far planes around everything in front of a camera, except very near
+    splats."""
     depths = (points[:, :3] - pose[:3, 3]) @ pose[:3, 2]
     depths = depths[depths > 0]
     if not len(depths):
-        return 0.01, 1e4  # it looks away from everything
+        return 0.01, 1e4  # nothing is in front of it
     far = 1.01 * float(depths.max())
     return max(_NEAREST * float(np.median(depths)), far / _RANGE), far
 
 
 def _names(images: Sequence[str]) -> list[str]:
-    """A prim's name for each image, which may be in folders, and none of them twice."""
+    """Return a unique prim name for each image, which may be in folders."""
     taken: set[str] = set()
-    next_number: dict[str, int] = {}  # not from 1 each time: a thousand folders may have a 0001.jpg
+    next_number: dict[str, int] = {}  # linear time: a thousand folders may have a 0001.jpg
     names = []
     for image in images:
         stem = image.rpartition(".")[0] or image
@@ -213,7 +214,7 @@ def _names(images: Sequence[str]) -> list[str]:
 
 
 def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
-    """The path, numbered if there is a prim already."""
+    """Return the path, with a number appended if a prim exists there."""
     free, number = path, 1
     while stage.GetPrimAtPath(free):
         free, number = path.ReplaceName(f"{path.name}_{number}"), number + 1
@@ -221,7 +222,7 @@ def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
 
 
 def _about_lenses(lenses: Sequence[Lens]) -> list[str]:
-    """What renders through these cameras have otherwise than the photographs."""
+    """Return notes on differences between renders and photographs."""
     notes = []
     bent = [lens for lens in lenses if not lens.is_pinhole]
     if bent:

@@ -1,4 +1,4 @@
-"""Captures and stages become one capture file, or a sequence of them."""
+"""Convert captures and stages to a capture file, or to a sequence of them."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from usdsplat.interchange.sequence_files import files_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToCapture:
-    """How whatever is read becomes a capture file."""
+    """A conversion of captures or stages to capture files."""
 
     edits: tuple[Edit, ...]
-    """Done in this order, in the coordinates of the first source; of a stage, of the target."""
+    """Edits in order, in the coordinates of the first source; for a stage, of the target."""
     axes: str | None
-    """Where x, y and z of the target point; None is its format's way."""
+    """Axes of the target; None is the default of its format."""
     prim_path: str | None
-    """What of stages is read, see `export_capture`."""
+    """Prim to read from stages, see `export_capture`."""
     time: float | None
-    """When stages are read, likewise."""
+    """Time code at which stages are read, see `export_capture`."""
     reading: ReadOptions
     writing: WriteOptions
     progress: Progress = silent
@@ -40,12 +40,12 @@ class ToCapture:
     def write(self, sources: Sequence[Path], target: Path) -> ExportReport:
         """Write captures and stages as one capture.
 
-        The file says where its axes point if that is known, or was asked for.
+        The file states its axes if they are known or were requested.
 
         Raises:
-            FormatError: If a source is not what it claims to be.
-            StageError: If a stage cannot be opened or shows nothing.
-            UsageError: If edits leave no splat, or colours are of several spaces.
+            FormatError: If a source is invalid.
+            StageError: If a stage cannot be opened or has no visible field.
+            UsageError: If edits leave no splat, or sources have different colour spaces.
             OutputError: If the target cannot be written, or is one of the sources.
         """
         files.check_not_input(target, sources)
@@ -71,7 +71,7 @@ class ToCapture:
         )
 
     def of_stage(self, stage: Usd.Stage, target: Path, time: float) -> ExportReport:
-        """Write what a stage shows at a time, see `export_capture`."""
+        """Write the visible fields of a stage at a time, see `export_capture`."""
         return export_capture(
             stage,
             target,
@@ -89,12 +89,12 @@ class ToCapture:
         """Write a sequence of captures as another, frame by frame.
 
         Args:
-            source: A name with a place for the frame number.
-            target: Likewise.
-            frames: Which; None is all there are, and they must leave no gap.
+            source: A name with a placeholder for the frame number.
+            target: A name with a placeholder for the frame number.
+            frames: Frames to convert; None is all, without gaps.
 
         Raises:
-            UsdSplatError: As `write` says, and if a file is missing.
+            UsdSplatError: As for `write`, and if a file is missing.
         """
         listed = files_of(source, frames)
 
@@ -104,7 +104,7 @@ class ToCapture:
         return write_frames(str(source), target, tuple(listed), write, progress=self.progress)
 
     def _read(self, source: Path, frame: str) -> Capture:
-        """A source; of a stage what is seen, in the target's frame."""
+        """Read a source; of a stage the visible fields, in the target's axes."""
         if not files.is_usd(source):
             return formats.read(source, how=self.reading, progress=self.progress)
         stage = files.open_stage(source)

@@ -1,4 +1,4 @@
-"""Any files that hold splats to any other, chosen by their suffixes."""
+"""Convert between any files that hold splats, by their suffixes."""
 
 from __future__ import annotations
 
@@ -46,26 +46,27 @@ def convert(
     export: ExportOptions = EXPORT,
     progress: Progress = silent,
 ) -> Report:
-    """Turn captures into a stage, stages into a capture, or either into another of its kind.
+    """Convert captures to a stage, stages to a capture, or either to another of its kind.
 
     Args:
-        source: A capture or a USD file; or several, which become one: any into a capture, captures
-            into a stage, all in the coordinates of the first. A capture's name with a place for the
+        source: A capture or a USD file. Several are joined, in the coordinates of the first: any of
+            them into a capture, captures into a stage. A capture's name with a placeholder for the
             frame number, such as `cap.####.ply`, is a sequence.
         target: A capture or a USD file, replaced when the new one is complete; or the name of a
-            sequence of captures, of a stage or of another sequence.
-        edits: Done in this order. They act on the numbers of the capture that is read; of a stage,
-            on those of the capture that it becomes; from stage to stage, on each field's own.
-        options: Of fields in a USD target, and of readers of captures. `axes` are those of the
-            target if that is a capture, the format's own if None; else those of the source.
-            `prim_path` is that of the field to write, or to read from a stage.
-        sequence: Of a sequence of captures.
-        export: Of captures that are written.
-        progress: Told about each step.
+            sequence of captures, for a stage or another sequence.
+        edits: Edits in order. They apply to the coordinates of the capture that is read; for a
+            stage, to those of the capture that is written; from stage to stage, to each field's
+            own.
+        options: Options of fields in a USD target, and of readers of captures. `axes` are those of
+            the target if it is a capture, with the format's default for None; else those of the
+            source. `prim_path` is that of the field to write, or to read from a stage.
+        sequence: Options of a sequence of captures.
+        export: Options of captures that are written.
+        progress: Receives the progress of each step.
 
     Raises:
-        UsdSplatError: As `import_capture`, `import_sequence`, `export_capture`, `export_sequence`
-            and `repack` say.
+        UsdSplatError: As for `import_capture`, `import_sequence`, `export_capture`,
+            `export_sequence` and `repack`.
     """
     sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
     path = check_target(target)
@@ -122,11 +123,11 @@ def convert(
 
 
 def check_target(target: Path | str) -> Path:
-    """The target as a path, if its name says what it is to become.
+    """Return the target as a path if its suffix can be written.
 
     Raises:
-        UnknownFormatError: If it says nothing that can be written.
-        OutputError: If it says that it is a folder.
+        UnknownFormatError: If the suffix cannot be written.
+        OutputError: If the name is that of a folder.
     """
     path = Path(target)
     if str(target).endswith(os.sep):
@@ -140,11 +141,11 @@ def check_target(target: Path | str) -> Path:
 
 
 def check_sequences(sources: Sequence[Path], target: Path) -> None:
-    """Refuse names with a place for the frame number where nothing has frames.
+    """Raise an error for placeholders of frame numbers that cannot be used.
 
     Raises:
-        UsageError: If a sequence is to become one with other inputs, or something else than a stage
-            or a sequence; or if there is no sequence to write.
+        UsageError: If a sequence is joined with other inputs, or converted to something other than
+            a stage or a sequence; or if the source of a sequence to write has no frames.
     """
     patterns = [each for each in sources if is_sequence(each)]
     if patterns and len(sources) > 1:

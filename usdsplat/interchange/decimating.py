@@ -1,7 +1,7 @@
-"""Fewer splats that look like all of them: neighbours merge, the least noticed pairs first.
+"""Decimate a cloud: merge neighbouring splats, pairs with the smallest visible change first.
 
-What a pair costs and what becomes of it is said in `kernels.thinning.pairs`. Each round looks for
-every splat's cheapest pair among its nearest neighbours, and merges the cheapest of these.
+`kernels.thinning.pairs` defines the cost and the result of a merge. Each round finds the cheapest
+partner of every splat among its nearest neighbours, and merges the cheapest of these pairs.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.thinning import pairs as kernels
 
 NEIGHBORS = 8
-"""Of which a splat's partner is one."""
+"""Number of nearest neighbours among which a splat's partner is searched."""
 FAINTEST = 1 / 255
-"""Opacity below which renderers leave a splat out."""
+"""Opacity below which renderers skip a splat."""
 ROUND = 0.25
-"""Part of the splats that a round takes away at most: the rest waits for better partners."""
+"""Maximum fraction of splats removed in a round: the rest may find better partners."""
 CROWD = 64
-"""Splats at one place that are too many to search among: they merge before all others."""
+"""Number of splats at one position from which these merge before all others."""
 STALLED = 0.02
-"""Part of the splats below which a round that wanted more has got stuck: too many have the same
-neighbours."""
+"""A round that merges less than this fraction of the splats, although more are wanted, counts as
+stalled: too many splats share their neighbours."""
 BY_COLOR, BY_OPACITY = 1.6, 1.0
-"""What squared differences of harmonics and of opacity are worth, beside those of shape [nat]."""
+"""Weights of squared differences of harmonics and of opacity, relative to shape [nat]."""
 
 _LABEL = "merging splats"
-_CHUNK = 1 << 13  # covariances factored at a time: their temporaries stay in the cache
+_CHUNK = 1 << 13  # covariances per block: temporaries stay in the cache
 _TRIANGLE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # columns of (xx, xy, xz, yy, yz, zz)
 
 
@@ -49,18 +49,18 @@ def decimate(
 ) -> SplatCloud:
     """Merge neighbours until `count` splats are left.
 
-    A merged splat has the place, spread, harmonics and velocity of both, weighted by opacity times
-    area, is so opaque that this product is kept, and has the id and the place in the order of the
-    heavier. Splats that were merged with none are those that they were. A cloud that has no more
-    than `count` is returned as it is; from any other those with a number that is not finite go
-    first, all of them, so that there may be fewer than `count`, and then those that are too faint
-    for any picture.
+    A merged splat has the mean position, covariance, harmonics and velocity of both, weighted by
+    opacity times area. Its opacity preserves the sum of this product. It has the id and the
+    position in the order of the heavier one. Splats that are not merged stay unchanged. A cloud of
+    at most `count` splats is returned as it is. From a larger one, all splats with a number that is
+    not finite are removed first, so that fewer than `count` may remain, then the splats that are
+    too faint for any picture.
 
     Args:
-        cloud: Of any degree.
-        count: Splats wanted, >= 1.
-        progress: Told how many are gone after each round.
-        device: Where to; None for the fastest one here.
+        cloud: Splats of any degree.
+        count: Number of splats to keep, >= 1.
+        progress: Receives the number of removed splats after each round.
+        device: Device; None for the fastest one.
 
     Raises:
         UsageError: If `count` is less than 1.
@@ -84,7 +84,7 @@ def decimate(
 
 
 def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
-    """Without the faintest of those that no picture shows, as long as more than `count` remain."""
+    """Remove invisible splats, faintest first, while more than `count` remain."""
     faint = np.flatnonzero(cloud.opacities < FAINTEST)
     faint = faint[np.argsort(cloud.opacities[faint], kind="stable")]
     going = faint[: max(len(cloud) - count, 0)]
@@ -93,7 +93,7 @@ def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class _Splats:
-    """Splats while they are merged: arrays of all that there were, and the rows still there."""
+    """State of a decimation: arrays of all original splats, and the remaining rows."""
 
     device: Device
     before: SplatCloud
@@ -109,7 +109,7 @@ class _Splats:
 
     @classmethod
     def of(cls, cloud: SplatCloud, device: Device) -> _Splats:
-        """All of a cloud, whose arrays are left alone."""
+        """Create the state for a cloud, whose arrays are not modified."""
         n = len(cloud)
         still = np.empty((n, 0), np.float32)
         splats = cls(
@@ -132,10 +132,10 @@ class _Splats:
         return splats
 
     def candidates(self, stalled: bool) -> I32:
-        """Whom each splat that is left may merge with, as entries of `rows`, shape (m, k).
+        """Return candidate partners of each remaining splat as indices into `rows`, shape (m, k).
 
-        The nearest, unless there are crowds, whose splats have all of one place at distance 0; or
-        unless that got stuck: where distances cannot be told apart, any on the way will do.
+        These are the nearest neighbours. If many splats share a position, or the last round
+        stalled, distances do not discriminate: then the candidates are neighbours in an order.
         """
         points = self.positions[self.rows]
         order, ranks = coincident(points)
@@ -146,7 +146,7 @@ class _Splats:
         return nearest(self.device, points, points, NEIGHBORS + 1)[0]
 
     def merge(self, near: I32, wanted: int) -> int:
-        """Merge the cheapest pairs of neighbours, `wanted` at most; say how many."""
+        """Merge at most `wanted` of the cheapest pairs and return their number."""
         m = len(self.rows)
         partners, costs = self.device.empty(m, np.int32), self.device.empty(m, np.float64)
         state = (self.positions, self.covariances, self.masses, self.volumes, self.opacities)
@@ -166,7 +166,7 @@ class _Splats:
         return found
 
     def cloud(self) -> SplatCloud:
-        """Those that are left."""
+        """Return the remaining splats."""
         kept = edit.take(self.before, self.rows)
         changed = np.flatnonzero(self.merged[self.rows])
         for first in range(0, len(changed), _CHUNK):
@@ -185,8 +185,9 @@ class _Splats:
 
 
 def _beside(order: npt.NDArray[np.integer], later: npt.NDArray[np.integer]) -> I32:
-    """Each row's neighbours in an order, shape (n, 2); -1 where `later`, the places whose row has
-    something to do with the one before, has none."""
+    """Return each row's neighbours in an order, shape (n, 2), -1 for none.
+
+    `later` holds the places whose row may merge with the one before."""
     near = np.full((len(order), 2), -1, np.int32)
     near[order[later], 0] = order[later - 1]
     near[order[later - 1], 1] = order[later]

@@ -1,4 +1,4 @@
-"""Edits on the way from file to file: done in their order, and accounted for."""
+"""Apply edits during conversions, and track their effect on error bounds."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _CHANGED = {
     "scale": ("positions", "scales"),
     "decimate": _FIELDS,
 }
-"""Edit -> fields of the cloud whose numbers it mixes or multiplies, and their errors with them."""
+"""Edit -> fields whose values, and therefore errors, it mixes or scales."""
 UNBOUNDED = "unbounded"
-"""How a bound begins that is none."""
+"""Prefix of a bound that is unlimited."""
 _MERGED = f"{UNBOUNDED}: splats were merged by "
-"""How the bound begins of what was exact before a decimation."""
+"""Prefix of the bound of fields that were exact before a decimation."""
 
 
 def edited(
@@ -38,19 +38,19 @@ def edited(
     may_empty: bool = False,
     progress: Progress = silent,
 ) -> tuple[SplatCloud, tuple[str, ...]]:
-    """Do edits in their order.
+    """Apply edits in order.
 
-    Maps that follow each other are done as one, so that harmonics are turned once.
+    Consecutive affine maps are combined, so that harmonics are rotated once.
 
     Args:
-        may_empty: Whether it is all right if no splat is left.
-        progress: Told about each step.
+        may_empty: Whether the result may be empty.
+        progress: Receives the progress of the steps.
 
     Returns:
-        The cloud, and a sentence for each edit that dropped splats.
+        The cloud, and a note for each edit that dropped splats.
 
     Raises:
-        UsageError: If no splat is left, or float32 cannot hold what they become, naming the edit.
+        UsageError: If no splat is left, or values exceed float32, naming the edit.
     """
     steps = [list(group) for _, group in groupby(enumerate(edits), key=_step)]
     notes = []
@@ -71,7 +71,7 @@ def edited(
 
 
 def bounds_after(bounds: Mapping[str, str], edits: Sequence[Edit]) -> dict[str, str]:
-    """Error bounds of a source, said so that they stay true once the edits are done."""
+    """Return the error bounds of a source, worded to hold after the edits."""
     after = dict(bounds)
     for name in bounds:
         said = [str(item) for item in edits if name in _CHANGED.get(item.name, ())]
@@ -83,7 +83,7 @@ def bounds_after(bounds: Mapping[str, str], edits: Sequence[Edit]) -> dict[str, 
 
 
 def map_of(edits: Sequence[Edit]) -> F64:
-    """All the maps among edits as one, column vectors, shape (4, 4)."""
+    """Return the product of all affine maps among edits, column vectors, shape (4, 4)."""
     matrix = np.eye(4)
     for item in edits:
         if item.kind.moves:
@@ -92,7 +92,7 @@ def map_of(edits: Sequence[Edit]) -> F64:
 
 
 def matrix_of(item: Edit) -> F64:
-    """The map of an edit that moves, column vectors, shape (4, 4)."""
+    """Return the matrix of an affine edit, column vectors, shape (4, 4)."""
     matrix = np.eye(4)
     if item.name == "translate":
         matrix[:3, 3] = item.values
@@ -104,13 +104,13 @@ def matrix_of(item: Edit) -> F64:
 
 
 def _step(numbered: tuple[int, Edit]) -> int:
-    """Equal for edits that move and stand together, of its own for any other."""
+    """Return a group key: equal for consecutive affine maps, unique for other edits."""
     place, item = numbered
     return -1 if item.kind.moves else place
 
 
 def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
-    """The cloud after all these maps, the first first."""
+    """Return the cloud after all these maps, in order."""
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = map_of(moves)
     moved = edit.transform(cloud, matrix) if np.isfinite(matrix).all() else None
@@ -121,7 +121,7 @@ def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
 
 
 def _rotation(degrees: Numbers) -> F64:
-    """Turn about x, then y, then z; right angles exactly."""
+    """Return the rotation about x, then y, then z; exact for right angles."""
     matrix = np.eye(3)
     for axis, angle in enumerate(degrees):
         cosine, sine = _on_circle(angle)
@@ -133,7 +133,7 @@ def _rotation(degrees: Numbers) -> F64:
 
 
 def _on_circle(degrees: float) -> tuple[float, float]:
-    """Cosine and sine, without the 6e-17 that pi leaves at right angles."""
+    """Return cosine and sine, exact at right angles."""
     quarters = degrees / 90
     if quarters == int(quarters):
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]
@@ -149,7 +149,7 @@ def _crop_sphere(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
 
 
 def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Work:
-    """Work that keeps the rows which a limit allows."""
+    """Return an edit that keeps the rows allowed by a limit."""
 
     def work(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
         kept = rows(cloud, values[0])
@@ -159,7 +159,7 @@ def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Work:
 
 
 def _sizes(cloud: SplatCloud) -> F32:
-    """Longest standard deviations, shape (n,)."""
+    """Return the largest standard deviations, shape (n,)."""
     return np.asarray(cloud.scales.max(axis=1, initial=0))
 
 
@@ -168,7 +168,7 @@ def _drop_nan(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
 
 
 def _drop_outliers(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
-    # Loads a compiler, which most do without.
+    # Imported here because it loads Numba, which most edits do not need.
     from usdsplat.interchange.outliers import drop_outliers
 
     return drop_outliers(cloud, neighbors=int(values[0]), deviations=values[1])
@@ -179,7 +179,7 @@ def _cut_harmonics(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatClou
 
 
 def _decimate(cloud: SplatCloud, values: Numbers, progress: Progress) -> SplatCloud:
-    # Likewise.
+    # Imported here because it loads Numba.
     from usdsplat.interchange.decimating import decimate
 
     wanted = values[0] if values[0] >= 1 else max(round(values[0] * len(cloud)), 1)
@@ -203,4 +203,4 @@ _WORK: Mapping[str, Work] = {
     "decimate": _decimate,
     "morton": _in_z_order,
 }
-"""Edit -> what does it, for those that are no maps."""
+"""Edit -> function, for edits that are not affine maps."""

@@ -1,4 +1,4 @@
-"""Splat fields of a stage become capture files: all in one, or one for each."""
+"""Export the splat fields of a stage to capture files, joined or one for each."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ def export_capture(
     how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> ExportReport:
-    """Write splat fields as a capture: merged, in world space, turned to the capture's axes.
+    """Write splat fields as a capture: merged, in world space, with the capture's axes.
 
     Transforms are applied exactly, harmonics included. Lengths stay in the stage's unit.
 
     Args:
-        source: A USD file, or a stage, which is not changed.
+        source: A USD file, or a stage, which is not modified.
         target: A file of a format that `formats` writes, replaced when the new one is complete.
-        prim_path: A field, or a prim with fields beneath it; None is the whole stage. What is
-            invisible or of purpose proxy or guide is left out, unless it is the prim named here.
+        prim_path: A field, or a prim with fields below it; None is the whole stage. Invisible prims
+            and those of purpose proxy or guide are left out, unless named here.
         time: Time code; None is the default value, or the first sample where there is none.
-        axes: Where x, y and z of the file are to point, such as "rdf"; None is its format's way.
-        edits: Done in this order, in the coordinates of the file.
-        how: What is asked of the writer besides.
-        progress: Told about each field and about writing.
+        axes: Axes of the file, such as "rdf"; None is the default of its format.
+        edits: Edits in order, in the coordinates of the file.
+        how: Other options of the writer.
+        progress: Receives the progress of reading and writing.
 
     Raises:
         StageError: If the source cannot be opened, or there is no field to write.
-        UsageError: If `axes` cannot be understood, or edits leave no splat.
-        UnknownFormatError: If the target's suffix is none that can be written.
-        OutputError: If the target cannot be written, or belongs to the source.
+        UsageError: If `axes` is invalid, or edits leave no splat.
+        UnknownFormatError: If the target's suffix cannot be written.
+        OutputError: If the target cannot be written, or is a file of the source.
     """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
@@ -73,11 +73,11 @@ def export_each(
     how: WriteOptions = WRITE_OPTIONS,
     progress: Progress = silent,
 ) -> SplitReport:
-    """Write every splat field as a capture of its own, named as `target` and the prim.
+    """Write every splat field to a separate capture, named after `target` and the prim.
 
     Fields "/World/Tree" and "/World/Rock" become shot_Tree.ply and shot_Rock.ply if the target is
-    shot.ply. Prims of one name are named by as much of their paths as tells them apart. Edits are
-    done to each alone.
+    shot.ply. For prims of equal names, as much of the paths is used as makes them unique. Edits
+    apply to each field separately.
 
     Args and errors are those of `export_capture`.
     """
@@ -106,7 +106,7 @@ def capture_of(
     time: float | None = None,
     progress: Progress = silent,
 ) -> tuple[Capture, list[Usd.Prim]]:
-    """What is seen of a stage as a capture whose axes point as `frame` says, and the prims.
+    """Read the visible fields of a stage as a capture with axes `frame`, and their prims.
 
     Args and errors are those of `export_capture`.
     """
@@ -117,7 +117,7 @@ def capture_of(
 
 
 def names(prims: Sequence[Usd.Prim]) -> list[str]:
-    """What to call files of these prims: the shortest ends of their paths that differ."""
+    """Return names for files of these prims: the shortest unique ends of their paths."""
     paths = [str(prim.GetPath()).strip("/").split("/") for prim in prims]
     for length in range(1, max(map(len, paths), default=0) + 1):
         ends = ["_".join(path[-length:]) for path in paths]
@@ -127,7 +127,7 @@ def names(prims: Sequence[Usd.Prim]) -> list[str]:
 
 
 def unknown_color_spaces(prims: Sequence[Usd.Prim]) -> list[str]:
-    """A sentence for each field whose colours nobody can read."""
+    """Return a note for each field with an unknown colour space."""
     return [
         f"{prim.GetPath()}: found colour space {schema.color_space(prim)!r}, expected one that USD "
         "knows; the field is not drawn"
@@ -137,7 +137,7 @@ def unknown_color_spaces(prims: Sequence[Usd.Prim]) -> list[str]:
 
 
 def _opened(source: Path | str | Usd.Stage, target: Path | str) -> Usd.Stage:
-    """The stage, of which the target is no part."""
+    """Open the stage, after checking that the target is not one of its files."""
     stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
     files.check_not_input(Path(target), files.layer_files(stage))
     return stage
@@ -146,7 +146,7 @@ def _opened(source: Path | str | Usd.Stage, target: Path | str) -> Usd.Stage:
 def _capture(
     found: Sequence[Appearance], frame: str, time: float | None, progress: Progress
 ) -> Capture:
-    """Appearances as one capture, with notes on what such files cannot say."""
+    """Join appearances in one capture, with notes on what captures cannot hold."""
     prims = [item.prim for item in found]
     stage = prims[0].GetStage()
     turn = change_axes(stage_frame(stage), frame)
@@ -186,7 +186,7 @@ def _written(
     how: WriteOptions,
     progress: Progress,
 ) -> ExportReport:
-    """Write a capture of a stage; say so."""
+    """Write a capture of a stage and return the report."""
     capture = fitted(capture, target)
     how = replace(how, antialiased=capture.antialiased, frame=capture.frame)
     bounds = formats.write(capture.cloud, target, how=how, progress=progress)
@@ -203,7 +203,7 @@ def _written(
 
 
 def _named(target: Path, name: str) -> Path:
-    """The target with a name before its suffix, or in the folder's name of an unpacked SOG."""
+    """Return the target with a name before its suffix, or in the folder of an unpacked SOG."""
     fitting = [s for s in formats.suffixes_written() if f"/{target.name.lower()}".endswith(s)]
     suffix = max(fitting, key=len, default=target.suffix)
     if suffix.startswith("/"):
@@ -213,5 +213,5 @@ def _named(target: Path, name: str) -> Path:
 
 
 def _name(source: Path | str | Usd.Stage) -> str:
-    """What to call a source."""
+    """Return the name of a source."""
     return str(source.GetRootLayer().identifier if isinstance(source, Usd.Stage) else source)

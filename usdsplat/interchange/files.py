@@ -1,4 +1,4 @@
-"""USD files as whole things: opened, or one sentence why not; written completely, or not at all."""
+"""Open and save USD files; saving is atomic, and errors are one sentence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def is_usd(path: Path) -> bool:
-    """Whether the name says that this is a USD file."""
+    """Return whether the suffix is that of a USD file."""
     return path.suffix.lower() in SUFFIXES
 
 
@@ -38,8 +38,8 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     """Open a layer.
 
     Args:
-        path: Of its file.
-        anonymous: Whether to read the file now, for nobody else, whoever has it open already.
+        path: File of the layer.
+        anonymous: Whether to read a private copy now, even if the layer is open elsewhere.
 
     Raises:
         StageError: If USD cannot read it.
@@ -62,14 +62,14 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what USD prints about composition from stderr: `composition_remarks` says it better.
+    """Suppress USD's composition messages on stderr; `composition_remarks` returns them instead.
 
-    USD prints from C++, to file descriptor 2 itself. That belongs to the whole process: what
-    another thread writes to stderr in this moment is lost too.
+    USD prints from C++ to file descriptor 2, which belongs to the whole process: output of other
+    threads to stderr during this time is lost too.
     """
     try:
         kept = os.dup(2)
-    except OSError:  # there is no stderr
+    except OSError:  # without stderr
         yield
         return
     with open(os.devnull, "wb") as nowhere:
@@ -82,7 +82,7 @@ def quiet() -> Iterator[None]:
 
 
 def composition_remarks(stage: Usd.Stage) -> list[str]:
-    """One sentence for each thing that a stage could not be composed of; muting is no fault."""
+    """Return a sentence for each composition error of a stage, except muted layers."""
     said = [
         " ".join(str(error).partition(" -- ")[0].split()).removesuffix("; skipping.").rstrip(".")
         for error in stage.GetCompositionErrors()
@@ -95,12 +95,12 @@ def save(layer: Sdf.Layer, target: Path) -> None:
     """Write a layer as .usd, .usda, .usdc or as the only layer of a .usdz.
 
     Args:
-        layer: Stays as it is; it need not have a file.
-        target: An older file there is replaced when the new one is complete.
+        layer: The layer, which is not modified and need not have a file.
+        target: Target; an existing file is replaced when the new one is complete.
 
     Raises:
-        UnknownFormatError: If the suffix is none of these.
-        OutputError: If nothing can be written there.
+        UnknownFormatError: If the suffix is another.
+        OutputError: If the target cannot be written.
     """
     check_suffix(target)
     with atomic_path(target) as path, usd_errors(target):
@@ -112,7 +112,7 @@ def save(layer: Sdf.Layer, target: Path) -> None:
 
 @contextmanager
 def usd_errors(target: Path) -> Iterator[None]:
-    """Let what USD raises while it writes be one of our errors.
+    """Convert exceptions of USD while writing to OutputError.
 
     Raises:
         OutputError: Instead of USD's own.
@@ -124,7 +124,7 @@ def usd_errors(target: Path) -> Iterator[None]:
 
 
 def check_suffix(target: Path) -> None:
-    """Refuse a target that is no USD file, before any work is done.
+    """Raise an error early for a target that is not a USD file.
 
     Raises:
         UnknownFormatError: If its suffix is none of `SUFFIXES`.
@@ -135,10 +135,10 @@ def check_suffix(target: Path) -> None:
 
 
 def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
-    """Refuse a target that is one of the files being read.
+    """Raise an error if the target is one of the files being read.
 
     Raises:
-        OutputError: If it is, under whatever name.
+        OutputError: If it is, under any name.
     """
     for path in inputs:
         if target.exists() and path.exists() and os.path.samefile(target, path):
@@ -146,13 +146,13 @@ def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
 
 
 def layer_files(stage: Usd.Stage) -> list[Path]:
-    """The files that a stage reads, packages included."""
+    """Return the files that a stage reads, packages included."""
     found = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
     return [Path(path.partition("[")[0]) for path in found]
 
 
 def _package(layer: Sdf.Layer, target: Path, path: Path) -> None:
-    """A .usdz around one crate layer named as the target is."""
+    """Write a .usdz with a single crate layer, named like the target."""
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".usdz-") as folder:
         inner = Path(folder, target.stem + ".usdc")
         layer.Export(str(inner))
@@ -160,5 +160,5 @@ def _package(layer: Sdf.Layer, target: Path, path: Path) -> None:
 
 
 def _sentence(error: Tf.ErrorException) -> str:
-    """What USD says about its first error, on one line."""
+    """Return USD's message of its first error on one line."""
     return " ".join(error.args[0].commentary.split()) if error.args else ""

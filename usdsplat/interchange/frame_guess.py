@@ -1,9 +1,9 @@
-"""Which way is up in a capture, as far as its splats tell.
+"""Guess the up direction of a capture from its splats.
 
-Two traces. What stands on the ground is nowhere wider than at its foot, for the ground is there
-too. And floors and tables are of flat splats that face up or down, most of them below the middle.
-Neither proves anything: what hangs from a ceiling misleads both. So the guess comes with what it
-rests on, and there is none where directions are as good as each other. It changes nothing.
+There are two cues. A scene is widest at its foot, because the ground is there. And floors and
+tables consist of flat splats that face up or down, most of them below the middle. Neither is proof:
+both fail for objects that hang from a ceiling. So the guess comes with its evidence, and there is
+no guess if directions score alike. It is only reported and changes nothing.
 """
 
 from __future__ import annotations
@@ -18,47 +18,47 @@ from usdsplat.core import axes, quaternion
 from usdsplat.core.cloud import F64, SplatCloud
 
 FRAMES = {"-y": "rdf", "+y": "rub", "+z": "rfu"}
-"""Direction that is up -> the frame, of those in use, that has it so."""
+"""Up direction -> the common axes with this direction."""
 
 _MOST = 100_000
-"""Splats that are looked at."""
+"""Maximum number of splats that are used."""
 _LEAST = 200
 _INSIDE = (1.0, 99.0)
-"""Percentiles of the box that counts: floaters lie outside."""
+"""Percentiles that bound the box used: floaters lie outside."""
 _END = 0.15
-"""Of the height, how much counts as an end."""
+"""Fraction of the height that counts as an end."""
 _WIDEST = 0.75
-"""Of the widest part's width, what the foot must have to be taken for one."""
+"""Minimum width of the foot, as a fraction of the widest part."""
 _SLICES = 7
 _FLAT = 0.5
-"""Shortest over middle deviation of a splat that has a face."""
+"""Maximum ratio of shortest to middle scale of a splat that counts as flat."""
 _FACING = math.cos(math.radians(20))
 _CONVINCING, _AHEAD = math.log(2), 1.3
-"""Score that a direction must have, and how many times that of the next: no capture of our test
-data, whose frames are known, is then guessed wrong."""
+"""Minimum score of a direction, and minimum ratio to the next: with these, no test capture with
+known axes is guessed wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameGuess:
-    """What the data say about a capture's frame."""
+    """A guess of a capture's axes, with evidence."""
 
     assumed: str
-    """The frame that is taken, because the format or the user says so."""
+    """Axes that are assumed, from the format or the user."""
     up: str | None
-    """The direction that looks like up, such as "-y"; None where none stands out."""
+    """Apparent up direction, such as "-y"; None if unclear."""
     suggested: str | None
-    """The frame in use that has it so; None as above."""
+    """Common axes with this up direction; None if unclear."""
     evidence: tuple[str, ...]
-    """What that rests on, a sentence each."""
+    """Evidence, one sentence each."""
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the assumed frame has the same direction up; None where none stands out."""
+        """Whether the assumed axes have the same up direction; None if unclear."""
         return None if self.up is None else up_of(self.assumed) == self.up
 
 
 def up_of(frame: str) -> str:
-    """The direction that is up in a frame, such as "-y" in "rdf".
+    """Return the up direction of axes, such as "-y" for "rdf".
 
     Raises:
         UsageError: If there is no such frame.
@@ -69,11 +69,11 @@ def up_of(frame: str) -> str:
 
 
 def guess_frame(cloud: SplatCloud, assumed: str) -> FrameGuess:
-    """Guess from where the splats are and which way the flat ones face.
+    """Guess the axes from the positions of splats and the orientation of flat ones.
 
     Args:
-        cloud: In the capture's own frame; splats that are not finite are left out.
-        assumed: The frame that it is taken to have.
+        cloud: Splats in the capture's own axes; those with a number that is not finite are ignored.
+        assumed: Axes that are assumed.
 
     Raises:
         UsageError: If there is no such frame.
@@ -99,16 +99,16 @@ def guess_frame(cloud: SplatCloud, assumed: str) -> FrameGuess:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Splats:
-    """Some splats of a capture, those far out left away."""
+    """A subset of a capture's splats, without outliers."""
 
     places: F64
     """Centres in the box, 0 to 1 on each axis, shape (n, 3)."""
     positions: F64
     """Centres [scene unit], shape (n, 3)."""
     faces: F64
-    """Normals of the flat ones, 0 for others, shape (n, 3)."""
+    """Normals of flat splats, 0 for others, shape (n, 3)."""
     weights: F64
-    """How much of a picture each covers: face times opacity, shape (n,)."""
+    """Visible size of each: area times opacity, shape (n,)."""
 
     @classmethod
     def of(cls, cloud: SplatCloud) -> _Splats:
@@ -129,7 +129,7 @@ class _Splats:
         )
         order = np.sort(scales, axis=1)
         weights = order[:, 1] * order[:, 2] * opacities
-        if len(weights):  # a few backdrops would outweigh all else
+        if len(weights):  # limits the weight of a few backdrops
             weights = np.minimum(weights, np.percentile(weights, 99))
         matrices = quaternion.to_matrix(quaternion.normalize(turns))
         shortest = np.argmin(scales, axis=1)
@@ -142,14 +142,14 @@ class _Splats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Score:
-    """What speaks for one direction."""
+    """Evidence for one direction."""
 
     wider: float
-    """How many times as wide it is at the foot as at the head; 1 where that is no foot."""
+    """Ratio of widths of foot and head; 1 if there is no foot."""
     facing: float
-    """Part of the flat splats' cover that faces along the axis [0..1]."""
+    """Fraction of the flat splats' area that faces along the axis [0..1]."""
     below: float
-    """How far below the middle those are, -1 at the head to 1 at the foot."""
+    """Mean position of those, -1 at the head to 1 at the foot."""
 
     @classmethod
     def of(cls, splats: _Splats, axis: int, height: F64) -> _Score:
@@ -171,11 +171,11 @@ class _Score:
 
     @property
     def total(self) -> float:
-        """The higher the more likely; 0 says nothing."""
+        """Score: higher is more likely, 0 is no evidence."""
         return math.log(self.wider) + self.facing * self.below
 
     def said(self, up: str) -> tuple[str, ...]:
-        """The same for people."""
+        """Describe the evidence in sentences."""
         evidence = [
             f"with {up} up, it is {self.wider:.2g} times as wide at its foot as at its head"
         ]
@@ -188,5 +188,5 @@ class _Score:
 
 
 def _spread(across: npt.NDArray[np.float64]) -> float:
-    """How wide splats lie around their middle [scene unit]; 0 for too few to say."""
+    """Return the spread of splats around their mean [scene unit]; 0 for too few."""
     return float(np.sqrt(across.var(axis=0).sum())) if len(across) >= 8 else 0.0

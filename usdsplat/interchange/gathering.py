@@ -1,4 +1,4 @@
-"""Captures put together before they are written: read, joined in one frame, edited."""
+"""Read captures, join them in common axes and edit them."""
 
 from __future__ import annotations
 
@@ -35,15 +35,14 @@ def gather(
 
     Args:
         sources: Files in any format that `formats` reads, at least one.
-        axes: Where x, y and z of all of them point; None believes each.
-        edits: Done to all splats together, in the first capture's coordinates.
-        how: What is asked of the readers besides.
-        progress: Told about reading and editing.
+        axes: Axes of all captures; None uses those of each file.
+        edits: Edits of all splats together, in the first capture's coordinates.
+        how: Other options of the readers.
+        progress: Receives the progress of reading and editing.
 
     Raises:
-        FormatError: If a source is not what it claims to be.
-        UsageError: If `axes` cannot be understood, edits leave nothing, or colours are of several
-            spaces.
+        FormatError: If a source is invalid.
+        UsageError: If `axes` is invalid, edits leave no splat, or colour spaces differ.
     """
     how = reading_for(edits, how)
     captures = [formats.read(source, how=how, progress=progress) for source in sources]
@@ -53,16 +52,17 @@ def gather(
 
 
 def reading_for(edits: Sequence[Edit], how: ReadOptions = READ_OPTIONS) -> ReadOptions:
-    """How captures are read that are to be edited: numbers that are not finite may be let in."""
+    """Return reading options for captures to be edited: accept non-finite numbers if dropped
+    later."""
     drops = any(item.name == "drop-nan" for item in edits)
     return replace(how, drop_nonfinite=how.drop_nonfinite or drops)
 
 
 def joined(captures: Sequence[Capture]) -> Capture:
-    """Captures as one, in the frame of the first.
+    """Join captures, with the axes of the first.
 
     Raises:
-        UsageError: If their colours are of several spaces.
+        UsageError: If their colour spaces differ.
     """
     first = captures[0]
     if len(captures) == 1:
@@ -96,7 +96,7 @@ def joined(captures: Sequence[Capture]) -> Capture:
 def edit_capture(
     capture: Capture, edits: Sequence[Edit], *, progress: Progress = silent
 ) -> Capture:
-    """A capture after edits in its own coordinates; its bounds and notes tell of them.
+    """Edit a capture in its own coordinates, and update its bounds and notes.
 
     Raises:
         UsageError: If no splat is left.
@@ -113,10 +113,10 @@ def edit_capture(
 
 
 def fitted(capture: Capture, target: Path) -> Capture:
-    """A capture without the harmonics that files of the target's format cannot hold; says so.
+    """Drop the harmonics that the target's format cannot hold, and add a note.
 
     Raises:
-        UnknownFormatError: If the target's suffix is none that can be written.
+        UnknownFormatError: If the target's suffix cannot be written.
     """
     degree = formats.degree_written(target)
     if capture.cloud.sh_degree <= degree:
@@ -127,10 +127,10 @@ def fitted(capture: Capture, target: Path) -> Capture:
 
 
 def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
-    """A cloud whose x, y and z point as `source` says, where they point as `target` says.
+    """Convert a cloud from axes `source` to axes `target`.
 
     Raises:
-        UsageError: If either names no frame.
+        UsageError: If either is not a name of axes.
     """
     matrix = np.eye(4)
     matrix[:3, :3] = axes.change(source, target)
@@ -138,11 +138,11 @@ def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
 
 
 def either(first: str, second: str) -> str:
-    """Words for what is one thing here and another there."""
+    """Join two descriptions by "or", without repetition."""
     return first if second in (first, *first.split(" or ")) else f"{first} or {second}"
 
 
 def widened(first: Mapping[str, str], second: Mapping[str, str]) -> Mapping[str, str]:
-    """Error bounds of which any may hold; what is not in one of them is exact there."""
+    """Combine alternative error bounds; missing ones are exact."""
     names = sorted({*first, *second})
     return {name: either(first.get(name, _EXACT), second.get(name, _EXACT)) for name in names}

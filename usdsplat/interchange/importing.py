@@ -1,4 +1,4 @@
-"""A capture file becomes a splat field on a stage."""
+"""Import a capture as a splat field on a stage."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ def import_capture(
     """Write a capture as a splat field, with its axes, unit, colour space and provenance.
 
     Args:
-        source: A capture in any format that `formats` reads, or several, which become one field in
-            the coordinates of the first.
+        source: A capture in any format that `formats` reads, or several, which are joined in the
+            coordinates of the first.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete; or a
-            stage, whose edit target is written and nothing is saved.
-        edits: Done in this order, in the capture's own coordinates.
-        options: Axes, unit, form and place of the field; options of the reader.
-        progress: Told about reading, authoring and writing.
+            stage, whose edit target is written without saving it.
+        edits: Edits in order, in the capture's own coordinates.
+        options: Axes, unit, form and path of the field; options of the reader.
+        progress: Receives the progress of reading, authoring and writing.
 
     Raises:
-        FormatError: If the source is not what it claims to be.
-        UsageError: If an option has a value it cannot have, or edits leave no splat.
-        StageError: If the stage has something else at `prim_path`.
+        FormatError: If the source is invalid.
+        UsageError: If an option has an invalid value, or edits leave no splat.
+        StageError: If the stage has another prim type at `prim_path`.
         OutputError: If the target cannot be written, or is the source.
     """
     sources = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
@@ -67,7 +67,7 @@ def import_capture(
     text = axes_text(placed, options.bake_axes)
     notes = (*capture.notes, *assumptions(options.axes, unit))
     progress.step("authoring", 0, 1)
-    with ThreadPoolExecutor(max_workers=1) as beside:  # hashing leaves the interpreter free
+    with ThreadPoolExecutor(max_workers=1) as beside:  # hashing releases the GIL
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=options.bake_axes)
     notes += tuple(schema.broken_rules(prim))
@@ -99,7 +99,7 @@ def import_capture(
 def _open_target(
     sources: Sequence[Path], target: Path | str | Usd.Stage, up_axis: str | None, unit: float | None
 ) -> tuple[Usd.Stage, Path | None]:
-    """The stage to write, and the file to save it in if it is a new one."""
+    """Return the stage to write, and the file to save it to if it is new."""
     if isinstance(target, Usd.Stage):
         own = UsdGeom.GetStageUpAxis(target)
         if up_axis not in (None, own):

@@ -1,4 +1,4 @@
-"""Open a stage as its user wants it, or a capture as a stage; and read it again."""
+"""Open a stage with options, or a capture as a stage; and reload it."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ def open_as_asked(
     session_layer: Path | None = None,
     keep: tuple[str, ...] = (),
 ) -> Usd.Stage:
-    """Open a stage; the file, and the session layer that was given, are only read.
+    """Open a stage; its file and the given session layer are only read.
 
-    The stage's session layer is a new one, which no file belongs to.
+    The stage gets a new, anonymous session layer.
 
     Args:
-        path: A file that USD reads.
-        variants: Selections, each "/Prim:set=name".
-        mute: Regular expressions; layers in whose identifier one is found are left out.
-        mask: Paths of the prims to load, with what is below them and what they refer to; none for
-            everything.
-        session_layer: Opinions stronger than the stage's own.
-        keep: Paths of prims that are loaded whatever the mask is, if they exist.
+        path: A USD file.
+        variants: Variant selections, each "/Prim:set=name".
+        mute: Regular expressions; layers whose identifier contains a match are muted.
+        mask: Paths of the prims to load, with their descendants and the prims they refer to; empty
+            for everything.
+        session_layer: Layer of opinions stronger than the stage's.
+        keep: Paths of prims that are loaded regardless of the mask, if they exist.
 
     Raises:
-        StageError: If a layer cannot be opened, or has no prim, variant or layer of a given name.
-        UsageError: If an option cannot be understood.
+        StageError: If a layer cannot be opened, or a named prim, variant or layer does not exist.
+        UsageError: If an option is invalid.
     """
     root = open_layer(path)
     session = Sdf.Layer.CreateAnonymous("session.usda")
@@ -69,13 +69,13 @@ def open_capture(path: Path, *, axes: str | None = None, progress: Progress = si
     """Import a capture onto a stage in memory.
 
     Args:
-        path: In any format that `formats` reads.
-        axes: Where x, y and z of the capture point; None believes the file.
+        path: A capture in any format that `formats` reads.
+        axes: Axes of the capture; None uses those of the file.
         progress: Told about reading and authoring.
 
     Raises:
-        FormatError: If it is not what it claims to be.
-        UsageError: If there are no such axes.
+        FormatError: If the capture is invalid.
+        UsageError: If the axes are invalid.
     """
     stage = Usd.Stage.CreateInMemory()
     import_capture(path, stage, options=ImportOptions(axes=axes), progress=progress)
@@ -83,30 +83,30 @@ def open_capture(path: Path, *, axes: str | None = None, progress: Progress = si
 
 
 def reload(stage: Usd.Stage, changed: Iterable[Path]) -> None:
-    """Read the files of a stage again, and those that were missing; its session layer stays.
+    """Reload the files of a stage, including missing ones; its session layer stays.
 
     Args:
-        stage: Its layers lose what was edited in them and not saved.
-        changed: Files of the stage that are other than when they were read.
+        stage: The stage; unsaved edits of its layers are lost.
+        changed: Files of the stage that have changed since they were read.
 
     Raises:
-        StageError: If USD cannot read one of them; the stage is as before.
+        StageError: If USD cannot read one of them; the stage is then unchanged.
     """
     paths = {str(path) for path in changed}
     for path in sorted(paths):
         open_layer(Path(path), anonymous=True)
     with quiet():
         for layer in stage.GetLayerStack(includeSessionLayers=True):
-            if layer.realPath in paths:  # a stage leaves out those of its session
+            if layer.realPath in paths:  # Stage.Reload skips layers of the session
                 layer.Reload()
         stage.Reload()
 
 
 def check_prims(stage: Usd.Stage, where: str, paths: Iterable[str]) -> None:
-    """Refuse paths of an option at which the stage has no prim.
+    """Raise an error if the stage has no prim at a path of an option.
 
     Raises:
-        StageError: If there is one.
+        StageError: If a prim is missing.
     """
     for path in paths:
         is_path = Sdf.Path.IsValidPathString(path) and path.startswith("/")
@@ -115,7 +115,7 @@ def check_prims(stage: Usd.Stage, where: str, paths: Iterable[str]) -> None:
 
 
 def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationMask | None:
-    """The prims to load; None for all."""
+    """Return the population mask; None for all prims."""
     for text in prims:
         path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
         if not (path.IsAbsolutePath() and path.IsPrimPath()):
@@ -124,7 +124,7 @@ def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationM
 
 
 def _mute(stage: Usd.Stage, patterns: tuple[str, ...]) -> None:
-    """Mute every used layer that one of the patterns is found in; the root layer cannot be."""
+    """Mute every used layer that matches a pattern, except for the root layer."""
     for text in patterns:
         try:
             pattern = re.compile(text)
@@ -140,7 +140,7 @@ def _mute(stage: Usd.Stage, patterns: tuple[str, ...]) -> None:
 
 
 def _select(stage: Usd.Stage, text: str) -> None:
-    """Author one variant selection on the current edit target."""
+    """Author a variant selection on the current edit target."""
     match = _VARIANT.fullmatch(text)
     if not match:
         raise UsageError("--variant", repr(text), "/Prim:set=name")

@@ -1,4 +1,4 @@
-"""Splats that float far from all others, by the statistics of how near splats are."""
+"""Drop outliers: splats that are far from all others, by the statistics of distances."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 
 NEIGHBORS, DEVIATIONS = 20, 2.0
-"""Looked at, and allowed, if nothing else is asked for."""
+"""Default number of neighbours, and of standard deviations."""
 
-_ROUNDING = 1e-6  # of distances in float32: splats that are all as far apart are all kept
+_ROUNDING = 1e-6  # of float32 distances, so that equally spaced splats are all kept
 
 
 def drop_outliers(
@@ -26,16 +26,16 @@ def drop_outliers(
     deviations: float = DEVIATIONS,
     device: Device | None = None,
 ) -> SplatCloud:
-    """Drop splats whose nearest neighbours are farther away than is usual here.
+    """Drop splats whose nearest neighbours are unusually far away.
 
-    A splat goes if the mean distance to its nearest neighbours is more than `deviations` standard
-    deviations above the mean of that number over all splats; or if its centre is not finite. Splats
-    that have fewer neighbours are judged by those that there are, and one alone stays.
+    A splat is dropped if the mean distance to its nearest neighbours is more than `deviations`
+    standard deviations above the mean of this distance over all splats, or if its centre is not
+    finite. With fewer other splats than `neighbors`, all others are used; a single splat is kept.
 
     Args:
-        neighbors: How many, >= 1.
-        deviations: How many, >= 0; fewer drop more.
-        device: Where to; None for the fastest one here.
+        neighbors: Number of nearest neighbours, >= 1.
+        deviations: Number of standard deviations, >= 0; fewer drop more splats.
+        device: Device; None for the fastest one.
 
     Raises:
         UsageError: If a number is out of range.
@@ -53,25 +53,25 @@ def drop_outliers(
     if found < 1:
         return sound
     order, ranks = coincident(sound.positions)
-    # All the same to whoever is near: no more at one place than anybody asks for.
+    # At one position, no more splats than neighbours are needed for exact results.
     few = sound.positions[order[ranks <= found]]
     alone = np.ones(len(sound), np.bool_)
     alone[order] = ~_in_crowds(ranks, found)
     _, distances = nearest(
         device or open_device(task="geometry"), few, sound.positions[alone], found + 1
     )
-    # The nearest is the point itself, or another at the same place: at distance 0 either way.
+    # The nearest is the point itself or one at the same position: distance 0 either way.
     means = np.zeros(len(sound))
     means[alone] = distances.sum(axis=1, dtype=np.float64) / found
     known = means[np.isfinite(means)]
-    if len(known) < 2:  # too far apart for float32: nobody can say what is usual
+    if len(known) < 2:  # distances overflow float32: there are no statistics
         return sound
     limit = known.mean() + deviations * known.std(ddof=1)
     return edit.take(sound, np.asarray(means <= (1 + _ROUNDING) * limit))
 
 
 def _in_crowds(ranks: I64, found: int) -> npt.NDArray[np.bool_]:
-    """Whether more than `found` are at a splat's place, by how many of them are before each."""
+    """Return whether more than `found` splats share a position, from their ranks there."""
     first = np.flatnonzero(ranks == 0)
     counts = np.diff(first, append=len(ranks))
     return np.repeat(counts > found, counts)

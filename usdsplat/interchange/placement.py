@@ -1,4 +1,4 @@
-"""How coordinates of a capture become those of a stage, and where on it the field goes."""
+"""Place captures on a stage: the transformation of coordinates, and the prim path."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 
 ROOT = "World"
-"""Default prim where a stage has none."""
+"""Name of the default prim for a stage without one."""
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
-"""The op that turns a capture's axes and unit into the stage's."""
+"""Transform op from a capture's axes and unit to the stage's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Placement:
-    """A map from a capture's coordinates to a stage's."""
+    """A transformation from a capture's coordinates to a stage's."""
 
     matrix: F64
     """Signed permutation times a scale, column vectors, shape (4, 4)."""
     text: str
-    """The same for people."""
+    """Description for display."""
 
     @property
     def is_identity(self) -> bool:
-        """Whether there is nothing to do."""
+        """Whether the transformation is the identity."""
         return np.array_equal(self.matrix, np.eye(4))
 
 
 def placement(stage: Usd.Stage, frame: str, meters_per_unit: float | None) -> Placement:
-    """From a capture's frame and unit to those of the stage.
+    """Return the transformation from a capture's axes and unit to the stage's.
 
     Args:
-        stage: Says its up axis and unit.
-        frame: Where the capture's x, y and z point.
-        meters_per_unit: Of the capture; None takes the stage's.
+        stage: Stage with up axis and unit.
+        frame: Axes of the capture.
+        meters_per_unit: Metres per unit of the capture; None is the stage's.
 
     Raises:
-        UsageError: If `frame` names no frame, or the unit is not positive.
+        UsageError: If `frame` is not a name of axes, or the unit is not positive.
     """
     target = stage_frame(stage)
     matrix = np.eye(4)
@@ -61,12 +61,12 @@ def placement(stage: Usd.Stage, frame: str, meters_per_unit: float | None) -> Pl
 
 
 def stage_frame(stage: Usd.Stage) -> str:
-    """Where x, y and z of a stage point."""
+    """Return the axes of a stage."""
     return axes.UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
 
 
 def checked_unit(meters_per_unit: float) -> float:
-    """The same number, if it can be one.
+    """Return `meters_per_unit` if it is valid.
 
     Raises:
         UsageError: If it is not positive and finite.
@@ -77,9 +77,9 @@ def checked_unit(meters_per_unit: float) -> float:
 
 
 def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
-    """Make the matrix the first thing that happens to the prim's points, replacing an older one.
+    """Author the matrix as the innermost transform op of a prim, replacing an older one.
 
-    Other ops stay; None, or the identity, takes the op away.
+    Other ops stay; None or the identity removes the op.
     """
     xformable = UsdGeom.Xformable(prim)
     others = [op for op in xformable.GetOrderedXformOps() if op.GetOpName() != OP]
@@ -89,15 +89,15 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
     if matrix is None or np.array_equal(matrix, np.eye(4)):
         return
     op = xformable.AddTransformOp(UsdGeom.XformOp.PrecisionDouble, _SUFFIX)
-    op.Set(Gf.Matrix4d(matrix.T.tolist()))  # Gf's vectors are rows
+    op.Set(Gf.Matrix4d(matrix.T.tolist()))  # Gf uses row vectors
 
 
 def field_path(stage: Usd.Stage, source: Path, asked: str | None) -> Sdf.Path:
-    """Where the field goes: where asked, else under the default prim, named as the file.
+    """Return the path of a field: `asked`, or below the default prim, named like the file.
 
     Raises:
-        UsageError: If `asked` is no path of a prim.
-        StageError: If something that is no splat field is there.
+        UsageError: If `asked` is not the path of a prim.
+        StageError: If a prim of another type is there.
     """
     if asked is None:
         root = stage.GetDefaultPrim()
@@ -111,7 +111,7 @@ def field_path(stage: Usd.Stage, source: Path, asked: str | None) -> Sdf.Path:
 
 
 def checked_path(text: str) -> Sdf.Path:
-    """The same as a path.
+    """Parse the path of a prim.
 
     Raises:
         UsageError: If it is not the absolute path of a prim.
@@ -123,7 +123,7 @@ def checked_path(text: str) -> Sdf.Path:
 
 
 def prim_name(source: Path) -> str:
-    """A prim's name from a file's: without its suffix, `statue.compressed.ply` as `statue`."""
+    """Return a prim name for a file: without its suffix, `statue.compressed.ply` as `statue`."""
     name = source.parent.name if source.name == "meta.json" else source.name
     fitting = (s for s in formats.suffixes_read() if name.lower().endswith(s))
     name = name[: len(name) - len(max(fitting, key=len, default=""))]
@@ -131,9 +131,9 @@ def prim_name(source: Path) -> str:
 
 
 def identifier(text: str) -> str:
-    """A name for a prim: letters without accents; what starts with a digit keeps it behind a `_`.
+    """Return a valid prim name: no accents, and a `_` before a leading digit.
 
-    USD's own rule would put the `_` in the digit's place: 0001 and 1001 would be one name.
+    USD's own function would replace the digit by `_`: 0001 and 1001 would be equal.
     """
     letters = unicodedata.normalize("NFKD", text)
     plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
@@ -141,7 +141,7 @@ def identifier(text: str) -> str:
 
 
 def define_ancestors(stage: Usd.Stage, path: Sdf.Path) -> None:
-    """Groups down to a prim that is to be; the first is the default prim where there is none."""
+    """Define Xforms for the missing ancestors of a path."""
     ancestors: Iterable[Sdf.Path] = path.GetParentPath().GetPrefixes()
     for ancestor in ancestors:
         prim = stage.GetPrimAtPath(ancestor)
@@ -150,13 +150,13 @@ def define_ancestors(stage: Usd.Stage, path: Sdf.Path) -> None:
 
 
 def set_default_prim(stage: Usd.Stage, path: Sdf.Path) -> None:
-    """Make the root above `path` the default prim, if there is none and the root layer is open."""
+    """Set the root above `path` as default prim if there is none and the root layer is edited."""
     if not stage.HasDefaultPrim() and stage.GetEditTarget().GetLayer() == stage.GetRootLayer():
         stage.SetDefaultPrim(stage.GetPrimAtPath(path.GetPrefixes()[0]))
 
 
 def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
-    """The path, numbered if there is a prim already."""
+    """Return the path, with a number appended if a prim exists there."""
     free, number = path, 1
     while stage.GetPrimAtPath(free):
         free, number = path.ReplaceName(f"{path.name}_{number}"), number + 1

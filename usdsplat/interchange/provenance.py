@@ -1,4 +1,4 @@
-"""Where a field came from, written on the prim so that it stays with the data."""
+"""Record the origin of a field on its prim."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from usdsplat.interchange.editing import UNBOUNDED, bounds_after
 from usdsplat.schema import Form
 
 KEY = "usdsplat"
-"""The dictionary in the prim's customData."""
+"""Key of the dictionary in the prim's customData."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What is remembered of an import."""
+    """Record of an import."""
 
     source: str
-    """The file's name without its folder, for stages travel; several with + between."""
+    """File name without its folder, because stages are moved; several are joined by +."""
     sha256: str
     format: str
     reader: str
     frame: str
     axes: str
     edits: tuple[str, ...]
-    """What was done to the splats before, in this order, as it was asked for."""
+    """Edits in order, as requested."""
     error_bounds: Mapping[str, str]
     notes: tuple[str, ...]
 
@@ -46,7 +46,7 @@ def provenance(
     axes: str,
     notes: tuple[str, ...],
 ) -> Provenance:
-    """Gather what is to be remembered of a capture that was read from `sources` and edited."""
+    """Return the record of a capture that was read from `sources` and edited."""
     return Provenance(
         source=" + ".join(_whole(source).name for source in sources),
         sha256=sha256,
@@ -61,7 +61,7 @@ def provenance(
 
 
 def record(prim: Usd.Prim, memory: Provenance) -> None:
-    """Write it to customData[KEY] of a field."""
+    """Write the record to customData[KEY] of a field."""
     entry = asdict(memory)
     entry["error_bounds"] = dict(memory.error_bounds)
     for name in ("edits", "notes"):
@@ -70,7 +70,7 @@ def record(prim: Usd.Prim, memory: Provenance) -> None:
 
 
 def add_form(prim: Usd.Prim, form: Form) -> None:
-    """Add what another form costs to the bounds that a prim remembers, if it remembers any."""
+    """Add the error bounds of a storage form to the record of a prim, if it has one."""
     entry = prim.GetCustomDataByKey(KEY)
     if isinstance(entry, dict):
         bounds = joined_bounds(entry.get("error_bounds", {}), schema.error_bounds(form))
@@ -78,7 +78,7 @@ def add_form(prim: Usd.Prim, form: Form) -> None:
 
 
 def add_edits(prim: Usd.Prim, edits: Sequence[Edit]) -> None:
-    """Add edits to those that a prim remembers, if it remembers where it came from."""
+    """Add edits to the record of a prim, if it has one."""
     entry = prim.GetCustomDataByKey(KEY)
     if isinstance(entry, dict):
         before = [str(text) for text in entry.get("edits", ())]
@@ -89,7 +89,7 @@ def add_edits(prim: Usd.Prim, edits: Sequence[Edit]) -> None:
 
 
 def fingerprint(files: Sequence[Path]) -> str:
-    """SHA-256 of a file; of several, over their names and fingerprints, sorted by name."""
+    """Return the SHA-256 of a file; of several, over their names and hashes, sorted by name."""
     if len(files) == 1:
         return _digest(files[0])
     total = hashlib.sha256()
@@ -99,23 +99,23 @@ def fingerprint(files: Sequence[Path]) -> str:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _whole(source: Path) -> Path:
-    """The folder of an unpacked SOG, which may be named by its meta.json; else the file."""
+    """Return the folder of an unpacked SOG given by its meta.json, else the file."""
     return source.parent if source.name == "meta.json" else source
 
 
 def joined_bounds(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, str]:
-    """Bounds that add up, field by field; what has none stays so."""
+    """Add error bounds, field by field."""
     both = {name: [b[name] for b in (first, second) if name in b] for name in {*first, *second}}
     return {name: _sum(both[name]) for name in sorted(both)}
 
 
 def _sum(bounds: Sequence[str]) -> str:
-    """Of one field."""
+    """Add the bounds of one field."""
     without = [bound for bound in bounds if bound.startswith(UNBOUNDED)]
     return without[0] if without else " + ".join(bounds)

@@ -1,4 +1,4 @@
-"""The splat fields of a stage in another form: stock to packed and back."""
+"""Convert the splat fields of a stage to another storage form."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ def repack(
     edits: Sequence[Edit] = (),
     progress: Progress = silent,
 ) -> RepackReport:
-    """Write a stage as one file in which every splat field has `form`; time samples stay.
+    """Write a stage to one file with all splat fields in `form`; time samples are kept.
 
-    The file stands alone: layers, references, clips and the selected variants are flattened into
-    it. Fields that have the form already are copied as they are, unless they are edited.
+    The file is self-contained: layers, references, clips and the selected variants are flattened
+    into it. Fields that already have the form are copied unchanged, unless they are edited.
 
     Args:
-        source: A USD file, or a stage, which is not changed.
+        source: A USD file, or a stage, which is not modified.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
         form: "float", "half" or "packed", see `schema.author`.
-        edits: Done in this order to every field and sample, in the field's own coordinates.
-        progress: Told about each cloud and about writing.
+        edits: Edits in order, of every field and sample, in the field's own coordinates.
+        progress: Receives the progress of clouds and of writing.
 
     Raises:
-        UsageError: If `form` is none of these, a number does not fit it, edits leave no splat of
-            a field, or need one that does not move.
+        UsageError: If `form` is unknown, a number exceeds its range, edits leave no splat of a
+            field, or an edit needs a static field.
         StageError: If the source cannot be opened or has no splat field.
-        OutputError: If the target cannot be written, or belongs to the source.
+        OutputError: If the target cannot be written, or is a file of the source.
     """
     path = Path(target)
     files.check_suffix(path)
@@ -102,7 +102,7 @@ def repack(
 def _edited(
     prim: Usd.Prim, time: float | None, edits: Sequence[Edit]
 ) -> tuple[SplatCloud, list[str]]:
-    """A field's cloud at one of its times after edits, and what there is to say about them."""
+    """Return a field's edited cloud at one of its times, and notes."""
     cloud = schema.fetch(prim, time)
     if not edits:
         return cloud, []
@@ -111,7 +111,7 @@ def _edited(
         if moves and not item.kind.row_by_row:
             raise UsageError(f"edit {item.name}", f"{where}, which moves", "a field that does not")
     if moves and cloud.ids is None and not all(item.kind.keeps_rows for item in edits):
-        # else a splat would move into another one that takes its row at the next sample
+        # Without ids, a splat would be interpolated to another one in its row at the next sample.
         cloud = replace(cloud, ids=np.arange(len(cloud)))
     after, notes = edited(cloud, edits, may_empty=moves)
     place = where if time is None else f"{where} at {time:g}"
@@ -119,7 +119,7 @@ def _edited(
 
 
 def _forget(layer: Sdf.Layer, path: Sdf.Path) -> None:
-    """Take away the values of a field that is edited at its samples: those alone are its cloud."""
+    """Remove all values of a field whose samples are edited and rewritten."""
     for name in schema.DATA_ATTRIBUTES:
         spec = layer.GetAttributeAtPath(path.AppendProperty(name))
         if spec:
@@ -129,9 +129,9 @@ def _forget(layer: Sdf.Layer, path: Sdf.Path) -> None:
 
 @contextmanager
 def _as_defined_as_before(layer: Sdf.Layer, path: Sdf.Path) -> Iterator[None]:
-    """Undo that authoring defines a prim and its ancestors.
+    """Restore the specifiers of a prim and its ancestors after authoring.
 
-    Prototypes, which flattening keeps under an `over`, would show by themselves.
+    Prototypes, which flattening keeps under an `over`, would otherwise be drawn.
     """
     specs = [layer.GetPrimAtPath(prefix) for prefix in path.GetPrefixes()]
     specifiers = [spec.specifier for spec in specs]
@@ -142,16 +142,16 @@ def _as_defined_as_before(layer: Sdf.Layer, path: Sdf.Path) -> Iterator[None]:
 
 
 def _inherit_purpose(old: Usd.Prim, new: Usd.Prim) -> None:
-    """In a prototype: it is seen below prims that nobody knows there, and whose purpose counts."""
+    """Remove the purpose authored in a prototype, so that it inherits that of the instances."""
     if not UsdGeom.Imageable(old).GetPurposeAttr().HasAuthoredValue():
         new.RemoveProperty(schema.tokens.PURPOSE)
 
 
 def _times(prim: Usd.Prim) -> Sequence[float | None]:
-    """Samples of a field, or None alone for its default value."""
+    """Return the sample times of a field, or [None] for its default value."""
     return schema.sample_times(prim) or [None]
 
 
 def _name(source: Path | str | Usd.Stage) -> str:
-    """What to call a source."""
+    """Return the name of a source."""
     return str(source.GetRootLayer().identifier if isinstance(source, Usd.Stage) else source)

@@ -1,4 +1,4 @@
-"""What a conversion did, for people who must trust it."""
+"""Reports of conversions."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportReport:
-    """A capture on a stage."""
+    """Report of the import of a capture."""
 
     source: str
-    """The file; several with + between."""
+    """Source file; several are joined by +."""
     target: str
-    """The USD file, or "" when it went onto a stage in memory."""
+    """Target USD file, or "" for a stage in memory."""
     prim_path: str
-    """Where the field is."""
+    """Path of the field."""
     splats: int
     degree: int
-    """Of the harmonics, 0 to 4."""
+    """Degree of the harmonics, 0 to 4."""
     form: str
     """"float", "half" or "packed"."""
     format: str
-    """The capture's, such as "SPZ 2"."""
+    """Format of the capture, such as "SPZ 2"."""
     frame: str
-    """Where x, y and z of the capture point (`core.axes`), as taken."""
+    """Axes of the capture (`core.axes`), as used."""
     axes: str
-    """How they became the stage's axes, one sentence."""
+    """Change of axes, one sentence."""
     meters_per_unit: float
-    """Of the stage."""
+    """Unit of the stage."""
     cameras: tuple[str, ...] = ()
-    """Where the cameras of the photographs are."""
+    """Paths of the cameras of the photographs."""
     edits: tuple[str, ...] = ()
-    """What was done to the splats before, in this order."""
+    """Edits in order."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)
-    """Field of the cloud -> how far it may be from the original; what is not listed is exact."""
+    """Maximum error by field of the cloud; fields that are not listed are exact."""
     notes: tuple[str, ...] = ()
-    """What a careful reader would want to be told, a sentence each."""
+    """Findings that a user should know, one sentence each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequenceImportReport(ImportReport):
-    """A sequence of captures on a stage; `splats` are those of all frames together."""
+    """Report of the import of a sequence; `splats` is the sum over all frames."""
 
     frames: tuple[float, ...]
     """Time codes, ascending."""
@@ -51,26 +51,26 @@ class SequenceImportReport(ImportReport):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportReport:
-    """Splats of a stage, or of another capture, as a capture file."""
+    """Report of the export to a capture file."""
 
     source: str
     target: str
     prim_paths: tuple[str, ...]
-    """The fields, one for each appearance, those of point instances once; empty when the source is
-    a capture."""
+    """Paths of the fields, one for each appearance, those of point instances once; empty if the
+    source is a capture."""
     splats: int
     degree: int
     frame: str
-    """Where x, y and z of the written file point."""
+    """Axes of the written file."""
     error_bounds: Mapping[str, str] = field(default_factory=dict)
-    """Field of the cloud -> how far it may be from the original, or, of a stage, from what
-    that says; what is not listed is exact."""
+    """Maximum error by field of the cloud, relative to the original, or to the stage if that is the
+    source; fields that are not listed are exact."""
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequenceExportReport(ExportReport):
-    """A stage as a sequence of captures; `splats` are those of all frames together."""
+    """Report of the export to a sequence; `splats` is the sum over all frames."""
 
     frames: tuple[float, ...]
     """Time codes, ascending."""
@@ -80,27 +80,27 @@ class SequenceExportReport(ExportReport):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplitReport:
-    """Fields of a stage as capture files, one for each."""
+    """Report of the export of each field to a separate file."""
 
     source: str
     target: str
-    """The file whose name the others have, each with the name of its prim."""
+    """Target name; each file adds the name of its prim."""
     parts: tuple[ExportReport, ...]
     notes: tuple[str, ...] = ()
-    """About the stage; parts have their own."""
+    """Notes on the stage; parts have their own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepackReport:
-    """A stage whose fields have another form."""
+    """Report of the conversion of fields to another storage form."""
 
     source: str
     target: str
     prim_paths: tuple[str, ...]
-    """The fields that were rewritten."""
+    """Paths of the rewritten fields."""
     samples: int
-    """Clouds that were rewritten: one for each field and time sample."""
+    """Number of rewritten clouds: one for each field and time sample."""
     splats: int
-    """In all those clouds together."""
+    """Number of splats in all these clouds."""
     form: str
     notes: tuple[str, ...] = ()

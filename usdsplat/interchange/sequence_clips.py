@@ -1,7 +1,7 @@
-"""A sequence as value clips: a file for each frame in a folder beside the stage.
+"""Write a sequence as value clips: a file for each frame in a folder beside the stage.
 
-The stage says when which file counts, by relative paths; `topology.usda` holds what does not change
-and `manifest.usda` which attributes do. Applications open a frame's file when they need it.
+The stage maps times to files by relative paths; `topology.usda` holds constant data and
+`manifest.usda` the varying attributes. Applications open a frame's file when they need it.
 
 Source: "Value Clips" in the documentation of UsdClipsAPI.
 """
@@ -24,13 +24,13 @@ _OURS = re.compile(r"frame\.-?[\d.]+\.usdc|topology\.usda|manifest\.usda")
 
 
 class Clips:
-    """The clips of one field, written one after another into a folder beside the stage's file."""
+    """The value clips of one field, in a folder beside the stage's file."""
 
     def __init__(self, stage: Usd.Stage, folder: Path) -> None:
         """
         Args:
-            stage: Refers to the clips; its root layer is in the folder's parent.
-            folder: Where they go; it is made here.
+            stage: Stage that refers to the clips; its root layer is in the folder's parent.
+            folder: Folder of the clips; it is created here.
         """
         folder.mkdir()
         self._stage = stage
@@ -39,11 +39,11 @@ class Clips:
 
     @staticmethod
     def folder_of(target: Path) -> Path:
-        """Where the clips of a stage's file go: `shot.clips` for `shot.usdc`.
+        """Return the folder of the clips of a stage's file: `shot.clips` for `shot.usdc`.
 
         Raises:
-            UsageError: If the target is a package, which has no place beside it.
-            OutputError: If something other than clips is there.
+            UsageError: If the target is a package, which cannot refer to a folder.
+            OutputError: If the folder exists with other content.
         """
         if target.suffix.lower() == ".usdz":
             raise UsageError("clips", "a .usdz target", "a .usd, .usda or .usdc file")
@@ -58,13 +58,13 @@ class Clips:
 
     @staticmethod
     def put_in_place(folder: Path, target: Path) -> None:
-        """Move a finished folder to where `folder_of` says; earlier clips become scratch."""
+        """Move a finished folder to `target`; earlier clips are moved to the scratch folder."""
         if target.exists():
             os.replace(target, folder.with_name("earlier.clips"))
         os.replace(folder, target)
 
     def new(self, time: float) -> Usd.Stage:
-        """An empty stage for a frame, which can be looked at by itself."""
+        """Create an empty stage for a frame, which can be opened by itself."""
         is_whole = time == int(time)
         path = frame_path(
             self._folder / f"frame.{'####' if is_whole else '####.######'}.usdc", time
@@ -79,11 +79,11 @@ class Clips:
         return stage
 
     def finish(self, where: Sdf.Path) -> None:
-        """Refer to the clips, all of which have the field at `where`."""
+        """Author the references to the clips, which all have the field at `where`."""
         first = str(next(iter(self._files.values())))
         topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
         UsdUtils.StitchClipsTopology(topology, [first])
-        for key in ("startTimeCode", "endTimeCode"):  # of the first clip alone
+        for key in ("startTimeCode", "endTimeCode"):  # these are of the first clip only
             topology.pseudoRoot.ClearInfo(key)
         topology.Save()
         manifest = Sdf.Layer.CreateNew(str(self._folder / _MANIFEST))
@@ -91,7 +91,7 @@ class Clips:
         manifest.Save()
         root = self._stage.GetRootLayer()
         root.subLayerPaths.append(self._asset(_TOPOLOGY))
-        for key in ("defaultPrim", "fallbackPrimTypes"):  # no sublayer can say these
+        for key in ("defaultPrim", "fallbackPrimTypes"):  # ineffective in a sublayer
             if topology.pseudoRoot.HasInfo(key):
                 root.pseudoRoot.SetInfo(key, topology.pseudoRoot.GetInfo(key))
         times = list(self._files)
@@ -105,5 +105,5 @@ class Clips:
         clips.SetClipManifestAssetPath(Sdf.AssetPath(self._asset(_MANIFEST)))
 
     def _asset(self, name: str) -> str:
-        """A file of the folder as the stage names it."""
+        """Return the asset path of a file in the folder."""
         return f"./{self._folder.name}/{name}"

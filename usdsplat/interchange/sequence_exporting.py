@@ -1,4 +1,4 @@
-"""A stage over time becomes a sequence of capture files."""
+"""Export a stage over time as a sequence of capture files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_files import Notes
 
 Export = Callable[[Usd.Stage, Path, float], ExportReport]
-"""Writes a stage at a time code as a file."""
+"""Function that writes a stage at a time code to a file."""
 
 
 def _export(stage: Usd.Stage, target: Path, time: float) -> ExportReport:
@@ -34,24 +34,24 @@ def export_sequence(
     export: Export = _export,
     progress: Progress = silent,
 ) -> SequenceExportReport:
-    """Write a stage as one capture for each frame, numbered by time code.
+    """Write a stage as one capture per frame, numbered by time code.
 
-    Each file appears when it is complete; what an interruption leaves are whole frames.
+    Each file appears when it is complete, so an interruption leaves whole frames.
 
     Args:
-        source: A USD file, or a stage, which is not changed.
-        target: A name with a place for the frame number: `out.####.sog` or `out.%04d.sog`.
-        frames: Time codes; None is each one from the stage's start to its end or, where it says
-            neither, those at which a field has a sample.
-        export: What writes a frame; one that is asked for more than `export_capture` by itself.
+        source: A USD file, or a stage, which is not modified.
+        target: A name with a placeholder for the frame number: `out.####.sog` or `out.%04d.sog`.
+        frames: Time codes; None is every one from the stage's start to its end or, if it has
+            neither, those of the fields' samples.
+        export: Function that writes a frame, with options other than `export_capture`'s defaults.
         progress: Told about each frame.
 
     Raises:
         StageError: If the source cannot be opened, or there is no field to write.
-        UsageError: If the name has no place for the number or one too small, or the stage does not
-            change over time and `frames` are not given.
-        UnknownFormatError: If the target's suffix is none that can be written.
-        OutputError: If a file cannot be written, or belongs to the source.
+        UsageError: If the name has no placeholder or one that is too small, or the stage is static
+            and `frames` is None.
+        UnknownFormatError: If the target's suffix cannot be written.
+        OutputError: If a file cannot be written, or is a file of the source.
     """
     pattern = Path(target)
     formats.frame_written(pattern)
@@ -77,18 +77,18 @@ def write_frames(
     *,
     progress: Progress = silent,
 ) -> SequenceExportReport:
-    """Write a file for each frame, and say so as of one.
+    """Write a file for each frame and return a joint report.
 
     Args:
-        source: What to call it.
-        target: A name with a place for the frame number.
-        times: The frames, at least one.
-        write: Writes the file of a frame.
+        source: Name of the source.
+        target: A name with a placeholder for the frame number.
+        times: Frames, at least one.
+        write: Function that writes the file of a frame.
         progress: Told about each frame.
 
     Raises:
-        UsageError: If the place is too small.
-        UsdSplatError: What `write` raises.
+        UsageError: If the placeholder is too small.
+        UsdSplatError: As for `write`.
     """
     reports, notes = [], Notes()
     for done, (time, path) in enumerate(zip(times, frame_paths(target, times), strict=True)):
@@ -111,11 +111,11 @@ def write_frames(
 
 
 def _times(stage: Usd.Stage) -> list[float]:
-    """The frames of a stage that changes over time."""
+    """Return the frames of an animated stage."""
     if stage.HasAuthoredTimeCodeRange():
         first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
         span = last - first + 1e-6
-        if not 0 <= span < LIMIT:  # nor is it infinite then
+        if not 0 <= span < LIMIT:  # false for infinities too
             expected = f"1 to {LIMIT} frames, or --frames that says which"
             name = stage.GetRootLayer().identifier
             raise UsageError(name, f"time codes {first:g} to {last:g}", expected)

@@ -1,4 +1,4 @@
-"""The capture files of a sequence: which there are, and what they say in common."""
+"""Find the capture files of a sequence, and collect their metadata."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.gathering import either, widened
 
 _MOST_LISTED = 8
-"""Runs of frames that a sentence lists."""
+"""Maximum number of runs of frames listed in a sentence."""
 
 
 def is_sequence(source: Path) -> bool:
-    """Whether a name of what is read stands for many captures; a file of that very name is one."""
+    """Return whether an input name is a sequence of captures, not an existing file of that name."""
     return has_place(source) and not is_usd(source) and not source.exists()
 
 
 def files_of(pattern: Path, frames: Sequence[float] | None = None) -> dict[float, Path]:
-    """The files of a sequence by their frame numbers, ascending.
+    """Return the files of a sequence by frame number, ascending.
 
     Args:
-        pattern: Its name has a place for the frame number: `cap.####.ply` or `cap.%04d.ply`.
-        frames: Which to take; None is all there are, and they must leave no gap.
+        pattern: Name with a placeholder for the frame number: `cap.####.ply` or `cap.%04d.ply`.
+        frames: Frames to use; None is all, without gaps.
 
     Raises:
-        UsageError: If the name has no place for the number.
+        UsageError: If the name has no placeholder.
         FormatError: If the folder cannot be listed, there is no file, or files are missing.
     """
     try:
@@ -60,19 +60,19 @@ def files_of(pattern: Path, frames: Sequence[float] | None = None) -> dict[float
 
 @dataclass(slots=True, eq=False)
 class Notes:
-    """What is remarked on frames, each sentence once."""
+    """Notes on frames, each sentence once."""
 
     _times: dict[str, list[float]] = field(default_factory=dict)
     _count: int = 0
 
     def add(self, time: float, notes: Iterable[str]) -> None:
-        """Take what is said of another frame, later than those before."""
+        """Add the notes of a frame later than those before."""
         self._count += 1
         for note in dict.fromkeys(notes):
             self._times.setdefault(note, []).append(time)
 
     def told(self) -> tuple[str, ...]:
-        """The sentences; what only some frames say, with their numbers."""
+        """Return the notes, with frame numbers for those that apply to some frames only."""
         return tuple(
             note if len(times) == self._count else f"{_listed(_runs(times))}: {note}"
             for note, times in self._times.items()
@@ -81,20 +81,20 @@ class Notes:
 
 @dataclass(slots=True, eq=False)
 class Account:
-    """What the frames of a sequence say, gathered while they pass by; it keeps no splats."""
+    """Metadata of the frames of a sequence, without their splats."""
 
     capture: Capture | None = None
-    """The first frame without its splats; its format and bounds are widened by later ones."""
+    """The first frame without its splats; later frames extend its format and bounds."""
     counts: list[int] = field(default_factory=list)
-    """Splats of each frame."""
+    """Number of splats of each frame."""
     notes: Notes = field(default_factory=Notes)
     _digests: dict[str, str] = field(default_factory=dict)
 
     def add(self, time: float, path: Path, capture: Capture, sha256: str) -> None:
-        """Count a frame in.
+        """Add a frame.
 
         Raises:
-            FormatError: If it differs from the first in what one field can only have once.
+            FormatError: If it differs from the first in a property of the whole field.
         """
         self.counts.append(len(capture.cloud))
         self._digests[path.name] = sha256
@@ -115,7 +115,7 @@ class Account:
         )
 
     def fingerprint(self) -> str:
-        """SHA-256 over the names and fingerprints of all frames, sorted by name."""
+        """Return the SHA-256 over names and hashes of all frames, sorted by name."""
         total = hashlib.sha256()
         for name, digest in sorted(self._digests.items()):
             total.update(f"{name}\0{digest}\n".encode())
@@ -126,20 +126,20 @@ _SHARED = ("degree of harmonics", "axes", "antialiasing", "colour space")
 
 
 def _shared(capture: Capture) -> tuple[object, ...]:
-    """What all frames must have in common, in the order of `_SHARED`."""
+    """Return properties that all frames must share, in the order of `_SHARED`."""
     degree = capture.cloud.sh_degree
     return degree, capture.frame, capture.antialiased, capture.color_space
 
 
 def _gaps(times: Sequence[float]) -> list[tuple[float, float]]:
-    """Runs of whole numbers that are missing between ascending ones; fractions have no gaps."""
+    """Return runs of missing integers in an ascending list; fractional frames have no gaps."""
     if any(time != int(time) for time in times):
         return []
     return [(a + 1, b - 1) for a, b in pairwise(times) if b > a + 1]
 
 
 def _runs(times: Iterable[float]) -> list[tuple[float, float]]:
-    """Ascending numbers as runs of successive ones."""
+    """Group ascending numbers in runs of consecutive ones."""
     runs: list[tuple[float, float]] = []
     for time in times:
         if runs and time == runs[-1][1] + 1:
@@ -150,7 +150,7 @@ def _runs(times: Iterable[float]) -> list[tuple[float, float]]:
 
 
 def _listed(runs: Sequence[tuple[float, float]]) -> str:
-    """Runs of frames in words: "frame 7" or "frames 3 to 5, 9 and others"."""
+    """Describe runs of frames: "frame 7" or "frames 3 to 5, 9 and others"."""
     first, last = runs[0]
     if len(runs) == 1 and first == last:
         return f"frame {first:.10g}"

@@ -1,8 +1,8 @@
-"""A sequence of captures becomes one splat field that changes over time.
+"""Import a sequence of captures as one animated splat field.
 
-A file is written frame after frame, and memory holds one of them. Which splat of a frame was which
-of the one before is not known, as a rule: all get identities of their own, so that each frame is
-held until the next and nothing is mixed.
+The file is written frame by frame, and memory holds one frame. Usually the correspondence of splats
+between frames is unknown. All splats then get distinct ids, so that each frame is held until the
+next and nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -63,24 +63,24 @@ def import_sequence(
     read: Callable[[Path], Capture] = _read,
     progress: Progress = silent,
 ) -> SequenceImportReport:
-    """Write a sequence of captures as one splat field; its numbers are the time codes.
+    """Write a sequence of captures as one splat field, with frame numbers as time codes.
 
-    Frames may have different numbers of splats, but one degree, and one opinion on axes.
+    Frames may differ in their number of splats, but not in degree or axes.
 
     Args:
-        source: A name with a place for the frame number: `cap.####.ply` or `cap.%04d.ply`.
+        source: A name with a placeholder for the frame number: `cap.####.ply` or `cap.%04d.ply`.
         target: A .usd, .usda, .usdc or .usdz file, replaced when the new one is complete.
-        edits: Done in this order to each frame, in its own coordinates.
-        options: Axes, unit, form and place of the field; without cameras. `read` is used in place
-            of its options of the reader.
-        sequence: Frames, rate, and how they are stored.
-        read: What reads a file.
-        progress: Told about each frame.
+        edits: Edits in order, of each frame, in its own coordinates.
+        options: Axes, unit, form and path of the field; `cameras` is ignored, and `read` replaces
+            the options of the reader.
+        sequence: Frames, rate and storage.
+        read: Function that reads a file.
+        progress: Receives the number of finished frames.
 
     Raises:
-        FormatError: If a file is missing, or not what it claims to be, or unlike the others.
-        UsageError: If an option has a value it cannot have, or edits leave nothing of a frame, or
-            do not leave rows what they were although they are to be interpolated.
+        FormatError: If a file is missing, invalid, or inconsistent with the others.
+        UsageError: If an option has an invalid value, edits leave no splat of a frame, or edits
+            change rows that are to be interpolated.
         OutputError: If the target cannot be written, or is one of the files being read.
     """
     pattern, path = Path(source), Path(target)
@@ -93,7 +93,7 @@ def import_sequence(
     listed = files_of(pattern, sequence.frames)
     files.check_not_input(path, listed.values())
     clip_folder = Clips.folder_of(path) if sequence.clips else None
-    with ExitStack() as after, atomic_path(path) as temporary:  # scratch goes last
+    with ExitStack() as after, atomic_path(path) as temporary:  # the scratch folder is removed last
         scratch = Path(after.enter_context(_scratch_beside(temporary)))
         stage = _new_stage(scratch / f"{path.stem}.usdc", options.up_axis, options.meters_per_unit)
         _author_times(stage, tuple(listed), sequence.rate)
@@ -123,7 +123,7 @@ def import_sequence(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Job:
-    """One import of a sequence."""
+    """An import of a sequence."""
 
     stage: Usd.Stage
     target: Path
@@ -137,7 +137,7 @@ class _Job:
     read: Callable[[Path], Capture]
 
     def add(self, account: Account, time: float, file: Path, number: int) -> None:
-        """Read a frame, write it, and let go of it."""
+        """Read a frame, write it, and free it."""
         capture = edit_capture(self.read(file), self.edits)
         capture = replace(capture, frame=self.frame or capture.frame)
         account.add(time, file, capture, fingerprint(capture.files))
@@ -158,7 +158,7 @@ class _Job:
 
     @contextmanager
     def _stage_at(self, time: float) -> Iterator[Usd.Stage]:
-        """Where a frame is written; saved, and out of memory, afterwards."""
+        """Return the stage for a frame; it is saved on exit."""
         stage = self.clips.new(time) if self.clips else self.stage
         yield stage
         with files.usd_errors(self.target):
@@ -167,7 +167,7 @@ class _Job:
     def finish(
         self, account: Account, pattern: Path, times: tuple[float, ...], unit: float | None
     ) -> SequenceImportReport:
-        """Say on the field where it came from, and to the caller what was done."""
+        """Record the origin on the field and return the report."""
         if self.clips:
             self.clips.finish(self.where)
         prim = self.stage.GetPrimAtPath(self.where)
@@ -210,14 +210,14 @@ class _Job:
 
 
 def _new_stage(path: Path, up_axis: str | None, meters_per_unit: float | None) -> Usd.Stage:
-    """A stage in a new file, which grows by what is saved."""
+    """Create a stage in a new file."""
     stage = Usd.Stage.CreateNew(str(path))
     prepare(stage, up_axis, meters_per_unit)
     return stage
 
 
 def _author_times(stage: Usd.Stage, times: tuple[float, ...], rate: float) -> None:
-    """From when to when, and how fast."""
+    """Author the time range and frame rate of a stage."""
     stage.SetStartTimeCode(times[0])
     stage.SetEndTimeCode(times[-1])
     stage.SetTimeCodesPerSecond(rate)
@@ -225,12 +225,12 @@ def _author_times(stage: Usd.Stage, times: tuple[float, ...], rate: float) -> No
 
 
 def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
-    """A hidden folder that lasts as long as the work."""
+    """Create a hidden temporary folder beside `path`."""
     return tempfile.TemporaryDirectory(dir=path.parent, prefix=".sequence-")
 
 
 def _publish(layer: Sdf.Layer, temporary: Path, target: Path) -> None:
-    """Make of a finished crate file what the suffix of the target says."""
+    """Convert a finished crate file to the format of the target's suffix."""
     crate = layer.realPath
     with files.usd_errors(target):
         match target.suffix.lower():

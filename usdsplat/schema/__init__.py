@@ -1,7 +1,7 @@
-"""Splat fields on USD stages: the stock type, our packed type, and clouds in between.
+"""Read and write splat fields on USD stages: the stock type and our packed type.
 
-Importing this package registers our schemas with USD; do it before the first stage is opened. It
-never fails: see `registration` for what happens when it comes too late.
+Importing this package registers our schemas with USD. Import it before the first stage is opened.
+The import never fails: `registration` describes what happens if it comes too late.
 """
 
 from __future__ import annotations

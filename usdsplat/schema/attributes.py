@@ -17,11 +17,11 @@ from usdsplat.schema.vt import as_float32, from_vt
 
 Array = npt.NDArray[Any]
 Time: TypeAlias = float | Usd.TimeCode | None
-"""A time code; None is the default value or, where a prim has only samples, the first of them."""
+"""A time code; None is the default value or, if the prim has only samples, the first of them."""
 
 
 _TOGETHER = 1e-6
-"""Two samples are at one time if they are as near as this [time code]: layer offsets round."""
+"""Tolerance for equal sample times [time code]: layer offsets introduce rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,14 @@ class Bracket:
     lower: Usd.TimeCode
     upper: Usd.TimeCode
     fraction: float
-    """Where the time lies between them [0..1); 0 on a sample, and where values are held."""
+    """Position of the time between them [0..1); 0 on a sample, and where values are held."""
 
 
 def time_code(prim: Usd.Prim, time: Time) -> Usd.TimeCode:
-    """The time at which to ask the prim for its arrays.
+    """Return the time at which to read the arrays of a prim.
 
-    Values that change hands may not be mixed: between two samples whose ids differ the earlier
-    sample's own time is returned, so that nothing is interpolated.
+    Values of different splats must not be interpolated. Between two samples with different ids, the
+    time of the earlier sample is returned.
     """
     if time is None:
         return _default_or_earliest(prim)
@@ -53,7 +53,7 @@ def time_code(prim: Usd.Prim, time: Time) -> Usd.TimeCode:
 
 
 def bracket(attribute: Usd.Attribute, code: Usd.TimeCode) -> Bracket:
-    """The samples around `code`, or `code` itself twice where there are none to mix."""
+    """Return the samples around `code`, or `code` twice if there are none to interpolate."""
     stage = attribute.GetStage()
     found = attribute.GetBracketingTimeSamples(code.GetValue()) if code.IsNumeric() else ()
     if not found:
@@ -66,57 +66,57 @@ def bracket(attribute: Usd.Attribute, code: Usd.TimeCode) -> Bracket:
 
 
 def sample_times(prim: Usd.Prim, names: Iterable[str]) -> list[float]:
-    """Time codes at which any of these attributes has a sample, ascending; not tokens.LONG_AGO."""
+    """Return the sample times of these attributes, ascending, without tokens.LONG_AGO."""
     found = [prim.GetAttribute(name) for name in names]
     times = {time for item in found if item for time in item.GetTimeSamples()}
     return sorted(times - {tokens.LONG_AGO})
 
 
 def array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> Array | None:
-    """The value of an array attribute, in place where possible; None when there is none."""
+    """Return the value of an array attribute, without a copy where possible, or None."""
     attribute = prim.GetAttribute(name)
     value = attribute.Get(code) if attribute else None
     return from_vt(value) if _is_array(value) else None
 
 
 def length(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> int:
-    """Number of values of an array attribute; 0 where it has none, or is no array."""
+    """Return the number of values of an array attribute; 0 if it has none or is not an array."""
     attribute = prim.GetAttribute(name)
     value: Any = attribute.Get(code) if attribute else None
     return len(value) if _is_array(value) else 0
 
 
 def rows(values: Array | None, count: int) -> Array | None:
-    """The stock schema's rule for per-splat arrays: too long is cut, too short is ignored."""
+    """Apply the stock schema's rule for per-splat arrays: truncate long ones, ignore short ones."""
     return None if values is None or len(values) < count else values[:count]
 
 
 def ids(prim: Usd.Prim, code: Usd.TimeCode, count: int) -> I64 | None:
-    """Identities of the splats, or None."""
+    """Return the ids of the splats, or None."""
     values = rows(array(prim, tokens.IDS, code), count)
     return values if values is not None and count and values.dtype == np.int64 else None
 
 
 def velocities(prim: Usd.Prim, code: Usd.TimeCode, count: int) -> F32 | None:
-    """Velocities of the splats [scene unit / s], or None."""
+    """Return the velocities of the splats [scene unit / s], or None."""
     values = rows(array(prim, tokens.VELOCITIES, code), count)
     return as_float32(values) if values is not None and count else None
 
 
 def centres(prim: Usd.Prim, name: str, code: Usd.TimeCode, time: Time) -> tuple[F32, F32 | None]:
-    """Where the splats are [scene unit] and how fast they move [scene unit / s], or None.
+    """Return centres [scene unit] and velocities [scene unit / s], or None for the latter.
 
-    Splats with velocities move on from their last sample, whatever the next one holds: between
-    samples that differ in number that is the only motion there is.
+    Splats with velocities are extrapolated from the sample before, regardless of the next one.
+    Between samples of different counts this is the only source of motion.
 
     Args:
         prim: The field.
-        name: Of its centres.
-        code: As `time_code` gives it for `time`; what velocities do not move is taken from there.
-        time: As the caller asked.
+        name: Name of the attribute of its centres.
+        code: Result of `time_code` for `time`; centres without velocities are read there.
+        time: The requested time.
 
-    Source: the rule of UsdGeomPointBased's ComputePointsAtTime: velocities count where they are as
-    many as the centres and sampled together with them.
+    Source: the rule of UsdGeomPointBased's ComputePointsAtTime: velocities apply if they have the
+    same number of values and the same sample time as the centres.
     """
     sample = _moving_since(prim, name, time)
     values = array(prim, name, code if sample is None else sample)
@@ -132,13 +132,13 @@ def centres(prim: Usd.Prim, name: str, code: Usd.TimeCode, time: Time) -> tuple[
 
 
 def have_velocities(prim: Usd.Prim) -> bool:
-    """Whether samples of velocities may move the splats."""
+    """Return whether samples of velocities may move the splats."""
     attribute = prim.GetAttribute(tokens.VELOCITIES)
     return bool(attribute) and attribute.GetNumTimeSamples() > 0
 
 
 def degree(prim: Usd.Prim, code: Usd.TimeCode) -> int:
-    """Degree of the harmonics as the prim says it, legal or not."""
+    """Return the authored degree of the harmonics, legal or not."""
     attribute = prim.GetAttribute(tokens.SH_DEGREE)
     value = attribute.Get(code) if attribute else None
     return tokens.SCHEMA_FALLBACK_DEGREE if value is None else int(value)
@@ -147,7 +147,8 @@ def degree(prim: Usd.Prim, code: Usd.TimeCode) -> int:
 def set_array(
     prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any, code: Usd.TimeCode
 ) -> Usd.Attribute:
-    """Author a varying attribute; a default value replaces the samples that would hide it."""
+    """Author a varying attribute; a default value replaces existing samples, which would hide
+    it."""
     attribute = prim.CreateAttribute(name, kind, custom=False)
     if code.IsDefault() and attribute.GetNumTimeSamples():
         attribute.Clear()
@@ -162,14 +163,14 @@ def set_uniform(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) 
 
 
 def forget(prim: Usd.Prim, names: Iterable[str]) -> None:
-    """Take away what the edit target says about attributes; weaker layers keep their say."""
+    """Remove the opinions of the edit target on attributes; weaker layers keep theirs."""
     for name in names:
         if prim.HasProperty(name):
             prim.RemoveProperty(name)
 
 
 def silence(prim: Usd.Prim, names: Iterable[str]) -> None:
-    """Leave attributes without a value: `forget` them and block what weaker layers say."""
+    """Leave attributes without a value: `forget` them and block opinions of weaker layers."""
     forget(prim, names)
     for name in names:
         attribute = prim.GetAttribute(name)
@@ -178,7 +179,7 @@ def silence(prim: Usd.Prim, names: Iterable[str]) -> None:
 
 
 def _moving_since(prim: Usd.Prim, name: str, time: Time) -> Usd.TimeCode | None:
-    """The sample of the centres that velocities lead on from; None where they do not."""
+    """Return the sample that velocities extrapolate centres from, or None if they do not apply."""
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     if not code.IsNumeric():
         return None
@@ -194,7 +195,7 @@ def _moving_since(prim: Usd.Prim, name: str, time: Time) -> Usd.TimeCode | None:
 
 
 def _default_or_earliest(prim: Usd.Prim) -> Usd.TimeCode:
-    """The default time, unless the centres have nothing there."""
+    """Return the default time, or the earliest if the centres have no default value."""
     for name in (tokens.POSITIONS, tokens.POSITIONS_HALF):
         attribute = prim.GetAttribute(name)
         if attribute and attribute.Get() is not None:
@@ -203,12 +204,12 @@ def _default_or_earliest(prim: Usd.Prim) -> Usd.TimeCode:
 
 
 def _is_array(value: Any) -> bool:
-    """Whether a value of USD's is an array; text and None are not."""
+    """Return whether a value of USD is an array; strings and None are not."""
     return hasattr(value, "__len__") and not isinstance(value, str)
 
 
 def _same(first: Any, second: Any) -> bool:
-    """Whether two samples of ids are equal, None included."""
+    """Return whether two samples of ids are equal; None equals None."""
     if first is None or second is None:
         return first is second
     return np.array_equal(np.asarray(first), np.asarray(second))

@@ -1,4 +1,4 @@
-"""The box that a field claims on a stage: it holds every splat as far as it contributes."""
+"""Compute the extent of a field: a box that contains every splat out to its reach."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from usdsplat.core.extent import extent
 
 
 def compute_extent(cloud: SplatCloud, *, slack: float = 0.0) -> F32:
-    """`core.extent.extent` as USD stores it, rounded outwards.
+    """Return `core.extent.extent` as float32, rounded outwards.
 
     Args:
-        cloud: Splats whose numbers are not finite are left out.
-        slack: Error of the stored form, relative to each splat's largest scale.
+        cloud: The splats; those with a number that is not finite are ignored.
+        slack: Error of the storage form, relative to each splat's largest scale.
 
     Returns:
-        Lower and upper corner [scene unit], shape (2, 3); without splats two zero corners.
+        Lower and upper corner [scene unit], shape (2, 3); both zero without splats.
     """
     box = extent(cloud, slack=slack)
     if box is None:
@@ -25,7 +25,7 @@ def compute_extent(cloud: SplatCloud, *, slack: float = 0.0) -> F32:
 
 
 def _outwards(corner: F64, away: float) -> F32:
-    """Nearest float32 that is not on the inner side."""
+    """Return the nearest float32 that is not on the inner side of the corner."""
     rounded = corner.astype(np.float32)
     past = rounded > corner if away < 0 else rounded < corner
     return np.where(past, np.nextafter(rounded, np.float32(away)), rounded).astype(np.float32)

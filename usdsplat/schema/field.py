@@ -1,4 +1,4 @@
-"""A splat field on a stage: what every other package reads and writes it through."""
+"""Read and write splat fields on a stage; other packages use this interface."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ def author(
 ) -> Usd.Prim:
     """Write a cloud as a splat field on the stage's edit target.
 
-    An existing prim is retyped by an `over`, so a layer of results leaves the original untouched;
-    its arrays of another form are dropped. Calling again with other times adds samples.
+    An existing prim is retyped by an `over`, so a result layer leaves the original untouched; its
+    arrays of another form are removed. Further calls with other times add samples.
 
     Args:
-        stage: Where to write.
+        stage: The stage; its edit target is written.
         path: Absolute path of the prim.
-        cloud: What to write.
+        cloud: The splats.
         form: "float" and "half" are the stock type; "packed" is our own, a third of the size.
         time: Time code of a sample; None writes default values and removes samples.
-        color_space: Space the harmonics were trained in; None keeps what the prim or its
-            ancestors say, or writes srgb_rec709_scene where nobody does.
-        drawing: How the field asks to be drawn.
+        color_space: Colour space the harmonics were trained in; None keeps the authored or
+            inherited one, or writes srgb_rec709_scene if there is none.
+        drawing: Rendering hints of the field; None keeps the authored ones.
 
     Returns:
         The prim.
 
     Raises:
-        UsageError: If an option has a value it cannot have, or a number does not fit the form.
-        StageError: If the prim cannot be written there, or its samples have another degree.
+        UsageError: If an option has an invalid value, or a number exceeds the range of the form.
+        StageError: If the prim cannot be written, or its other samples have another degree.
         SchemaUnavailableError: If the form is "packed" and USD does not know the type.
     """
     _check_options(form, color_space)
@@ -69,20 +69,20 @@ def author(
 def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
     """Read a splat field of any form, instance proxies included.
 
-    Between samples values are interpolated, whatever the form, where the samples hold as many
-    splats and the same ids, and held where they do not. Velocities lead centres on from the sample
-    before, as `attributes.centres` says, also past the last.
+    Between samples, values of every form are interpolated if the samples have equal counts and
+    equal ids, else held. Velocities extrapolate centres from the sample before, as
+    `attributes.centres` describes, also after the last sample.
 
     Args:
         prim: A prim for which `is_splat_field` is true.
         time: Time code; None is the default value or, without one, the first sample.
 
     Returns:
-        The cloud in the prim's own space; its arrays may be read-only views of USD's memory.
+        The cloud in the prim's local space; its arrays may be read-only views of USD's memory.
 
     Raises:
-        StageError: If the prim is no splat field, its packed arrays cannot be decoded, or layers
-            gave its attributes other types than the schema's.
+        StageError: If the prim is no splat field, its packed arrays cannot be decoded, or its
+            attributes have types other than the schema's.
         SchemaUnavailableError: If the prim is packed and USD does not know the type.
     """
     if not is_splat_field(prim):
@@ -101,11 +101,11 @@ def fetch(prim: Usd.Prim, time: Time = None) -> SplatCloud:
 
 
 def fetch_packed(prim: Usd.Prim, time: float | None) -> packing.PackedArrays | None:
-    """Read a packed prim without decoding it; None where it is interpolated between samples.
+    """Read a packed prim without decoding it; None between samples that are interpolated.
 
     Args:
         prim: A prim for which `is_packed` is true, and that `fetch` can read.
-        time: As `fetch` takes it.
+        time: As for `fetch`.
     """
     code = attributes.time_code(prim, time)
     positions, _ = attributes.centres(prim, tokens.POSITIONS, code, time)
@@ -113,7 +113,8 @@ def fetch_packed(prim: Usd.Prim, time: float | None) -> packing.PackedArrays | N
 
 
 def is_splat_field(prim: Usd.Prim) -> bool:
-    """Whether `fetch` reads this prim: stock (derived or by fallback too), its draft, or packed."""
+    """Return whether `fetch` reads this prim: stock (derived or by fallback too), draft, or
+    packed."""
     if not prim:
         return False
     named = prim.GetTypeName() in (tokens.PACKED_TYPE, tokens.PRERELEASE_TYPE)
@@ -121,12 +122,12 @@ def is_splat_field(prim: Usd.Prim) -> bool:
 
 
 def is_packed(prim: Usd.Prim) -> bool:
-    """Whether the prim is of our compact type, known to USD or not."""
+    """Return whether the prim is of our packed type, registered with USD or not."""
     return bool(prim.GetTypeName() == tokens.PACKED_TYPE)
 
 
 def form_of(prim: Usd.Prim) -> Form:
-    """How a splat field is stored."""
+    """Return the storage form of a splat field."""
     if is_packed(prim):
         return "packed"
     name = stock.source_name(prim, tokens.SH_COEFFICIENTS)
@@ -134,19 +135,20 @@ def form_of(prim: Usd.Prim) -> Form:
 
 
 def is_time_varying(prim: Usd.Prim) -> bool:
-    """Whether `fetch` may return different clouds at different times."""
+    """Return whether `fetch` may return different clouds at different times."""
     found = (prim.GetAttribute(name) for name in tokens.DATA_ATTRIBUTES)
     varies = any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
-    return varies or attributes.have_velocities(prim)  # one sample of them moves splats for ever
+    # Even one sample moves splats at all later times.
+    return varies or attributes.have_velocities(prim)
 
 
 def sample_times(prim: Usd.Prim) -> list[float]:
-    """Time codes at which the field has samples, ascending; empty when it does not change."""
+    """Return the sample times of a field, ascending; empty if it does not change."""
     return attributes.sample_times(prim, tokens.DATA_ATTRIBUTES)
 
 
 def error_bounds(form: Form) -> Mapping[str, str]:
-    """Field of the cloud -> what storing it in that form adds to its error; others are exact."""
+    """Return the error that a storage form adds, by field of the cloud; others are exact."""
     return {"float": {}, "half": stock.HALF_BOUNDS, "packed": packing.BOUNDS}[form]
 
 
@@ -156,7 +158,7 @@ _EXPECTED = f"{tokens.STOCK_TYPE} or {tokens.PACKED_TYPE}"
 def _author_stock(
     stage: Usd.Stage, path: str | Sdf.Path, cloud: SplatCloud, half: bool, code: Usd.TimeCode
 ) -> Usd.Prim:
-    """Arrays and extent in a stock form."""
+    """Write arrays and extent in a stock form."""
     if half:
         stock.check_half(cloud)
     prim = _define(stage, path, tokens.STOCK_TYPE)
@@ -170,7 +172,7 @@ def _author_stock(
 def _author_packed(
     stage: Usd.Stage, path: str | Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode
 ) -> Usd.Prim:
-    """Arrays, extent and proxy in the packed form."""
+    """Write arrays, extent and proxy in the packed form."""
     registration.require(str(path))
     arrays = packing.pack(cloud)
     prim = _define(stage, path, tokens.PACKED_TYPE)
@@ -183,13 +185,13 @@ def _author_packed(
 
 
 def _author_extent(prim: Usd.Prim, cloud: SplatCloud, slack: float, code: Usd.TimeCode) -> None:
-    """The box, wide enough for what the form decodes to."""
+    """Write the extent, wide enough for the values that the form decodes to."""
     box = to_vt(compute_extent(cloud, slack=slack), Vt.Vec3fArray)
     set_array(prim, tokens.EXTENT, _Type.Float3Array, box, code)
 
 
 def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
-    """The prim of that type at `path`: defined if new, else retyped where it is not yet."""
+    """Return the prim at `path` with that type, defined or retyped as needed."""
     prim = stage.GetPrimAtPath(path)
     if prim and (prim.IsInstanceProxy() or prim.IsInPrototype()):
         raise StageError(str(path), "a prim inside an instance", "a prim that can be edited")
@@ -202,7 +204,7 @@ def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
 
 
 def _check_options(form: Form, color_space: str | None) -> None:
-    """Refuse option values before anything is written."""
+    """Raise an error for invalid options before anything is written."""
     if form not in get_args(Form):
         raise UsageError("form", repr(form), f"one of {', '.join(get_args(Form))}")
     if color_space is not None and not hints.is_known_color_space(color_space):
@@ -212,7 +214,7 @@ def _check_options(form: Form, color_space: str | None) -> None:
 
 
 def _check_degree(stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd.TimeCode) -> None:
-    """The degree is uniform: a sample must have that of the other samples in its layer."""
+    """Raise an error if a sample has another degree than the layer's others: it is uniform."""
     target = stage.GetEditTarget()
     layer, spec_path = target.GetLayer(), target.MapToSpecPath(path)
     written = layer.GetAttributeAtPath(spec_path.AppendProperty(tokens.SH_DEGREE))
@@ -224,7 +226,7 @@ def _check_degree(stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd
 
 
 def _author_fallback_type(stage: Usd.Stage) -> None:
-    """Let applications without our schema take packed prims for their base type."""
+    """Author fallbackPrimTypes, so that applications without our schema see the base type."""
     root = stage.GetEditTarget().GetLayer().pseudoRoot
     known = dict(root.GetInfo("fallbackPrimTypes") or {})
     known[tokens.PACKED_TYPE] = Vt.TokenArray([tokens.BASE_TYPE])
@@ -232,7 +234,7 @@ def _author_fallback_type(stage: Usd.Stage) -> None:
 
 
 def _author_identity(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
-    """Write ids and velocities, or take away those of an earlier cloud."""
+    """Write ids and velocities, or remove those of an earlier cloud."""
     for name, kind, vt_kind, value in (
         (tokens.IDS, _Type.Int64Array, Vt.Int64Array, cloud.ids),
         (tokens.VELOCITIES, _Type.Vector3fArray, Vt.Vec3fArray, cloud.velocities),
@@ -246,7 +248,7 @@ def _author_identity(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> N
 
 
 def _author_color_space(prim: Usd.Prim, name: str | None) -> None:
-    """Write the space that is asked for, or the default where nobody names one."""
+    """Write the given colour space, or the default if none is authored or inherited."""
     if name is None:
         if hints.written_color_space(prim):
             return

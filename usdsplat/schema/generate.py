@@ -1,9 +1,9 @@
 """Generate plugInfo/ from schema.usda and simulation.usda: `python -m usdsplat.schema.generate
 [--check]`.
 
-Runs the generator that ships with USD (it needs jinja2, in the dev extra) in a process of its own,
-then adds what it leaves out: whole documentation instead of first sentences, and the validators.
-Documentation of inherited properties is dropped: its wording changes from one USD to the next.
+Runs USD's own generator in a separate process; it needs jinja2 from the dev extra. Then completes
+its output: full documentation instead of first sentences, and the validators. Documentation of
+inherited properties is dropped, because its wording changes between USD versions.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ SOURCES = (
     Path(__file__).with_name("schema.usda"),
     Path(__file__).with_name("simulation.usda"),
 )
-"""What is declared where; the simulation's part is itself written from its parameters."""
+"""Schema sources; simulation.usda is itself generated from the simulation's parameters."""
 PLUGIN_MODULE = "usdsplat.schema.validation.plugin"
 VALIDATED_TYPES = ["UsdVolParticleField3DGaussianSplat", "UsdSplatParticleFieldPackedSplat"]
 
 _BRIEF = "userDocBrief"
 _INSTANCE = "__INSTANCE_NAME__"
-"""Between prefix and name of what a multiple-apply schema declares, once it is generated."""
+"""Placeholder between prefix and name in the generated properties of a multiple-apply schema."""
 
 
 def generate() -> dict[str, str]:
-    """The files of plugInfo/, name -> text.
+    """Return the text of the files of plugInfo/ by name.
 
     Raises:
-        subprocess.CalledProcessError: If USD's generator refuses the schema or misses jinja2.
+        subprocess.CalledProcessError: If USD's generator rejects the schema or lacks jinja2.
     """
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder, "schema.usda"), Path(folder, "out")
@@ -56,10 +56,10 @@ def generate() -> dict[str, str]:
             str(source),
             str(target),
         ]
-        # Our own registration would make the generator meet these classes twice.
+        # With our plug-in registered, the generator would find these classes twice.
         environment = {k: v for k, v in os.environ.items() if k != "PXR_PLUGINPATH_NAME"}
-        # The generator sets this itself, but under -m USD is loaded before it can; without, it
-        # trips over API schemas with built-in API schemas.
+        # Under -m, USD is loaded before the generator can set this itself. Without it, the
+        # generator fails on API schemas with built-in API schemas.
         environment["USD_DISABLE_PRIM_DEFINITIONS_FOR_USDGENSCHEMA"] = "true"
         subprocess.run(command, check=True, capture_output=True, env=environment)
         schema = (target / "generatedSchema.usda").read_text(encoding="utf-8")
@@ -71,7 +71,7 @@ def generate() -> dict[str, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the files, or with --check say which ones are stale; status 1 if any is."""
+    """Write the files, or with --check list stale ones; return 1 if --check finds any."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     check = parser.parse_args(argv).check
@@ -89,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _merged() -> Sdf.Layer:
-    """All classes in one layer: the generator takes those of one file."""
+    """Return all classes in one layer, because the generator reads a single file."""
     first, *others = (_parse(path.read_text(encoding="utf-8")) for path in SOURCES)
     for layer in others:
         for prim in layer.rootPrims:
@@ -98,7 +98,7 @@ def _merged() -> Sdf.Layer:
 
 
 def _documented(own: Sdf.Layer) -> str:
-    """The schema's text, with whole documentation where the generator takes the first sentence."""
+    """Return the schema's text with full documentation in `userDocBrief`."""
     layer = _parse(own.ExportToString())
     for prim in layer.rootPrims:
         for spec in (prim, *prim.properties):
@@ -119,7 +119,7 @@ def _without_inherited(text: str, own: Sdf.Layer) -> str:
 
 
 def _completed(text: str) -> str:
-    """plugInfo.json with the generator's place holders filled in and our validators added."""
+    """Return plugInfo.json with the generator's placeholders filled in and our validators added."""
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     info: dict[str, Any] = json.loads("\n".join(lines))
     info["Plugins"][0].update(LibraryPath="", ResourcePath=".", Root=".")
@@ -131,7 +131,7 @@ def _completed(text: str) -> str:
         {
             "Type": "python",
             "Name": PLUGIN_MODULE,
-            "Root": "..",  # USD takes one plug-in for each path, and "." is the schema's
+            "Root": "..",  # USD allows one plug-in per path; "." is the schema's
             "ResourcePath": ".",
             "LibraryPath": "",
             "Info": {"Validators": {**validators, "keywords": ["usdsplat"]}},
@@ -141,7 +141,7 @@ def _completed(text: str) -> str:
 
 
 def _parse(text: str) -> Sdf.Layer:
-    """A layer in memory that resolves nothing."""
+    """Parse text into an anonymous layer without composing it."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.ImportFromString(text)
     return layer

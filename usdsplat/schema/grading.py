@@ -1,4 +1,4 @@
-"""The grade of a splat field: SplatGradeAPI."""
+"""Read and write the grade of a splat field (SplatGradeAPI)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ATTRIBUTES = {
     "saturation": (tokens.GRADE_SATURATION, _Type.Float),
     "matrix": (tokens.GRADE_MATRIX, _Type.Matrix3d),
 }
-"""Field of `Grade` -> name and type of the attribute."""
+"""Field of `Grade` -> (attribute name, type)."""
 
 
 def grade(prim: Usd.Prim, time: Time = None) -> Grade:
@@ -33,7 +33,7 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
         time: Time code; None is the default value or, without one, the first sample.
 
     Raises:
-        StageError: If a value is out of range, not finite or of another type than the schema's.
+        StageError: If a value is out of range, not finite or of the wrong type.
     """
     values: dict[str, Any] = {}
     for field, (name, kind) in _ATTRIBUTES.items():
@@ -54,12 +54,12 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
 
 
 def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
-    """Apply SplatGradeAPI and write values of it, on the stage's edit target.
+    """Apply SplatGradeAPI and write its attributes on the stage's edit target.
 
     Args:
         prim: A splat field.
         time: Time code of a sample; None writes default values and removes samples.
-        values: Fields of `Grade`; those that are not given stay as they are.
+        values: Fields of `Grade`; omitted ones stay unchanged.
 
     Raises:
         UsageError: If a value is out of range or not finite.
@@ -77,7 +77,7 @@ def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
 
 
 def is_grade_varying(prim: Usd.Prim) -> bool:
-    """Whether `grade` may return different values at different times."""
+    """Return whether `grade` may return different values at different times."""
     found = (prim.GetAttribute(name) for name in tokens.GRADE_ATTRIBUTES)
     return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
 
@@ -90,7 +90,7 @@ def _value(attribute: Usd.Attribute, time: Time) -> Any:
 
 
 def _numbers(field: str, value: Any) -> float | tuple[float, ...]:
-    """A value of USD's as `Grade` has it."""
+    """Convert a USD value to the type of the field of `Grade`."""
     if field == "matrix":
         return tuple(np.array(value, np.float64).reshape(3, 3).T.ravel().tolist())
     if field == "gain":

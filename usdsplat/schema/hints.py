@@ -1,4 +1,4 @@
-"""Drawing hints and the colour space of a splat field."""
+"""Read the colour space and the rendering hints of a field."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ class DrawingHints:
 
 
 def color_space(prim: Usd.Prim) -> str:
-    """Space of the field's harmonics: the attribute's own, the prim's or its nearest ancestor's.
+    """Return the colour space of a field: the attribute's, the prim's or its nearest ancestor's.
 
     Returns:
-        The name as written, aliases resolved, so that Gf need not hear of them; srgb_rec709_scene
-        where nobody names one. A name that Gf does not know is returned as it is.
+        The authored name with aliases resolved; srgb_rec709_scene if none is authored. A name that
+        Gf does not know is returned unchanged.
     """
     name = written_color_space(prim) or tokens.DEFAULT_COLOR_SPACE
     return tokens.COLOR_SPACE_ALIASES.get(name, name)
 
 
 def written_color_space(prim: Usd.Prim) -> str:
-    """What the stage itself says about the space of the harmonics; "" where it says nothing."""
+    """Return the authored colour space of the harmonics, unresolved; "" if there is none."""
     for name in (tokens.SH_COEFFICIENTS, tokens.SH_COEFFICIENTS_HALF):
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasColorSpace():
@@ -74,27 +74,27 @@ def written_color_space(prim: Usd.Prim) -> str:
 
 
 def rasterize_mode(prim: Usd.Prim) -> str:
-    """ "classic" or "antialiased"; what is neither counts as classic."""
+    """Return "classic" or "antialiased"; any other value counts as classic."""
     return _token(prim, tokens.RASTERIZE_MODE, tokens.RASTERIZE_MODES)
 
 
 def projection_mode(prim: Usd.Prim) -> str:
-    """ "perspective" or "tangential"; what is neither counts as perspective."""
+    """Return "perspective" or "tangential"; any other value counts as perspective."""
     return _token(prim, tokens.PROJECTION_MODE, tokens.PROJECTION_MODES)
 
 
 def sorting_mode(prim: Usd.Prim) -> str:
-    """ "zDepth", "cameraDistance" or "rayHitDistance"; what is none counts as zDepth."""
+    """Return "zDepth", "cameraDistance" or "rayHitDistance"; any other value counts as zDepth."""
     return _token(prim, tokens.SORTING_MODE, tokens.SORTING_MODES)
 
 
 def is_known_color_space(name: str) -> bool:
-    """Whether Gf, or our list of aliases, knows the name."""
+    """Return whether Gf or our list of aliases knows the name."""
     return name in tokens.COLOR_SPACE_ALIASES or bool(Gf.ColorSpace.IsValid(name))
 
 
 def _token(prim: Usd.Prim, name: str, allowed: tuple[str, ...]) -> str:
-    """Value of a uniform token, the first of `allowed` where it has none of them."""
+    """Return a uniform token, or the first of `allowed` if it has none of them."""
     attribute = prim.GetAttribute(name)
     value = attribute.Get() if attribute else None
     return str(value) if value in allowed else allowed[0]

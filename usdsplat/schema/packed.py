@@ -1,7 +1,7 @@
-"""Our compact type, ParticleFieldPackedSplat: prims to clouds and back.
+"""Read and write our packed type, ParticleFieldPackedSplat.
 
-USD holds integer arrays between time samples, so motion between them is found here: both samples
-are decoded and what they decode to is interpolated, as USD does for stock arrays.
+USD does not interpolate integer arrays. Between time samples, this module decodes both samples and
+interpolates the results, as USD does for stock arrays.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from usdsplat.schema.attributes import set_array, set_uniform
 from usdsplat.schema.vt import to_vt
 
 SLACK = packing.SCALE_ERROR + packing.ROTATION_ERROR
-"""By how much packing can widen a splat, relative to its largest scale."""
+"""Upper bound of how much packing enlarges a splat, relative to its largest scale."""
 
 _Type = Sdf.ValueTypeNames
-_CHUNK = 1 << 14  # splats turned at a time: temporaries stay in the cache
+_CHUNK = 1 << 14  # splats per block: temporaries stay in the cache
 _EMPTY = {
     tokens.PACKED: (0, 4),
     tokens.COLOR_RANGE: (0, 3),
@@ -36,14 +36,14 @@ _FLOATS = (tokens.COLOR_RANGE, tokens.HARMONICS_RANGE)
 def author(
     prim: Usd.Prim, centres: F32, arrays: packing.PackedArrays, *, code: Usd.TimeCode
 ) -> None:
-    """Write the arrays of a packed prim and drop the stock ones that the edit target holds.
+    """Write the arrays of a packed prim and remove stock arrays from the edit target.
 
-    Stock arrays that weaker layers hold stay: the type says that they do not count.
+    Stock arrays of weaker layers remain; readers ignore them because of the type.
 
     Args:
         prim: Of the packed type.
-        centres: [scene unit], shape (n, 3).
-        arrays: The rest of n splats.
+        centres: Centres [scene unit], shape (n, 3).
+        arrays: The other attributes of n splats.
         code: Default, or the time code of a sample.
     """
     attributes.forget(prim, {*tokens.HALF_OF, *tokens.HALF_OF.values()} - {tokens.POSITIONS})
@@ -61,10 +61,10 @@ def author(
 
 
 def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatCloud:
-    """Read a packed prim, interpolated between samples as the stage's interpolation says.
+    """Read a packed prim; interpolate between samples as the stage specifies.
 
-    Where two samples differ in their number of splats or in degree, the earlier one is held: USD
-    does so with arrays whose lengths differ.
+    If two samples differ in count or degree, the earlier one is held, as USD does for arrays of
+    different lengths.
 
     Args:
         prim: Of the packed type.
@@ -91,12 +91,12 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
 
 
 def fetch_arrays(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> packing.PackedArrays | None:
-    """Read a packed prim as it is packed; None between two samples, where nothing is.
+    """Read a packed prim without decoding it; None between samples that are interpolated.
 
     Args:
         prim: Of the packed type.
-        code: As `attributes.time_code` gives it.
-        n: Splats.
+        code: Result of `attributes.time_code`.
+        n: Number of splats.
 
     Raises:
         StageError: If the layout is not one we know, or an array is missing or too short.
@@ -115,7 +115,7 @@ def _check_layout(prim: Usd.Prim) -> None:
 
 
 def _arrays(prim: Usd.Prim, sample: Usd.TimeCode, n: int) -> packing.PackedArrays:
-    """The packed arrays of a sample, checked and cut to `n` splats."""
+    """Return the packed arrays of a sample, checked and truncated to `n` splats."""
     degree = attributes.degree(prim, sample)
     if not 0 <= degree <= MAX_DEGREE:
         raise _unfit(prim, tokens.SH_DEGREE, str(degree), f"0 to {MAX_DEGREE}")
@@ -130,7 +130,7 @@ def _arrays(prim: Usd.Prim, sample: Usd.TimeCode, n: int) -> packing.PackedArray
 
 
 def _rows(prim: Usd.Prim, name: str, sample: Usd.TimeCode, count: int) -> Any:
-    """The first `count` rows of an array that must have as many."""
+    """Return the first `count` rows of an array; raise an error if it is shorter."""
     found = attributes.array(prim, name, sample)
     if found is None:
         found = np.empty(_EMPTY[name], np.float32 if name in _FLOATS else np.int32)
@@ -142,7 +142,7 @@ def _rows(prim: Usd.Prim, name: str, sample: Usd.TimeCode, count: int) -> Any:
 
 
 def _mix(before: SplatCloud, after: SplatCloud, t: float) -> SplatCloud:
-    """Interpolate decoded samples the way USD does stock ones; writes into `after`'s arrays."""
+    """Interpolate decoded samples as USD interpolates stock ones; overwrites arrays of `after`."""
     for name in ("scales", "opacities", "sh"):
         start, end = getattr(before, name), getattr(after, name)
         end -= start
@@ -156,12 +156,12 @@ def _mix(before: SplatCloud, after: SplatCloud, t: float) -> SplatCloud:
 
 
 def _shape(prim: Usd.Prim, sample: Usd.TimeCode) -> tuple[int, int]:
-    """Number of packed splats in a sample, and their degree."""
+    """Return the number of packed splats in a sample, and their degree."""
     return attributes.length(prim, tokens.PACKED, sample), attributes.degree(prim, sample)
 
 
 def _nothing(degree: int) -> SplatCloud:
-    """No splats."""
+    """Return an empty cloud."""
     return SplatCloud(
         positions=np.empty((0, 3), np.float32),
         scales=np.empty((0, 3), np.float32),

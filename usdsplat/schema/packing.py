@@ -1,8 +1,9 @@
-"""Splats in 16 bytes, harmonics in one byte a coefficient: layout `smallestThree47_log16_v1`.
+"""Pack splats in 16 bytes and harmonics in one byte per coefficient.
 
-The layout is fixed: files depend on it. A change is a new token and a second reader.
+The layout is `smallestThree47_log16_v1`. It is fixed, because files depend on it: a change needs a
+new token and a second reader.
 
-Core, four 32-bit integers x, y, z, w a splat, least significant bit first:
+Core, four 32-bit integers x, y, z, w per splat, least significant bit first:
 
     x   scale 0 (16)   scale 1 (16)
     y   scale 2 (16)   rotation a (15)   opacity bit 0 (1)
@@ -11,20 +12,20 @@ Core, four 32-bit integers x, y, z, w a splat, least significant bit first:
 
 - Scale: code 0 is exactly 0; code q = 1..65535 is 2^(q / 1024 - 32) scene units, so powers of two
   are exact. Positive scales outside are clamped to the nearest code and stay positive.
-- Rotation: of the unit quaternion (w, x, y, z) the component that is largest in magnitude is left
-  out and made positive; a, b, c are the others in their order, (q - 16383) / 16383 / sqrt(2) with
+- Rotation: of the unit quaternion (w, x, y, z), the component of largest magnitude is omitted and
+  made positive; a, b, c are the others in order, (q - 16383) / 16383 / sqrt(2) with
   q = 0..32766. The identity is exact.
 - Opacity: q / 511, q = 0..511. 0 and 1 are exact.
-- Degree-0 colour, 0.5 + C0 sh[0], channel by channel: lower + (upper - lower) q / 255, where
-  `color_range` holds the lower and upper ends that occur in the cloud, however high.
+- Degree-0 colour, 0.5 + C0 sh[0], per channel: lower + (upper - lower) q / 255, where
+  `color_range` holds the minimum and maximum that occur in the cloud, without a limit.
 
-Harmonics of degree 1 and above: for each splat its coefficients in the stock order, RGB inside, one
-signed byte q = -127..127 each, padded with zeros to whole int4. A coefficient of degree l is
-q / 127 * harmonics_range[l - 1], the largest magnitude of that degree in the cloud. Zero is exact.
+Harmonics of degree 1 and above: the coefficients of each splat in stock order, interleaved RGB, one
+signed byte q = -127..127 each, padded with zeros to whole int4. A coefficient of degree l is q /
+127 * harmonics_range[l - 1], the largest magnitude of that degree in the cloud. Zero is exact.
 
-Error bounds, each at its worst: rotation 0.0086 degrees (2 sqrt(12) half steps; we promise 0.01);
-scale 0.034 % (2^(1/2048) - 1) inside the range; opacity 1/1022; colour (upper - lower) / 510;
-harmonics of degree l harmonics_range[l - 1] / 254.
+Worst-case errors: rotation 0.0086 degrees (2 sqrt(12) half steps; we promise 0.01); scale 0.034 %
+(2^(1/2048) - 1) inside the range; opacity 1/1022; colour (upper - lower) / 510; harmonics of degree
+l harmonics_range[l - 1] / 254.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ U32 = npt.NDArray[np.uint32]
 TOKEN = "smallestThree47_log16_v1"
 
 ROTATION_ERROR = math.radians(0.01)
-"""[radian]"""
+"""Upper bound of the rotation error [radian]."""
 SCALE_ERROR = 2.0 ** (1 / 2048) - 1
-"""Relative, for scales of 2^-32 to 2^32 [scene unit]."""
+"""Relative error of scales from 2^-32 to 2^32 [scene unit]."""
 
 BOUNDS = {
     "rotations": "0.01 degrees",
@@ -61,24 +62,24 @@ BOUNDS = {
     "opacities": "1/1022",
     "sh": "1/510 of the range of colours, 1/254 of the largest harmonic of each degree",
 }
-"""Field of the cloud -> what packing adds to its error, for people."""
+"""Field of the cloud -> error that packing adds, for display."""
 
 _ROTATION_TOP = 32766
-_SCALE_STEPS = 1024  # an octave
+_SCALE_STEPS = 1024  # codes per octave
 _SCALE_OFFSET = 32  # octaves below 1
-_CHUNK = 1 << 14  # splats at a time: temporaries stay in the cache
+_CHUNK = 1 << 14  # splats per block: temporaries stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedArrays:
-    """What a packed prim holds beside its centres; see the module for the layout."""
+    """Arrays of a packed prim other than its centres; the module describes the layout."""
 
     core: I32
-    """Shape (n, 4)."""
+    """16-byte records, shape (n, 4)."""
     color_range: F32
-    """Lower and upper end of the degree-0 colours, shape (2, 3)."""
+    """Minimum and maximum of the degree-0 colours, shape (2, 3)."""
     harmonics: I32
-    """Shape (n * harmonics_width(degree), 4)."""
+    """Harmonics bytes, shape (n * harmonics_width(degree), 4)."""
     harmonics_range: F32
     """Largest magnitude of degree 1, 2, ..., shape (degree,)."""
 
@@ -89,7 +90,7 @@ class PackedArrays:
 
 
 def harmonics_width(degree: int) -> int:
-    """Number of int4 that hold the harmonics of one splat."""
+    """Return the number of int4 that hold the harmonics of one splat."""
     return -(-3 * (coefficient_count(degree) - 1) // 16)
 
 
@@ -124,9 +125,9 @@ def unpack(
 
     Args:
         positions: Centres [scene unit], shape (n, 3); n rows of `arrays.core` are needed.
-        arrays: What `pack` made, or a prim holds, in the shapes that `PackedArrays` says.
-        ids: Shape (n,).
-        velocities: [scene unit / s], shape (n, 3).
+        arrays: Result of `pack`, or the arrays of a prim, with the shapes of `PackedArrays`.
+        ids: Ids, shape (n,).
+        velocities: Velocities [scene unit / s], shape (n, 3).
 
     Source: the layout above.
     """
@@ -171,7 +172,7 @@ def _pack_core(cloud: SplatCloud, color_range: F32, rows: slice, out: U32) -> No
 
 
 def _scale_codes(scales: F32) -> U32:
-    """Nearest codes; 0 only for 0."""
+    """Return the nearest codes; only a scale of 0 gets code 0."""
     with np.errstate(divide="ignore"):
         octaves = np.log2(scales.astype(np.float64))
     codes = np.rint((octaves + _SCALE_OFFSET) * _SCALE_STEPS)
@@ -180,28 +181,28 @@ def _scale_codes(scales: F32) -> U32:
 
 @functools.cache
 def _scale_table() -> F32:
-    """Scale of every code, shape (65536,)."""
+    """Return the scale of every code, shape (65536,)."""
     table = np.exp2(np.arange(65536) / _SCALE_STEPS - _SCALE_OFFSET)
     table[0] = 0.0
     return table.astype(np.float32)
 
 
 def _rotations(y: U32, z: U32) -> F32:
-    """Unit quaternions (w, x, y, z) of records."""
+    """Decode the unit quaternions (w, x, y, z) of records."""
     codes = np.stack([y >> 16 & 0x7FFF, z & 0x7FFF, z >> 15 & 0x7FFF], axis=1)
     return encoding.decode_smallest_three(z >> 30, codes, top=_ROTATION_TOP)
 
 
 def _colors(w: U32, color_range: F32) -> npt.NDArray[Any]:
-    """Degree-0 coefficients of records."""
+    """Decode the degree-0 coefficients of records."""
     codes = np.stack([w & 0xFF, w >> 8 & 0xFF, w >> 16 & 0xFF], axis=1)
     return rgb_to_dc(encoding.dequantize(codes, color_range[0], color_range[1], 255))
 
 
 def _ranges(sh: F32) -> tuple[F32, F32]:
-    """Ends of the degree-0 colours, (2, 3), and largest magnitude of each degree >= 1.
+    """Return the range of degree-0 colours, (2, 3), and the peak of each degree >= 1.
 
-    An empty cloud has the colours 0 to 1.
+    The range of an empty cloud is 0 to 1.
     """
     n, k, _ = sh.shape
     if not n:
@@ -219,13 +220,13 @@ def _ranges(sh: F32) -> tuple[F32, F32]:
 
 
 def _steps(ranges: F32) -> F32:
-    """Size of a code for each coefficient and channel above degree 0, shape (3 (k - 1),)."""
+    """Return the step of each coefficient and channel above degree 0, shape (3 (k - 1),)."""
     counts = [3 * (2 * degree + 1) for degree in range(1, len(ranges) + 1)]
     return np.repeat(ranges / np.float32(127), counts)
 
 
 def _pack_harmonics(sh: F32, ranges: F32) -> I32:
-    """Signed bytes of all coefficients above degree 0, padded to whole int4."""
+    """Encode all coefficients above degree 0 as signed bytes, padded to whole int4."""
     n, k, _ = sh.shape
     used = 3 * (k - 1)
     if not used:
@@ -244,7 +245,7 @@ def _pack_harmonics(sh: F32, ranges: F32) -> I32:
 
 
 def _unpack_harmonics(arrays: PackedArrays, sh: F32) -> None:
-    """Fill sh[:, 1:]."""
+    """Decode the harmonics above degree 0 into sh[:, 1:]."""
     n, k, _ = sh.shape
     used = 3 * (k - 1)
     if not used or not n:
@@ -259,12 +260,12 @@ def _unpack_harmonics(arrays: PackedArrays, sh: F32) -> None:
 
 
 def _little_endian(integers: I32) -> I32:
-    """First byte least significant, whatever the machine."""
+    """Convert between native and little-endian byte order."""
     return integers if sys.byteorder == "little" else integers.byteswap()
 
 
 def _chunks(n: int) -> Iterator[slice]:
-    """Slices that cover n rows."""
+    """Return slices that cover n rows."""
     return (slice(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK))
 
 

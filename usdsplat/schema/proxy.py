@@ -1,4 +1,4 @@
-"""Points beneath a packed field, for renderers that do not know the type."""
+"""Author proxy points below a packed field, for renderers without its type."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ _Type = Sdf.ValueTypeNames
 
 
 def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
-    """Write at most MAX_POINTS of the splats as a UsdGeomPoints child of purpose "proxy".
+    """Write at most MAX_POINTS splats as a UsdGeomPoints child of purpose "proxy".
 
-    The field itself gets purpose "render", unless it has or inherits another, and names the child
-    as its `proxyPrim`, so that a viewer shows one of the two. The fewer points there are, the
-    larger they are.
+    The field gets purpose "render", unless it has or inherits another, and its `proxyPrim` names
+    the child, so that a viewer shows one of the two. Fewer points get larger widths.
 
     Args:
         prim: The packed prim.
-        cloud: What it holds.
+        cloud: Its splats.
         code: Default, or the time code of a sample.
     """
     step = max(1, -(-len(cloud) // MAX_POINTS))
@@ -50,7 +49,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
 
 
 def remove(prim: Usd.Prim) -> None:
-    """Take away what `author` wrote on the edit target."""
+    """Remove what `author` wrote on the edit target."""
     stage, path = prim.GetStage(), prim.GetPath().AppendChild(tokens.PROXY_CHILD)
     child = stage.GetEditTarget().GetPrimSpecForScenePath(path)
     if child and child.typeName == "Points":
@@ -61,7 +60,7 @@ def remove(prim: Usd.Prim) -> None:
 
 
 def _extent(centres: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """Corners around all discs."""
+    """Return the bounding box of all points with their widths."""
     if not len(centres):
         return np.zeros((2, 3), np.float32)
     radii = widths[:, None] / 2

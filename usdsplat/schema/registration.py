@@ -1,9 +1,9 @@
-"""Make our schemas known to USD, as early as importing `usdsplat.schema`.
+"""Register our schemas with USD.
 
-USD reads schema plug-ins once, when its schema registry is built: at the first prim of the process.
-A plug-in that comes later is ignored without an error, so in a host that has opened a stage before
-(usdview, Houdini, a notebook) our type stays unknown. Stock prims do not need it; whoever does
-calls `require` and gets one sentence with the cure.
+USD reads schema plug-ins once, when it builds its schema registry at the first prim of the process.
+A plug-in that is registered later is ignored without an error. In a host that has opened a stage
+before (usdview, Houdini, a notebook), our packed type then stays unknown. Stock prims work without
+it. Code that needs it calls `require`, which raises an error that names the fix.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ PLUGIN_NAME = "usdsplat"
 
 
 def plugin_folder() -> Path:
-    """The folder with plugInfo.json: inside the package when installed, beside it in a checkout."""
+    """Return the folder of plugInfo.json: in the package when installed, beside it in a
+    checkout."""
     package = Path(__file__).resolve().parents[1]
     installed = package / "plugInfo"
     return installed if installed.is_dir() else package.parent / "plugInfo"
 
 
 def register() -> None:
-    """Tell USD's plug-in registry about our folder, unless the environment already did.
+    """Register our folder with USD's plug-in registry, unless the environment already did.
 
-    Never raises and never builds the schema registry, so that others can still register theirs.
+    Never raises and never builds the schema registry, so that other plug-ins can still register.
     """
     registry = Plug.Registry()
     if not registry.GetPluginWithName(PLUGIN_NAME):
@@ -36,18 +37,18 @@ def register() -> None:
 
 
 def is_available() -> bool:
-    """Whether USD knows our types. Builds the schema registry if nobody has yet."""
+    """Return whether USD knows our types. Builds the schema registry if it does not exist."""
     return Usd.SchemaRegistry().FindConcretePrimDefinition(PACKED_TYPE) is not None
 
 
 def require(where: str) -> None:
-    """Refuse to go on without our types.
+    """Raise an error if USD does not know our types.
 
     Args:
-        where: What needs them, such as a prim path.
+        where: The object that needs them, such as a prim path.
 
     Raises:
-        SchemaUnavailableError: With the environment variable that cures it.
+        SchemaUnavailableError: Names the environment variable to set.
     """
     if not is_available():
         raise SchemaUnavailableError(

@@ -1,4 +1,4 @@
-"""UsdGeom's meshes and shapes of a given size, checked, as `core.surface` takes them."""
+"""Read UsdGeom's meshes and shapes, checked, in the form of `core.surface`."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FACE_VARYING = ("none", "cornersOnly", "cornersPlus1", "cornersPlus2", "boundari
 
 
 def topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
-    """What a mesh says of its faces.
+    """Read the topology of a mesh.
 
     Raises:
-        StageError: If an attribute has another type, or a token that is none of its own.
+        StageError: If an attribute has the wrong type or an unknown token.
     """
     where = str(prim.GetPath())
 
@@ -56,12 +56,12 @@ def topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
 
 
 def mesh_points(prim: Usd.Prim, time: Usd.TimeCode) -> F32:
-    """The points of a mesh's cage, shape (n, 3), before any skin moves them.
+    """Read the points of a mesh's cage, shape (n, 3), before skinning.
 
-    Between samples they are moved on from the last one by velocities, where USD says that they are.
+    Between samples, velocities extrapolate them from the last one under USD's conditions.
 
     Raises:
-        StageError: If they are no finite vectors.
+        StageError: If they are not finite vectors.
     """
     where = f"{prim.GetPath()}.points"
     points = vectors(where, value(prim.GetAttribute("points"), time), 3)
@@ -74,10 +74,10 @@ def mesh_points(prim: Usd.Prim, time: Usd.TimeCode) -> F32:
 
 
 def shape(prim: Usd.Prim, time: Usd.TimeCode) -> gprims.Shape:
-    """The triangles of a sphere, cube, cylinder, cone, capsule or plane.
+    """Triangulate a sphere, cube, cylinder, cone, capsule or plane.
 
     Raises:
-        StageError: If a size is no finite number, or the axis none.
+        StageError: If a size is not a finite number, or the axis is unknown.
     """
 
     def size(name: str) -> float:

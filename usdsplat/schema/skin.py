@@ -1,8 +1,8 @@
-"""UsdSkel: where a skeleton moves the points of a mesh.
+"""Skin mesh points and normals with UsdSkel.
 
 Source: the UsdSkel documentation, "Schemas" and "API Introduction". Blend shapes move points in the
-mesh's own space; joints carry them into the skeleton's, so a mesh with joints stands where its
-skeleton does and its own transform does not count.
+mesh's own space. Joints transform them into the skeleton's space, so the transform of a mesh with
+joints is ignored.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Bound = tuple[UsdSkel.SkeletonQuery, UsdSkel.SkinningQuery]
 
 
 class Skin:
-    """One mesh and the skeleton that moves it."""
+    """A mesh bound to a skeleton."""
 
     def __init__(self, skeleton: UsdSkel.SkeletonQuery, skin: UsdSkel.SkinningQuery) -> None:
         self._skeleton = skeleton
@@ -26,14 +26,14 @@ class Skin:
 
     @property
     def has_joints(self) -> bool:
-        """Whether joints carry the mesh, not only blend shapes."""
+        """Whether joints move the mesh, not only blend shapes."""
         return bool(self._skin.HasJointInfluences())
 
     def points(self, points: F32, time: Usd.TimeCode) -> F32:
-        """Where the points are, shape (n, 3): in the skeleton's space if joints carry them.
+        """Return the moved points, shape (n, 3): in the skeleton's space if joints move them.
 
         Raises:
-            StageError: If influences or shapes do not fit the points.
+            StageError: If influences or blend shapes do not match the points.
         """
         moved = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points))
         if self._skin.HasBlendShapes() and self._skeleton.GetAnimQuery():
@@ -45,16 +45,16 @@ class Skin:
         return np.array(moved, np.float32).reshape(-1, 3)
 
     def normals(self, normals: F32, at: I32, count: int, time: Usd.TimeCode) -> F32:
-        """Normals as shapes and joints turn them, shape (n, 3), not of unit length.
+        """Return normals after blend shapes and joints, shape (n, 3), not normalised.
 
         Args:
-            normals: Shape (n, 3).
-            at: The point that each of them is at, shape (n,).
-            count: How many points there are.
-            time: When.
+            normals: Normals, shape (n, 3).
+            at: Index of the point of each normal, shape (n,).
+            count: Number of points.
+            time: Time code.
 
         Raises:
-            StageError: If influences do not fit the points.
+            StageError: If influences do not match the points.
         """
         if self._skin.HasBlendShapes() and self._skeleton.GetAnimQuery() and count == len(normals):
             normals = self._blended_normals(normals, time)
@@ -86,13 +86,13 @@ class Skin:
         return np.array(turned, np.float32).reshape(-1, 3)
 
     def _weights(self, time: Usd.TimeCode) -> Vt.FloatArray | None:
-        """The weight of each of the prim's own blend shapes."""
+        """Return the weight of each of the prim's blend shapes."""
         weights = self._skeleton.GetAnimQuery().ComputeBlendShapeWeights(time)
         mapper = self._skin.GetBlendShapeMapper()
         return mapper.Remap(weights) if mapper and weights else weights
 
     def _blend(self, points: Vt.Vec3fArray, time: Usd.TimeCode) -> None:
-        """Move the points by the shapes."""
+        """Apply the blend shapes to points, in place."""
         weights = self._weights(time)
         if not weights:
             return
@@ -104,7 +104,7 @@ class Skin:
             raise StageError(self._where, *_MISFIT)
 
     def _blended_normals(self, normals: F32, time: Usd.TimeCode) -> F32:
-        """Normals with the shapes' offsets added, in-betweens too."""
+        """Return normals with the offsets of blend shapes and in-betweens added."""
         weights = self._weights(time)
         if not weights:
             return normals
@@ -122,7 +122,7 @@ class Skin:
 
 
 def _normal_matrix(matrix: Gf.Matrix4d) -> Gf.Matrix3d:
-    """What turns normals where `matrix` moves points; nothing where that squashes them flat."""
+    """Return the normal matrix of `matrix`; its linear part unchanged if that is singular."""
     upper = matrix.ExtractRotationMatrix()
     return upper.GetInverse().GetTranspose() if upper.GetDeterminant() else upper
 

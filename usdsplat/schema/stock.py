@@ -1,8 +1,8 @@
-"""The stock type, ParticleField3DGaussianSplat: prims to clouds and back.
+"""Read and write the stock type, ParticleField3DGaussianSplat.
 
-The rules for reading are usdVol's: centres say how many splats there are; of another array the rest
-is cut off when it is too long, and all of it is ignored when it is too short, which leaves no
-rotation, unit scale, full opacity or grey; float arrays win over half ones that are there too.
+The rules for reading are usdVol's. The number of centres is the number of splats. Another array is
+truncated if it is too long and ignored if it is too short, which leaves no rotation, unit scale,
+full opacity or grey. Float arrays take precedence over half ones.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from usdsplat.schema.attributes import set_array, set_uniform
 from usdsplat.schema.vt import as_float32, to_vt
 
 HALF_SLACK = 2e-3
-"""By how much half scales and rotations can widen a splat, relative to its largest scale."""
+"""Upper bound of how much half precision enlarges a splat, relative to its largest scale."""
 HALF_BOUNDS = {
     "rotations": "0.06 degrees",
     "scales": "0.05 % (3e-8 units below 6e-5)",
     "opacities": "0.00025",
     "sh": "0.05 %",
 }
-"""Field of the cloud -> what half adds to its error."""
+"""Field of the cloud -> error that half precision adds."""
 HALF_TINY = 2.0**-24
 
 _UNIT_TOLERANCE = 1e-5  # of the squared length; above it, quaternions are normalised
@@ -51,7 +51,7 @@ _HALF = {
 
 
 def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode) -> None:
-    """Write the arrays of a stock prim and take away those of the other precision.
+    """Write the arrays of a stock prim and remove those of the other precision.
 
     Args:
         prim: Of the stock type.
@@ -74,7 +74,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
     for name, value in values.items():
         kind, vt_kind = (_HALF if half else _FLOAT)[name]
         target = tokens.HALF_OF[name] if half else name
-        # What is made for half alone is gone again before the next array is made.
+        # The temporary array for half precision is freed before the next one is made.
         exact = _positive_half(value) if half and name == tokens.SCALES else value
         written = set_array(prim, target, kind, to_vt(exact, vt_kind), code)
         if name == tokens.SH_COEFFICIENTS:
@@ -83,10 +83,10 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
 
 
 def check_half(cloud: SplatCloud) -> None:
-    """Refuse numbers that would become infinite.
+    """Raise an error for numbers that half precision would make infinite.
 
     Raises:
-        UsageError: If one is beyond half's range.
+        UsageError: If a number exceeds the range of half precision.
     """
     for name in ("scales", "sh"):
         values = getattr(cloud, name)
@@ -106,8 +106,8 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
         time: As the caller asked: velocities lead on to it.
 
     Returns:
-        Unit quaternions, whatever the prim holds; degrees above 4 are cut to 4. Other values come
-        as they are: `validate` says what is wrong with them.
+        The cloud, with quaternions normalised and degrees above 4 truncated to 4. Other values are
+        returned unchecked: `validate` reports invalid ones.
     """
     name = source_name(prim, tokens.POSITIONS)
     positions, velocities = attributes.centres(prim, name, code, time)
@@ -127,11 +127,11 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
 
 
 def source_name(prim: Usd.Prim, name: str) -> str:
-    """Which of the two precisions counts: float, unless only half says anything at the beginning.
+    """Return the attribute that applies: float, unless only half has values at the beginning.
 
-    Source: the rule of usdVol's `UsesFloat...()`, which Python does not wrap: float if it has
-    values at its earliest time. Unlike there, float counts too where half has no value at all: a
-    field that grows from nothing has an empty first sample.
+    Source: the rule of usdVol's `UsesFloat...()`, which has no Python binding: float if it has
+    values at its earliest time. In addition, float applies if half has no value at all: a field
+    that grows from nothing has an empty first sample.
     """
     twin = prim.GetAttribute(tokens.HALF_OF[name])
     has_twin = bool(twin) and twin.HasAuthoredValue()
@@ -139,17 +139,17 @@ def source_name(prim: Usd.Prim, name: str) -> str:
 
 
 def begins_empty(prim: Usd.Prim, name: str) -> bool:
-    """Whether an array has no values at its earliest time."""
+    """Return whether an array has no values at its earliest time."""
     return attributes.length(prim, name, Usd.TimeCode.EarliestTime()) == 0
 
 
 def _array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> npt.NDArray[Any] | None:
-    """The value of a stock array in the precision that counts."""
+    """Return the value of a stock array in the precision that applies."""
     return attributes.array(prim, source_name(prim, name), code)
 
 
 def _harmonics(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:
-    """Coefficients, shape (n, k, 3); grey of degree 0 where the prim has too few."""
+    """Return coefficients, shape (n, k, 3); grey of degree 0 if the prim has too few."""
     degree = attributes.degree(prim, code)
     count = coefficient_count(max(degree, 0))
     flat = attributes.rows(_array(prim, tokens.SH_COEFFICIENTS, code), n * count)
@@ -160,7 +160,7 @@ def _harmonics(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:
 
 
 def _unit(rotations: F32) -> F32:
-    """Quaternions of length 1; the same array if they are already."""
+    """Return quaternions of length 1; the same array if they are already."""
     squared = np.einsum("ni,ni->n", rotations, rotations)
     if np.all(np.abs(squared - 1) <= _UNIT_TOLERANCE):
         return rotations
@@ -168,19 +168,19 @@ def _unit(rotations: F32) -> F32:
 
 
 def _identities(n: int) -> F32:
-    """No rotation, n times."""
+    """Return n identity rotations."""
     rotations = np.zeros((n, 4), np.float32)
     rotations[:, 0] = 1
     return rotations
 
 
 def _positive_half(scales: F32) -> F32:
-    """Scales that do not vanish in half unless they are zero."""
+    """Return scales raised to the smallest positive half, except for zeros."""
     return np.where((scales > 0) & (scales < HALF_TINY), np.float32(HALF_TINY), scales)
 
 
 def _set_primvar_metadata(attribute: Usd.Attribute, element_size: int) -> None:
-    """What importers and validators of others look for: coefficients per splat, one set each."""
+    """Set metadata that other importers and validators expect: coefficients per splat."""
     primvar = UsdGeom.Primvar(attribute)
     primvar.SetElementSize(element_size)
     primvar.SetInterpolation(UsdGeom.Tokens.vertex)

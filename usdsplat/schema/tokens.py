@@ -1,6 +1,6 @@
-"""Every name that splats have on a stage, written once.
+"""Names of splat types, properties and tokens on a stage.
 
-Names without a prefix are the stock schema's (usdVol) or UsdGeomPoints'; names under `splat:` are
+Names without a prefix are the stock schema's (usdVol) or UsdGeomPoints'. Names under `splat:` are
 ours and declared in schema.usda.
 """
 
@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Literal
 
 Form = Literal["float", "half", "packed"]
-"""How a field is stored: stock float, stock half (centres stay float), or our packed type."""
+"""Storage form of a field: stock float, stock half (float centres), or our packed type."""
 
 STOCK_TYPE = "ParticleField3DGaussianSplat"
 PRERELEASE_TYPE = "ParticleField_3DGaussianSplat"
-"""What drafts of the stock schema called the type; files that say so are read."""
+"""Type name in drafts of the stock schema; files that use it are read."""
 PACKED_TYPE = "ParticleFieldPackedSplat"
 BASE_TYPE = "ParticleField"
 FIELD_API = "SplatFieldAPI"
@@ -22,7 +22,7 @@ GRADE_API = "SplatGradeAPI"
 CROP_API = "SplatCropAPI"
 CROP_INCLUDE = "cropInclude"
 CROP_EXCLUDE = "cropExclude"
-"""Collections of the volumes that a field is cropped by."""
+"""Collections of the volumes that crop a field."""
 
 POSITIONS = "positions"
 ORIENTATIONS = "orientations"
@@ -60,19 +60,19 @@ COLOR_SPACE = "colorSpace:name"
 PURPOSE = "purpose"
 PROXY_PRIM = "proxyPrim"
 PROXY_CHILD = "proxy"
-"""Name of the Points prim beneath a packed field."""
+"""Name of the proxy Points prim below a packed field."""
 
 SCHEMA_FALLBACK_DEGREE = 3
-"""Degree of a prim that authors none."""
+"""Degree of a prim without an authored degree."""
 
 RASTERIZE_MODES = ("classic", "antialiased")
 PROJECTION_MODES = ("perspective", "tangential")
 SORTING_MODES = ("zDepth", "cameraDistance", "rayHitDistance")
 
 DEFAULT_COLOR_SPACE = "srgb_rec709_scene"
-"""Space of a field that names none: what captures are trained in."""
+"""Colour space of a field without an authored one: most captures are trained in it."""
 COLOR_SPACE_ALIASES = {"srgb_rec709_display": "srgb_rec709_scene"}
-"""Names that others write and Gf does not know -> the name for the same numbers."""
+"""Names that other tools write and Gf does not know -> the equivalent name."""
 
 HALF_OF = {
     POSITIONS: POSITIONS_HALF,
@@ -88,13 +88,13 @@ PACKED_ARRAYS = (PACKED, COLOR_RANGE, PACKED_HARMONICS, HARMONICS_RANGE)
 DATA_ATTRIBUTES = frozenset(
     {*HALF_OF, *HALF_OF.values(), *PACKED_ARRAYS, PACKING, SH_DEGREE, IDS, VELOCITIES}
 )
-"""A change of one of these changes the cloud that `fetch` returns; of no other attribute."""
+"""Attributes that determine the cloud returned by `fetch`."""
 
 LONG_AGO = -1e6
-"""A sample here is no frame, but what is held before the first one [time code]; USD 26.11 takes
-edits of arrays that come before all samples for what is no number."""
+"""Time of a sample before all frames, which holds the value before the first one [time code]. USD
+26.11 evaluates array edits wrongly before the first sample."""
 
 GRADE_ATTRIBUTES = frozenset(
     {GRADE_EXPOSURE, GRADE_TEMPERATURE, GRADE_TINT, GRADE_GAIN, GRADE_SATURATION, GRADE_MATRIX}
 )
-"""A change of one of these changes the grade of a field."""
+"""Attributes that determine the grade of a field."""

@@ -1,4 +1,4 @@
-"""Attributes as NumPy arrays, checked; in a stage any of them may be of any type."""
+"""Read attributes as checked NumPy arrays: on a stage, a value may have any type."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from usdsplat.core.errors import StageError
 
 
 def value(attribute: Usd.Attribute, time: Usd.TimeCode) -> Any:
-    """What an attribute holds; at the default time one that has samples only holds its first."""
+    """Return the value of an attribute; at the default time the first sample if it has only
+    samples."""
     if not attribute:
         return None
     found = attribute.Get(time)
@@ -23,11 +24,12 @@ def value(attribute: Usd.Attribute, time: Usd.TimeCode) -> Any:
 
 
 def vectors(where: str, found: Any, width: int) -> F32:
-    """An array of vectors, shape (n, width), of its own; numbers count as vectors of one, and
-    nothing at all is none.
+    """Return a new array of vectors, shape (n, width); scalars count as vectors of width 1.
+
+    None gives an empty array.
 
     Raises:
-        StageError: If it is something else, or not all of it is finite in single precision.
+        StageError: If it is something else, or not finite in single precision.
     """
     if found is None:
         return np.empty((0, width), np.float32)
@@ -45,7 +47,7 @@ def vectors(where: str, found: Any, width: int) -> F32:
 
 
 def integers(where: str, found: Any) -> I32:
-    """An array of whole numbers, shape (n,); nothing at all is none.
+    """Return an array of integers, shape (n,); empty for None.
 
     Raises:
         StageError: If it is something else.

@@ -1,10 +1,10 @@
-"""NumPy arrays to Vt arrays and back, at the speed of memory.
+"""Convert NumPy arrays to Vt arrays and back, without or with fast copies.
 
-Reading is free: NumPy sees a Vt array in place. Writing through Vt's own `FromNumpy` converts one
-vector after the other (10 ms for a million float3); assigning into the memory of a fresh Vt array
-takes 3 ms, and converts to half or reorders quaternions on the way. Nothing is copied of what was
-written into the memory of a Vt array to begin with: `empty` lends it. Our quaternions are
-(w, x, y, z), Vt's memory holds (x, y, z, w): the exchange happens here and nowhere else.
+Reading needs no copy: NumPy views a Vt array in place. Writing with Vt's own `FromNumpy` converts
+one vector at a time (10 ms for a million float3). Copying into the memory of a new Vt array takes 3
+ms, and can convert to half or reorder quaternions. No copy is needed if the values were written
+into the memory of a Vt array in the first place, which `empty` provides. Our quaternions are (w, x,
+y, z), those in Vt's memory (x, y, z, w): only this module converts between the two.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _LENT: dict[tuple[type, int], Any] = {
     (np.float32, 3): Vt.Vec3fArray,
     (np.int32, 4): Vt.Vec4iArray,
 }
-"""Type of the numbers, and how many of them are in a row -> what has memory for them."""
+"""(dtype, length of a row) -> Vt array class with memory of that layout."""
 
 
 class _Lender:
-    """A Vt array whose memory NumPy arrays have; each of them keeps it alive as their base."""
+    """A Vt array that owns the memory of NumPy arrays, which keep it alive as their base."""
 
     __slots__ = ("__array_interface__", "value")
 
@@ -48,11 +48,11 @@ class _Lender:
 
 
 def empty(shape: tuple[int, ...], dtype: type = np.float32) -> Array:
-    """An array to be filled, and given to `to_vt` without a copy where it can be.
+    """Return an uninitialised array that `to_vt` can convert without a copy where possible.
 
     Args:
-        shape: Real (n,) and (n, ..., 3) and whole (n, 4) get the memory of Vt arrays of scalars and
-            vectors; others, such as quaternions, that of NumPy.
+        shape: float32 of shape (n,) or (n, ..., 3) and int32 of shape (n, 4) use the memory of Vt
+            arrays; others, such as quaternions, that of NumPy.
         dtype: `np.float32` or `np.int32`.
     """
     kind = _LENT.get((dtype, shape[-1] if len(shape) > 1 else 1))
@@ -63,18 +63,18 @@ def empty(shape: tuple[int, ...], dtype: type = np.float32) -> Array:
 
 
 def to_vt(array: Array, kind: type) -> Any:
-    """A NumPy array as a Vt array: its own, if `empty` made it and it is whole, else a copy.
+    """Return a NumPy array as a Vt array, without a copy if `empty` made it and it is complete.
 
-    What is not copied belongs to USD from then on, and becomes read-only.
+    Without a copy, USD shares the memory from then on and the array becomes read-only.
 
     Args:
-        array: Shape (n, ...) as `kind` has it: (n,) for scalars, (n, 3) for vectors, (n, 4) in the
-            order (w, x, y, z) for quaternions. Any dtype that NumPy converts "same_kind".
+        array: Shape (n, ...) to match `kind`: (n,) for scalars, (n, 3) for vectors, (n, 4) in the
+            order (w, x, y, z) for quaternions. Any dtype that NumPy converts by "same_kind".
         kind: A Vt array class such as `Vt.Vec3fArray`.
 
     Raises:
-        ValueError: If the shape does not fit.
-        TypeError: If the numbers cannot be converted, such as real ones to integers.
+        ValueError: If the shape does not match.
+        TypeError: If the numbers cannot be converted, such as float to integers.
     """
     lent = _lent(array, kind)
     if lent is not None:
@@ -92,23 +92,23 @@ def to_vt(array: Array, kind: type) -> Any:
 
 
 def from_vt(value: Any) -> Array:
-    """A Vt array as NumPy sees it: in place and read-only, except that quaternions are reordered.
+    """View a Vt array as a NumPy array, read-only; quaternions are reordered into a copy.
 
     Returns:
         The array with its own dtype; quaternions as (w, x, y, z), shape (n, 4), in a new array.
     """
     array = np.asarray(value)
-    # Not array[:, _FROM_VT]: that puts columns after one another, and kernels would copy it back.
+    # array[:, _FROM_VT] would give column-major memory, which kernels would have to copy back.
     return np.take(array, _FROM_VT, axis=1) if isinstance(value, _QUATERNIONS) else array
 
 
 def as_float32(array: Array) -> F32:
-    """The same numbers in float32, row after row; no copy when they are so already."""
+    """Return the numbers as C-contiguous float32; no copy if they already are."""
     return np.ascontiguousarray(array, np.float32)
 
 
 def _lent(array: Array, kind: type) -> Any:
-    """The Vt array whose memory `array` is, all of it and in its order; None if there is none."""
+    """Return the Vt array whose complete memory `array` is, in order, or None."""
     chain: list[Array] = []
     base: Any = array
     while isinstance(base, np.ndarray):
@@ -126,7 +126,7 @@ def _lent(array: Array, kind: type) -> Any:
 
 
 def _writable(fresh: Any) -> Array:
-    """The memory of a Vt array for writing; only of one that nobody else holds yet."""
+    """Return the writable memory of a Vt array that is not shared yet."""
     view = np.asarray(fresh)
     if not view.size:
         return np.empty_like(view)

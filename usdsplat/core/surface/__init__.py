@@ -1,1 +1,1 @@
-"""Surfaces made into triangles: polygons, subdivision surfaces and USD's geometric primitives."""
+"""Convert surfaces to triangles: polygons, subdivision surfaces, USD's geometric primitives."""

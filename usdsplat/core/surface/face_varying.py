@@ -1,6 +1,6 @@
-"""The level that face-varying values hang together in: it is cut where neighbours differ.
+"""Topology of face-varying values: the mesh, cut where neighbouring values differ.
 
-The rules are those that OpenSubdiv documents for face-varying linear interpolation.
+The rules are OpenSubdiv's rules of face-varying linear interpolation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from usdsplat.core.surface.topology import FaceVarying
 
 
 def hard(level: Level) -> Level:
-    """The same level with everything infinitely sharp: its refinement is linear."""
+    """Return the level with everything infinitely sharp, so that its refinement is linear."""
     return replace(
         level,
         edge_sharpness=np.full(len(level.ends), INFINITE),
@@ -33,13 +33,13 @@ def hard(level: Level) -> Level:
 
 
 def cut(level: Level, values: I64, rule: FaceVarying) -> tuple[Level, I64]:
-    """Cut a level where corners of one vertex have different values.
+    """Cut a level where the corners of a vertex have different values.
 
     Args:
         level: A coarsest level, sharpened.
-        values: Number of the value at each corner, shape (c,); corners of different vertices
-            share nothing, whatever their numbers.
-        rule: Where values are linear.
+        values: Index of the value at each corner, shape (c,); corners of different vertices share
+            no value, even with equal indices.
+        rule: Rule of linear interpolation.
 
     Returns:
         The level, and the corner that each of its vertices takes its value from.
@@ -62,14 +62,14 @@ def cut(level: Level, values: I64, rule: FaceVarying) -> tuple[Level, I64]:
 
 
 def split(level: Level) -> I64:
-    """Number the corners such that those of one vertex differ across infinitely sharp edges."""
+    """Number the corners so that those of one vertex differ across infinitely sharp edges."""
     twin = twins(level)
     twin[level.edge_sharpness[level.edge_of] >= INFINITE] = -1
     return fans(level, twin)
 
 
 def _pinned(level: Level, pieces: Level, owner: I64, rule: FaceVarying) -> Bools:
-    """Which values stay what they are."""
+    """Return which values are not smoothed."""
     opened = open_edges(pieces)
     cut_at = np.bincount(pieces.ends[opened].ravel(), minlength=pieces.vertices) > 0
     if rule == "boundaries":
@@ -78,7 +78,8 @@ def _pinned(level: Level, pieces: Level, owner: I64, rule: FaceVarying) -> Bools
     if rule == "cornersOnly":
         return single
     values_of = np.bincount(owner, minlength=level.vertices)
-    # A value is disjoint when its faces are in several fans, or parted by an edge that stays sharp.
+    # A value is disjoint if its faces form several fans, or a permanently sharp edge separates
+    # them.
     inner = (pieces.edge_sharpness >= INFINITE) & ~opened
     disjoint = (pieces.vertex_sharpness >= INFINITE) | (
         np.bincount(pieces.ends[inner].ravel(), minlength=pieces.vertices) > 0
@@ -93,13 +94,13 @@ def _pinned(level: Level, pieces: Level, owner: I64, rule: FaceVarying) -> Bools
 
 
 def weld(corners: I64, values: F32) -> I64:
-    """Number face-varying values without indices: equal ones at one vertex are one value.
+    """Number face-varying values without indices: equal values at a vertex become one.
 
     Args:
         corners: Vertex at each corner, shape (c,).
         values: Value at each corner, shape (c, k).
     """
-    bits = np.ascontiguousarray(values + np.float32(0)).view(np.int32)  # -0 is 0
+    bits = np.ascontiguousarray(values + np.float32(0)).view(np.int32)  # maps -0 to 0
     order = np.lexsort((*bits.T, corners))
     new = np.ones(len(order), bool)
     new[1:] = (corners[order[1:]] != corners[order[:-1]]) | (

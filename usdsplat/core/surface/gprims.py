@@ -1,9 +1,8 @@
-"""UsdGeom's geometric primitives as triangles, with the normals of the shapes they stand for.
+"""Triangulate UsdGeom's geometric primitives, with the normals of the exact shapes.
 
-Round shapes have 128 sides and spheres 64 rows: no point of a ball's surface is further than 1e-3
-of its radius from where it should be, nor is a silhouette. Texture coordinates: u goes around the
-axis and v along the outline from the bottom to the top; each side of a cube, and a plane, has 0 to
-1 both ways.
+Round shapes have 128 sides and spheres 64 rows: surfaces and silhouettes are within 1e-3 of the
+radius. In texture coordinates, u goes around the axis and v along the profile from bottom to top.
+Each side of a cube, and a plane, has 0 to 1 in both directions.
 """
 
 from __future__ import annotations
@@ -16,21 +15,21 @@ import numpy as np
 from usdsplat.core.cloud import F32, F64, I32
 
 SIDES = 128
-"""Of a round shape; a chord is within 3.1e-4 of the radius."""
+"""Number of sides of a round shape; a chord is within 3.1e-4 of the radius."""
 
 Axis = Literal["X", "Y", "Z"]
 Line = tuple[F64, F64]
-"""Part of an outline without corners: (radius, height) and normal of each point, both (m, 2)."""
+"""Smooth part of a profile: (radius, height) and normal of each point, both (m, 2)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Shape:
-    """Triangles, counter-clockwise from outside."""
+    """A triangulated shape, counter-clockwise seen from outside."""
 
     points: F32
-    """[scene unit], shape (p, 3)."""
+    """Points [scene unit], shape (p, 3)."""
     triangles: I32
-    """Rows of `points`, shape (t, 3)."""
+    """Triangles as rows of `points`, shape (t, 3)."""
     normals: F32
     """Unit normal at each corner, shape (t, 3, 3)."""
     uvs: F32
@@ -38,20 +37,20 @@ class Shape:
 
 
 def sphere(*, radius: float = 1.0) -> Shape:
-    """A ball about the origin, its poles on z."""
+    """Return a sphere about the origin with poles on z."""
     return _revolve([_arc(radius, 0.0, -np.pi / 2, np.pi / 2)], "Z")
 
 
 def cylinder(
     *, radius: float = 1.0, height: float = 2.0, axis: Axis = "Z", top: float | None = None
 ) -> Shape:
-    """A closed cylinder about an axis, halfway either side of the origin.
+    """Return a closed cylinder about an axis, centred at the origin.
 
     Args:
-        radius: Of the bottom, and of the top if that has none of its own.
-        height: From bottom to top.
+        radius: Radius of the bottom, and of the top unless `top` is given.
+        height: Distance from bottom to top.
         axis: Which way is up.
-        top: Radius of the top, as Cylinder_1 has it.
+        top: Radius of the top, as in Cylinder_1.
     """
     top = radius if top is None else top
     low, high = -height / 2, height / 2
@@ -66,20 +65,20 @@ def cylinder(
 
 
 def cone(*, radius: float = 1.0, height: float = 2.0, axis: Axis = "Z") -> Shape:
-    """A closed cone, its tip up the axis, halfway either side of the origin."""
+    """Return a closed cone with its apex up the axis, centred at the origin."""
     return cylinder(radius=radius, height=height, axis=axis, top=0.0)
 
 
 def capsule(
     *, radius: float = 0.5, height: float = 1.0, axis: Axis = "Z", top: float | None = None
 ) -> Shape:
-    """Two balls about the ends of a segment of length `height`, and all between them.
+    """Return a capsule: two spheres about the ends of a segment of length `height`, and their hull.
 
     Args:
-        radius: Of the lower ball, and of the upper if that has none of its own.
-        height: Of the segment, without the balls.
+        radius: Radius of the lower sphere, and of the upper unless `top` is given.
+        height: Length of the segment, without the spheres.
         axis: Which way is up.
-        top: Radius of the upper ball, as Capsule_1 has it.
+        top: Radius of the upper sphere, as in Capsule_1.
     """
     top = radius if top is None else top
     slope = 0.0 if height <= 0 else (radius - top) / height
@@ -91,7 +90,7 @@ def capsule(
 
 
 def cube(*, size: float = 2.0) -> Shape:
-    """A cube about the origin, edges of length `size` along the axes."""
+    """Return a cube about the origin with edges of length `size` along the axes."""
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     points, normals = [], []
     for axis in range(3):
@@ -106,9 +105,9 @@ def cube(*, size: float = 2.0) -> Shape:
 
 
 def plane(*, width: float = 2.0, length: float = 2.0, axis: Axis = "Z") -> Shape:
-    """A rectangle about the origin that faces up an axis.
+    """Return a rectangle about the origin that faces up an axis.
 
-    Width is along x, with axis X along z; length is along y, with axis Y along z.
+    Width is along x, or along z for axis X; length is along y, or along z for axis Y.
     """
     up = "XYZ".index(axis)
     wide, long = {"X": (2, 1), "Y": (0, 2), "Z": (0, 1)}[axis]
@@ -119,7 +118,7 @@ def plane(*, width: float = 2.0, length: float = 2.0, axis: Axis = "Z") -> Shape
 
 
 def _sheets(points: F64, normals: F64) -> Shape:
-    """Flat quads, shape (n, 4, 3), that face along their normals, shape (n, 3)."""
+    """Return flat quads, shape (n, 4, 3), that face along their normals, shape (n, 3)."""
     facing = np.cross(points[:, 1] - points[:, 0], points[:, 3] - points[:, 0])
     turned = (facing * normals).sum(axis=1) < 0
     corners = np.where(turned[:, None, None], [[0, 2, 1], [0, 3, 2]], [[0, 1, 2], [0, 2, 3]])
@@ -136,7 +135,7 @@ def _sheets(points: F64, normals: F64) -> Shape:
 
 
 def _arc(radius: float, height: float, first: float, last: float) -> Line:
-    """Part of the outline of a ball at a height, between two latitudes [radian]."""
+    """Return part of a sphere's profile at a height, between two latitudes [radian]."""
     rows = max(1, round(SIDES / 2 * (last - first) / np.pi))
     latitude = np.linspace(first, last, rows + 1)
     normals = np.stack([np.cos(latitude), np.sin(latitude)], axis=1)
@@ -147,13 +146,13 @@ def _arc(radius: float, height: float, first: float, last: float) -> Line:
 def _segment(
     first: tuple[float, float], last: tuple[float, float], normal: tuple[float, float]
 ) -> Line:
-    """A straight part of an outline."""
+    """Return a straight part of a profile."""
     unit = np.array(normal) / max(float(np.hypot(*normal)), 1e-30)
     return np.array([first, last]), np.stack([unit, unit])
 
 
 def _revolve(lines: list[Line], axis: Axis) -> Shape:
-    """Turn an outline, from bottom to top, about an axis."""
+    """Revolve a profile, from bottom to top, about an axis."""
     angle = 2 * np.pi * np.arange(SIDES + 1) / SIDES
     steps = [np.linalg.norm(np.diff(line, axis=0), axis=1) for line, _ in lines]
     total = max(float(sum(step.sum() for step in steps)), 1e-30)
@@ -169,7 +168,8 @@ def _revolve(lines: list[Line], axis: Axis) -> Shape:
         at_row = row[:, None, None] + np.array([[0, 0, 1], [0, 1, 1]])
         at_side = side[:, None, None] + np.array([[0, 1, 1], [0, 1, 0]])
         at_row, at_side = at_row.reshape(-1, 3), at_side.reshape(-1, 3)
-        # Of the quads at a pole one triangle has no area; the other's tip is between its sides.
+        # At a pole, one triangle of a quad has no area; the apex of the other lies between its
+        # sides.
         on_axis = line[at_row, 0] == 0
         kept = on_axis.sum(axis=1) < 2
         at_row, at_side, on_axis = at_row[kept], at_side[kept], on_axis[kept]
@@ -189,7 +189,7 @@ def _revolve(lines: list[Line], axis: Axis) -> Shape:
 
 
 def _turned(outline: F64, angle: F64, axis: Axis) -> F64:
-    """Points or normals (radius, height), shape (..., 2), at angles about an axis."""
+    """Return points or normals (radius, height), shape (..., 2), at angles about an axis."""
     up = "XYZ".index(axis)
     radius, height = np.broadcast_arrays(outline[..., 0], outline[..., 1])
     shape = np.broadcast_shapes(radius.shape, angle.shape)

@@ -1,7 +1,7 @@
-"""One level of a subdivision surface: which edges and corners there are, and how sharp.
+"""A level of a subdivision surface: its edges and corners and their sharpness.
 
 A corner is one vertex of one face; its edge leads to the next corner of that face. The rules of
-sharpness are those that OpenSubdiv documents: open and non-manifold edges are infinitely sharp.
+sharpness are OpenSubdiv's: open and non-manifold edges are infinitely sharp.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I64
 
 INFINITE = np.float32(10.0)
-"""A sharpness from which on an edge or vertex never becomes smooth."""
+"""Sharpness from which on an edge or vertex never becomes smooth."""
 
 Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Level:
-    """Faces, edges and their sharpness."""
+    """The faces and edges of a level, with their sharpness."""
 
     vertices: int
     offsets: I64
@@ -35,13 +35,13 @@ class Level:
     ends: I64
     """The two vertices of each edge, shape (e, 2)."""
     edge_sharpness: F32
-    """Shape (e,)."""
+    """Sharpness of each edge, shape (e,)."""
     vertex_sharpness: F32
-    """Shape (vertices,)."""
+    """Sharpness of each vertex, shape (vertices,)."""
 
     @property
     def faces(self) -> int:
-        """How many there are."""
+        """Number of faces."""
         return len(self.offsets) - 1
 
     @property
@@ -58,7 +58,7 @@ class Level:
 
 
 def ring(counts: I64) -> tuple[I64, I64]:
-    """First corner of each face and the end; next corner of each corner."""
+    """Return the first corner of each face and the end, and the next corner of each corner."""
     offsets = np.concatenate([[0], np.cumsum(counts)])
     following = np.arange(1, offsets[-1] + 1)
     following[offsets[1:] - 1] = offsets[:-1]
@@ -66,16 +66,16 @@ def ring(counts: I64) -> tuple[I64, I64]:
 
 
 def groups(keys: I64, size: int) -> tuple[I64, I64]:
-    """Where each key's members start in the order of keys, shape (size + 1,), and that order."""
+    """Return the start of each key in sorted order, shape (size + 1,), and that order."""
     offsets = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
-    # Sorting keys with their numbers in the lower bits is several times faster than an argsort.
+    # Sorting keys with row numbers in the low bits is several times faster than argsort.
     bits = max(len(keys) - 1, 1).bit_length()
     packed = np.sort((keys << bits) | np.arange(len(keys)))
     return offsets, packed & ((1 << bits) - 1)
 
 
 def edges(corners: I64, following: I64, vertices: int) -> tuple[I64, I64]:
-    """The different edges, shape (e, 2), lower vertex first, and that of each corner."""
+    """Return the distinct edges, shape (e, 2), lower vertex first, and the edge of each corner."""
     ends = np.stack([corners, corners[following]], axis=1)
     ends.sort(axis=1)
     keys, edge_of = np.unique(ends[:, 0] * max(vertices, 1) + ends[:, 1], return_inverse=True)
@@ -83,7 +83,7 @@ def edges(corners: I64, following: I64, vertices: int) -> tuple[I64, I64]:
 
 
 def edge_numbers(level: Level, first: I64, second: I64) -> I64:
-    """Edge between each two vertices of a coarsest level, -1 where there is none."""
+    """Return the edge between pairs of vertices of a coarsest level, -1 if there is none."""
     wanted = np.minimum(first, second) * level.vertices + np.maximum(first, second)
     keys = level.ends[:, 0] * level.vertices + level.ends[:, 1]
     if len(keys) == 0:
@@ -93,7 +93,7 @@ def edge_numbers(level: Level, first: I64, second: I64) -> I64:
 
 
 def coarsest(counts: I64, corners: I64, vertices: int) -> Level:
-    """The level of authored faces, with nothing sharp yet."""
+    """Return the level of authored faces, without sharpness."""
     offsets, following = ring(counts)
     ends, edge_of = edges(corners, following, vertices)
     return Level(
@@ -109,12 +109,13 @@ def coarsest(counts: I64, corners: I64, vertices: int) -> Level:
 
 
 def sizes(counts: I64) -> I64:
-    """The different counts, in order."""
+    """Return the distinct counts in ascending order."""
     return np.flatnonzero(np.bincount(counts))
 
 
 def twins(level: Level) -> I64:
-    """Corner that runs along the same edge the other way, -1 where there is not just one."""
+    """Return the corner along the same edge in the other direction, -1 unless there is exactly
+    one."""
     offsets, order = groups(level.edge_of, len(level.ends))
     pairs = offsets[:-1][np.diff(offsets) == 2]
     a, b = order[pairs], order[pairs + 1]
@@ -126,7 +127,7 @@ def twins(level: Level) -> I64:
 
 
 def fans(level: Level, twin: I64) -> I64:
-    """Lowest corner that can be reached from each corner around its vertex, through twins."""
+    """Return the lowest corner reachable from each corner around its vertex, through twins."""
     own = np.arange(len(level.corners))
     left = np.where(twin >= 0, level.following[twin], own)
     before = twin[level.preceding]
@@ -141,19 +142,19 @@ def fans(level: Level, twin: I64) -> I64:
 
 
 def open_edges(level: Level) -> Bools:
-    """Which edges have one face only."""
+    """Return which edges have one face only."""
     return np.asarray(np.bincount(level.edge_of, minlength=len(level.ends)) == 1)
 
 
 def sharpen(level: Level, *, corners: bool) -> None:
     """Make open and non-manifold edges and vertices infinitely sharp, in place.
 
-    A vertex is non-manifold when it has several fans of faces or an edge that is; where exactly
-    two such edges meet, and none is open, it stays a crease.
+    A vertex is non-manifold if it has several fans of faces or a non-manifold edge. If exactly two
+    such edges and no open edge meet there, it remains a crease.
 
     Args:
         level: A coarsest level.
-        corners: Whether vertices of one face only are sharp as well.
+        corners: Whether vertices with one face only become sharp as well.
     """
     twin = twins(level)
     opened = open_edges(level)
@@ -176,20 +177,20 @@ def sharpen(level: Level, *, corners: bool) -> None:
 
 
 def _at_vertices(level: Level, which: Bools) -> I64:
-    """How many of the edges `which` meet at each vertex."""
+    """Return the number of edges `which` at each vertex."""
     return np.bincount(level.ends[which].ravel(), minlength=level.vertices)
 
 
 def softened(sharpness: F32) -> F32:
-    """Sharpness one level on: one less, unless it is infinite."""
+    """Return the sharpness at the next level: one less, unless it is infinite."""
     return np.where(sharpness >= INFINITE, sharpness, np.maximum(sharpness - 1, np.float32(0)))
 
 
 def quad_corners(level: Level) -> I64:
-    """Vertices of the quads that Catmull-Clark makes of each corner, shape (c, 4).
+    """Return the vertices of Catmull-Clark's quads, one per corner, shape (c, 4).
 
-    Vertices keep their numbers; those on edges follow, then those on faces. Quad c belongs to
-    corner c: its vertex, the middle of its edge, the face's middle, the middle of the edge before.
+    Vertices keep their numbers; edge vertices follow, then face vertices. Quad c belongs to corner
+    c: its vertex, the middle of its edge, the face's middle, the middle of the edge before.
     """
     on_edge = level.vertices + level.edge_of
     on_face = level.vertices + len(level.ends) + level.face_of
@@ -197,7 +198,7 @@ def quad_corners(level: Level) -> I64:
 
 
 def quads(level: Level) -> Level:
-    """The next level of Catmull-Clark, whose faces are `quad_corners`."""
+    """Return the next Catmull-Clark level, whose faces are `quad_corners`."""
     corners, before, edge_count = quad_corners(level), level.preceding, len(level.ends)
     near, far = _halves(level)
     inner = 2 * edge_count + np.arange(len(before))
@@ -206,9 +207,9 @@ def quads(level: Level) -> Level:
 
 
 def triangle_corners(level: Level) -> I64:
-    """Vertices of the triangles that Loop makes, shape (4 f, 3): three at corners, then the middle.
+    """Return the vertices of Loop's triangles, shape (4 f, 3): three at corners, then the middle.
 
-    Vertices keep their numbers; those on edges follow.
+    Vertices keep their numbers; edge vertices follow.
     """
     on_edge = level.vertices + level.edge_of
     outer = np.stack([level.corners, on_edge, on_edge[level.preceding]], axis=1)
@@ -217,9 +218,9 @@ def triangle_corners(level: Level) -> I64:
 
 
 def triangles(level: Level) -> Level:
-    """The next level of Loop, whose faces are `triangle_corners`."""
+    """Return the next Loop level, whose faces are `triangle_corners`."""
     near, far = _halves(level)
-    inner = 2 * len(level.ends) + np.arange(len(near))  # cuts off the corner of that number
+    inner = 2 * len(level.ends) + np.arange(len(near))  # edge i cuts off corner i
     outer = np.stack([near, inner, far], axis=1).reshape(-1, 3, 3)
     middle = np.roll(inner.reshape(-1, 3), -1, axis=1)[:, None]
     edge_of = np.concatenate([outer, middle], axis=1).reshape(-1, 3)
@@ -229,14 +230,15 @@ def triangles(level: Level) -> Level:
 
 
 def _halves(level: Level) -> tuple[I64, I64]:
-    """The halves, of each corner's edge and of the edge before it, that end at the corner."""
+    """Return the halves of each corner's edge, and of the edge before it, that end at the
+    corner."""
     edge, before = level.edge_of, level.edge_of[level.preceding]
     near = 2 * edge + (level.corners != level.ends[edge, 0])
     return near, 2 * before + (level.corners != level.ends[before, 0])
 
 
 def _finer(level: Level, corners: I64, edge_of: I64, inner: I64, middles: int) -> Level:
-    """The level with these faces, equally many corners each."""
+    """Return the level with these faces, which all have equally many corners."""
     count, edge_count = level.vertices, len(level.ends)
     offsets, following = ring(np.full(len(corners), corners.shape[1]))
     halves = np.empty((edge_count, 2, 2), np.int64)

@@ -1,4 +1,4 @@
-"""The weights of one step of Catmull-Clark or Loop subdivision, with creases.
+"""Compute the weights of a step of Catmull-Clark or Loop subdivision, with creases.
 
 Sources: Catmull and Clark 1978; Loop 1987; semi-sharp creases after DeRose, Kass and Truong 1998,
 with the blending of fractional sharpness that OpenSubdiv documents (the uniform method).
@@ -20,7 +20,7 @@ Valence = Callable[[int], tuple[float, float, float]]
 
 
 def catmull_clark(level: Level) -> Step:
-    """The step to `level.quads`: faces have their means, edges and vertices use those."""
+    """Return the step to `level.quads`: face points are means; edge and vertex points use them."""
     count = level.vertices
     counts = np.diff(level.offsets)
     blocks = []
@@ -40,7 +40,7 @@ def catmull_clark(level: Level) -> Step:
 
 
 def loop(level: Level) -> Step:
-    """The step to `level.triangles`."""
+    """Return the step to `level.triangles`."""
 
     def smooth(n: int) -> tuple[float, float, float]:
         beta = (0.625 - (0.375 + 0.25 * math.cos(2 * math.pi / n)) ** 2) / n
@@ -53,7 +53,7 @@ def loop(level: Level) -> Step:
 
 
 def _block(rows: I64, columns: I64, weights: F64) -> Block:
-    """Rows, their terms and weights, as they are stored."""
+    """Return a block of rows with their terms and weights."""
     if weights.shape[1] > 1 and (weights == weights[:, :1]).all():
         weights = weights[:, :1]
     return Block(
@@ -64,20 +64,20 @@ def _block(rows: I64, columns: I64, weights: F64) -> Block:
 
 
 def _edge_blocks(level: Level, across: I64, near: float) -> list[Block]:
-    """Blocks of points on edges.
+    """Return the blocks of edge points.
 
     Args:
         level: The coarser level.
-        across: What counts on each corner's side of its edge: the face's mean, or the vertex
-            opposite, shape (c,).
-        near: Weight of either end of a smooth edge.
+        across: Row that counts on each corner's side of its edge: the face's mean or the opposite
+            vertex, shape (c,).
+        near: Weight of each end of a smooth edge.
     """
     sharp = np.minimum(level.edge_sharpness, 1)
     ends, first = level.ends.T, level.vertices
     hard = np.flatnonzero(sharp >= 1)
     blocks = [_block(first + hard, ends[:, hard], np.full((2, 1), 0.5))]
     offsets, order = groups(level.edge_of, len(level.ends))
-    sides = across.astype(np.int32)[order]  # of the two faces that an edge has unless it is sharp
+    sides = across.astype(np.int32)[order]  # a smooth edge has two faces
     for soft, t in _alike(sharp, sharp < 1):
         ends_weight, side_weight = near + (0.5 - near) * t, (0.5 - near) * (1 - t)
         weights = np.stack([ends_weight, ends_weight, side_weight, side_weight])
@@ -87,24 +87,24 @@ def _edge_blocks(level: Level, across: I64, near: float) -> list[Block]:
 
 
 def _alike(share: F64, which: Bools) -> list[tuple[I64, F64]]:
-    """Rows `which`, those with no share and those with some, and the share: one number or all."""
+    """Return the rows `which` in two groups, without and with a share, and their shares."""
     plain, mixed = np.flatnonzero(which & (share == 0)), np.flatnonzero(which & (share != 0))
     return [(plain, np.zeros(1)), (mixed, share[mixed])]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Blend:
-    """What each vertex is a blend of; the three add up to one."""
+    """Weights of the three rules at each vertex; they add up to one."""
 
     corner: F64
     crease: F64
     smooth: F64
     early: Bools
-    """Where the crease is that of the coarser level, else it is that of the finer."""
+    """Whether the crease of the coarser level applies, else that of the finer."""
 
 
 def _blend(level: Level) -> _Blend:
-    """The rules before and after this step, weighed by how sharp what becomes smooth still was."""
+    """Blend the rules before and after this step by the remaining sharpness."""
     edge, vertex = level.edge_sharpness, level.vertex_sharpness
     edge_after, vertex_after = softened(edge), softened(vertex)
     corner, crease = _rule(level, edge, vertex)
@@ -123,19 +123,19 @@ def _blend(level: Level) -> _Blend:
 
 
 def _rule(level: Level, edge: F32, vertex: F32) -> tuple[Bools, Bools]:
-    """Whether each vertex is a corner, and whether it is a crease; else it is smooth."""
+    """Return whether each vertex is a corner, and whether it is a crease; else it is smooth."""
     sharp = np.bincount(level.ends[edge > 0].ravel(), minlength=level.vertices)
     corner = (vertex > 0) | (sharp > 2)
     return corner, ~corner & (sharp == 2)
 
 
 def _vertex_blocks(level: Level, means: I64 | None, smooth: Valence) -> list[Block]:
-    """Blocks of points that vertices move to.
+    """Return the blocks of vertex points.
 
     Args:
         level: The coarser level.
-        means: Row of the mean of each corner's face, shape (c,), if it counts.
-        smooth: Weights of a smooth vertex of n edges: of itself, of each neighbour, of each mean.
+        means: Row of the mean of each corner's face, shape (c,), or None if faces have no weight.
+        smooth: Weights at a smooth vertex of n edges: of itself, of each neighbour, of each mean.
     """
     blend = _blend(level)
     starts, order = groups(level.ends.ravel(), level.vertices)

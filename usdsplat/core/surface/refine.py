@@ -1,4 +1,4 @@
-"""A mesh made into triangles: refined where it is a subdivision surface, then triangulated."""
+"""Convert a mesh to triangles: refine a subdivision surface, then triangulate."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ Values = npt.NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Refined:
-    """A level made finer: what happens to values, and which of them each corner then has."""
+    """A refinement: the steps for values, and the value index at each final corner."""
 
     steps: tuple[Step, ...]
     corners: I64
 
 
 class Surface:
-    """A topology made into triangles, and whatever lies on it at their corners.
+    """A triangulated topology that evaluates points and primvars at triangle corners.
 
-    The topology is worked out once; points and values may then change as often as they like.
-    Catmull-Clark and Loop surfaces are refined uniformly, as OpenSubdiv does, bilinear ones without
-    smoothing; with `levels` 0 they are the cage. A quad is cut from its first corner to its third.
+    The topology is processed once; points and values may change any number of times. Catmull-Clark
+    and Loop surfaces are refined uniformly, as in OpenSubdiv, bilinear ones without smoothing. With
+    `levels` 0 the result is the cage. A quad is split from its first corner to its third.
 
     Args:
-        topology: Faces over points.
-        points: How many there are.
-        levels: Refinements of a subdivision surface; each makes four faces of one.
-        rest: Points, shape (points, 3), by which concave polygons of a mesh that is no subdivision
-            surface are cut; without them all polygons are taken for convex. The cut stays the same
-            when points move.
-        where: Names the prim in errors.
+        topology: Faces and their subdivision scheme.
+        points: Number of points.
+        levels: Number of refinements; each replaces a face by four.
+        rest: Points, shape (points, 3), used to triangulate concave polygons of a mesh that is not
+            a subdivision surface; without them all polygons are assumed convex. The triangulation
+            stays the same when points move.
+        where: Name of the prim in error messages.
 
     Raises:
-        StageError: The topology does not hold together.
+        StageError: If the topology is inconsistent.
     """
 
     triangles: I32
@@ -96,16 +96,17 @@ class Surface:
         self.faces = self._polygons.faces[polygon].astype(np.int32)
 
     def points(self, points: F32) -> F32:
-        """Refined points, shape (p, 3), of points of shape (n, 3); the first n of them are where
-        the given ones went."""
+        """Return refined points, shape (p, 3), of points of shape (n, 3).
+
+        The first n of them are the refined positions of the given points."""
         return refine(self._vertex.steps, self._rows(points, self._points, "points"))
 
     def normals(self, points: F32) -> F32 | None:
-        """Unit normals at the corners of triangles, shape (t, 3, 3), of refined points.
+        """Return unit normals at triangle corners, shape (t, 3, 3), of refined points, or None.
 
-        They are means of the faces around, weighed by area, and differ across infinitely sharp
-        edges, with the bilinear scheme across all edges of the cage. None for a mesh that is no
-        subdivision surface: its triangles have their own.
+        Normals are area-weighted means of the faces around. They differ across infinitely sharp
+        edges, with the bilinear scheme across all edges of the cage. The result is None for a mesh
+        that is not a subdivision surface: its triangles have face normals.
         """
         if not self._smooth:
             return None
@@ -118,11 +119,11 @@ class Surface:
         return np.take(normals, numbers[self._corners], axis=0)
 
     def corners(self, values: Values, interpolation: str, indices: I32 | None = None) -> F32:
-        """A primvar at the corners of triangles, shape (t, 3, k).
+        """Evaluate a primvar at triangle corners, shape (t, 3, k).
 
-        Face-varying values of a subdivision surface are smooth inside the pieces that they form,
-        at whose borders they follow the topology's rule. Without indices equal values at one
-        vertex are one value.
+        Face-varying values of a subdivision surface are smooth inside connected regions and follow
+        the topology's rule at their borders. Without indices, equal values at a vertex are one
+        value.
 
         Args:
             values: Shape (n,) or (n, k).
@@ -130,7 +131,7 @@ class Surface:
             indices: Row of `values` of each element, or None when they are in order.
 
         Raises:
-            StageError: There are too few or too many values, or the interpolation is none.
+            StageError: If the number of values is wrong, or the interpolation is unknown.
         """
         values = np.asarray(values, np.float32)
         values = values.reshape(len(values), math.prod(values.shape[1:]))
@@ -168,24 +169,24 @@ class Surface:
 
     @cached_property
     def _cage(self) -> Level:
-        """The coarsest level, of a subdivision surface."""
+        """The coarsest level of a subdivision surface."""
         return _sharpened(self._topology, self._polygons, self._points)
 
     @cached_property
     def _vertex(self) -> _Refined:
-        """What happens to points."""
+        """Refinement of points."""
         if self._levels == 0:
             return _Refined(steps=(), corners=self._polygons.indices)
         return self._refine(self._cage)
 
     @cached_property
     def _linear(self) -> _Refined:
-        """What happens to values that are never smooth."""
+        """Refinement of values that are interpolated linearly."""
         return self._vertex if self._levels == 0 else self._refine(hard(self._cage))
 
     @cached_property
     def _sides(self) -> I64:
-        """Number of each of the finest corners that differs across edges that stay sharp."""
+        """Number of the normal at each final corner: differs across permanently sharp edges."""
         stays = (self._cage.edge_sharpness >= INFINITE) & ~open_edges(self._cage)
         if not stays.any():
             return self._vertex.corners
@@ -211,24 +212,24 @@ class Surface:
         return np.take(fine, refined.corners[self._corners], axis=0)
 
     def _rows(self, values: Values, count: int, what: str) -> Values:
-        """Values, if there are as many as there have to be."""
+        """Return `values` if there are `count` of them, else raise an error."""
         if len(values) != count:
             raise StageError(self._where, f"{len(values)} {what}", str(count))
         return values
 
     def _refine(self, level: Level) -> _Refined:
-        """The stencils from a level to the finest, and the corners of that."""
+        """Return the stencils from a level to the finest, and the finest corners."""
         mask = masks.loop if self._topology.scheme == "loop" else masks.catmull_clark
         levels = self._down_from(level)
         steps = tuple(mask(each) for each in levels)
         return _Refined(steps=steps, corners=self._cut(levels[-1]))
 
     def _finest(self, level: Level) -> I64:
-        """The corners of the finest level alone."""
+        """Return the corners of the finest level."""
         return self._cut(self._down_from(level)[-1]) if self._levels else level.corners
 
     def _down_from(self, level: Level) -> list[Level]:
-        """All levels but the finest, of which nothing but the corners is asked for."""
+        """Return all levels but the finest, of which only the corners are needed."""
         finer = triangles if self._topology.scheme == "loop" else quads
         levels = [level]
         while len(levels) < self._levels:
@@ -236,12 +237,12 @@ class Surface:
         return levels
 
     def _cut(self, level: Level) -> I64:
-        """Corners of the level after this."""
+        """Return the corners of the next level."""
         finer = triangle_corners if self._topology.scheme == "loop" else quad_corners
         return finer(level).ravel()
 
     def _pieces(self) -> tuple[I64, I64]:
-        """Corners of each of the finest faces, and the polygon that it is a part of."""
+        """Return the number of corners of each final face, and its polygon."""
         polygons, counts = np.arange(len(self._polygons.counts)), self._polygons.counts
         if self._levels == 0:
             return counts, polygons
@@ -251,7 +252,8 @@ class Surface:
         return np.full(len(pieces), 3 if loop else 4), pieces
 
     def _drawn(self) -> Bools:
-        """Which polygons are seen: holes are not, nor faces at open edges that are not kept."""
+        """Return which polygons are visible: not holes, nor boundary faces that interpolateBoundary
+        drops."""
         drawn = ~np.isin(self._polygons.faces, self._topology.holes)
         if self._smooth and self._topology.boundary == "none":
             authored = _creased(self._topology, _bare(self._polygons, self._points))
@@ -263,24 +265,24 @@ class Surface:
 
 
 def _bare(polygons: Polygons, points: int) -> Level:
-    """The level of a mesh's faces, with nothing sharp yet."""
+    """Return the level of a mesh's faces, without sharpness."""
     return coarsest(polygons.counts, polygons.indices, points)
 
 
 def _creased(topology: Topology, level: Level) -> Level:
-    """The level with the sharpness that was authored; of edges that are not there nothing."""
+    """Return the level with authored sharpness; creases on missing edges are ignored."""
     first, second, sharpness = creases(topology)
     edge_sharpness, vertex_sharpness = level.edge_sharpness.copy(), level.vertex_sharpness.copy()
     edge = edge_numbers(level, first, second)
     edge_sharpness[edge[edge >= 0]] = sharpness[edge >= 0]
     vertex_sharpness[topology.corner_indices] = topology.corner_sharpnesses
     for each in (edge_sharpness, vertex_sharpness):
-        each[~(each > 0)] = 0  # neither what is below nor what is no number is sharp
+        each[~(each > 0)] = 0  # negative values and NaN mean smooth
     return replace(level, edge_sharpness=edge_sharpness, vertex_sharpness=vertex_sharpness)
 
 
 def _sharpened(topology: Topology, polygons: Polygons, points: int) -> Level:
-    """The coarsest level, as sharp as authored and as its borders ask for."""
+    """Return the coarsest level with authored and boundary sharpness."""
     level = _bare(polygons, points)
     if topology.scheme == "bilinear":
         return hard(level)
@@ -290,7 +292,7 @@ def _sharpened(topology: Topology, polygons: Polygons, points: int) -> Level:
 
 
 def _corner_normals(counts: I64, corners: I64, numbers: I64, points: F32) -> F32:
-    """Unit normals by number of smooth piece: means of the faces' areas, as vectors.
+    """Return unit normals of smooth pieces: means of the faces' area vectors.
 
     Args:
         counts: Corners of each face, shape (f,).
@@ -309,5 +311,5 @@ def _corner_normals(counts: I64, corners: I64, numbers: I64, points: F32) -> F32
         for axis in range(3):
             total[:, axis] += np.bincount(at, np.tile(area[:, axis], n), minlength=len(total))
     length = np.sqrt(np.einsum("nk,nk->n", total, total))
-    total[length == 0] = (0.0, 0.0, 1.0)  # a piece without area faces nowhere
+    total[length == 0] = (0.0, 0.0, 1.0)  # arbitrary direction for a piece without area
     return np.asarray(total / np.where(length == 0, 1, length)[:, None], np.float32)

@@ -1,4 +1,4 @@
-"""Weighted sums of rows: what one step of refinement does to values, whatever they are."""
+"""Apply a refinement step to values: weighted sums of rows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32
 
-_CHUNK = 1 << 14  # rows at a time: temporaries stay in the cache
+_CHUNK = 1 << 14  # rows per block: temporaries stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -16,19 +16,19 @@ class Block:
     """Rows that are sums of equally many terms."""
 
     rows: I32
-    """Which rows of the result, shape (m,)."""
+    """Rows of the result, shape (m,)."""
     columns: I32
-    """Which row of the values each term is, shape (w, m)."""
+    """Row of the values of each term, shape (w, m)."""
     weights: F32
-    """What it is multiplied by, shape (w, m), or (w, 1) when that is the same in all rows."""
+    """Factors of the terms, shape (w, m), or (w, 1) if equal in all rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Stencil:
-    """A sparse matrix by blocks of rows; each row has weights that add up to one."""
+    """A sparse matrix in blocks of rows; the weights of a row add up to one."""
 
     size: int
-    """Rows of the result."""
+    """Number of rows of the result."""
     blocks: tuple[Block, ...]
 
     def into(self, values: F32, out: F32) -> None:
@@ -48,15 +48,15 @@ class Stencil:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Step:
-    """One refinement of values: points stay first, then those on edges, then those on faces."""
+    """A refinement of values: vertex points first, then edge points, then face points."""
 
     means: Stencil | None
-    """Points on faces; None where a scheme has none."""
+    """Face points; None if the scheme has none."""
     others: Stencil
-    """Points of vertices and edges, from the values followed by those on faces."""
+    """Vertex and edge points, computed from the values followed by the face points."""
 
     def apply(self, values: F32) -> F32:
-        """Values of the finer level, shape (m, k)."""
+        """Return the values of the finer level, shape (m, k)."""
         width = values.shape[1]
         if self.means is None:
             fine = np.empty((self.others.size, width), np.float32)
@@ -72,15 +72,13 @@ class Step:
 
 
 def refine(steps: tuple[Step, ...], values: F32) -> F32:
-    """Take values, shape (n, k), through all steps."""
+    """Apply all steps to values, shape (n, k)."""
     width = values.shape[1]
-    if width == 3 and steps:  # rows of 16 bytes are fetched twice as fast as those of 12
+    if width == 3 and steps:  # rows of 16 bytes load twice as fast as 12
         padded = np.zeros((len(values), 4), np.float32)
         padded[:, :3] = values
         values = padded
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # what is not finite spoils its own surrounds
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN spreads to neighbours only
         for step in steps:
             values = step.apply(values)
     return np.ascontiguousarray(values[:, :width])

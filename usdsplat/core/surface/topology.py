@@ -1,4 +1,4 @@
-"""How a mesh hangs together, in the words of UsdGeomMesh, and the check of it."""
+"""Mesh topology in terms of UsdGeomMesh, and its validation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _no_numbers() -> F32:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Topology:
-    """Faces over points, and how they are to be smoothed. Numbers are those of UsdGeomMesh."""
+    """Faces of a mesh and how to subdivide them; values are those of UsdGeomMesh."""
 
     counts: I32
     """Corners of each face, shape (f,)."""
@@ -35,7 +35,7 @@ class Topology:
     left_handed: bool = False
     """Whether faces are clockwise seen from outside."""
     holes: I32 = field(default_factory=_no_integers)
-    """Faces that are not there; they still shape their neighbours."""
+    """Faces that are not drawn but influence their neighbours."""
     crease_indices: I32 = field(default_factory=_no_integers)
     """Points along the creases, one crease after another."""
     crease_lengths: I32 = field(default_factory=_no_integers)
@@ -45,32 +45,32 @@ class Topology:
     corner_indices: I32 = field(default_factory=_no_integers)
     corner_sharpnesses: F32 = field(default_factory=_no_numbers)
     boundary: Boundary = "edgeAndCorner"
-    """What happens at open edges (interpolateBoundary)."""
+    """Rule at open edges (interpolateBoundary)."""
     face_varying: FaceVarying = "cornersPlus1"
-    """Where face-varying values are linear (faceVaryingLinearInterpolation)."""
+    """Rule of linear face-varying interpolation (faceVaryingLinearInterpolation)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Polygons:
-    """The faces that have an area to speak of: corners that repeat the one before are gone."""
+    """Faces without degenerate ones; corners that repeat the one before are removed."""
 
     counts: I64
     """Corners of each face, three or more, shape (g,)."""
     indices: I64
     """Point at each corner, shape (c,)."""
     faces: I64
-    """Authored face of each, shape (g,)."""
+    """Authored face of each face, shape (g,)."""
     corners: I64
     """Authored corner of each corner, shape (c,)."""
 
 
 def check(topology: Topology, points: int, where: str) -> Polygons:
-    """The faces of a topology that fits `points` points.
+    """Return the faces of a topology, checked against `points` points.
 
     Faces of fewer than three different corners have no area and are dropped.
 
     Raises:
-        StageError: Counts and sums do not match, an index is out of range, or Loop is asked for
+        StageError: If counts are inconsistent, an index is out of range, or the Loop scheme has
             faces that are not triangles.
     """
     counts = np.asarray(topology.counts, np.int64).ravel()
@@ -95,7 +95,7 @@ def check(topology: Topology, points: int, where: str) -> Polygons:
 
 
 def creases(topology: Topology) -> tuple[I64, I64, F32]:
-    """First point, second point and sharpness of each creased edge of a checked topology."""
+    """Return first point, second point and sharpness of each creased edge of a checked topology."""
     lengths = np.asarray(topology.crease_lengths, np.int64)
     points = np.asarray(topology.crease_indices, np.int64)
     sharpness = np.asarray(topology.crease_sharpnesses, np.float32)

@@ -1,7 +1,7 @@
-"""Polygons made into triangles: fans where they are convex, ears clipped where they are not.
+"""Triangulate polygons: fans for convex ones, ear clipping for concave ones.
 
-Source of ear clipping: Meisters 1975. Polygons that are not flat are seen along the normal of their
-own area (Newell), those that cross themselves are cut as far as there are ears.
+Source of ear clipping: Meisters 1975. Polygons that are not planar are projected along their area
+normal (Newell). Polygons that intersect themselves are clipped while ears are left.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from usdsplat.core.surface.level import Bools, sizes
 
 
 def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64]:
-    """Corners of triangles, shape (t, 3), and the polygon of each, shape (t,), in order.
+    """Return corners of triangles, shape (t, 3), and the polygon of each, shape (t,), in order.
 
     Args:
         counts: Corners of each polygon, three or more, shape (f,).
         indices: Point at each corner, shape (sum(counts),).
-        points: Shape (p, 3); None takes all polygons for convex.
+        points: Points, shape (p, 3); None assumes that all polygons are convex.
     """
     first = np.cumsum(counts) - counts
     pieces, owners = [], []
@@ -44,7 +44,7 @@ def triangulate(counts: I64, indices: I64, points: F64 | None) -> tuple[I64, I64
 
 
 def _is_concave(shapes: F64) -> Bools:
-    """Which polygons, shape (f, n, 3), turn back at some corner."""
+    """Return which polygons, shape (f, n, 3), are concave."""
     arms = np.roll(shapes, -1, axis=1) - shapes
     turns = np.cross(np.roll(arms, 1, axis=1), arms)
     spokes = shapes - shapes[:, :1]
@@ -53,18 +53,18 @@ def _is_concave(shapes: F64) -> Bools:
 
 
 def _flat(shape: F64) -> F64:
-    """A polygon, shape (n, 3), seen along its normal: counter-clockwise, shape (n, 2)."""
+    """Project a polygon, shape (n, 3), along its normal: counter-clockwise, shape (n, 2)."""
     spokes = shape - shape[0]
     normal = np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)
     axis = int(np.abs(normal).argmax())
     u, v = (axis + 1) % 3, (axis + 2) % 3
-    # Dropping the largest axis of the normal keeps the turns of a flat polygon.
+    # Dropping the largest axis of the normal keeps the orientation of a planar polygon's corners.
     flat = spokes[:, [u, v]]
     return flat if normal[axis] >= 0 else flat * np.array([-1.0, 1.0])
 
 
 def _clip(shape: F64) -> I64:
-    """Triangles of a polygon, shape (n, 2), counter-clockwise: n - 2 rows of corners."""
+    """Return triangles of a polygon, shape (n, 2), counter-clockwise: n - 2 rows of corners."""
     left = list(range(len(shape)))
     cut = []
     while len(left) > 3:
@@ -75,17 +75,17 @@ def _clip(shape: F64) -> I64:
 
 
 def _is_ear(shape: F64, left: list[int], at: int) -> bool:
-    """Whether the corner sticks out and no other lies in the triangle that it makes."""
+    """Return whether the corner is convex and no other lies in its triangle."""
     a, b, c = shape[[left[at - 1], left[at], left[(at + 1) % len(left)]]]
     if _turn(a, b, c) <= 0:
         return False
     others = shape[left]
     inside = (_turn(a, b, others) >= 0) & (_turn(b, c, others) >= 0) & (_turn(c, a, others) >= 0)
-    # Corners at the same place as one of the three do not lie inside; they bridge to a hole.
+    # Corners that coincide with one of the three do not count: they form a bridge to a hole.
     same = (others[:, None] == np.stack([a, b, c])).all(axis=2).any(axis=1)
     return not (inside & ~same).any()
 
 
 def _turn(a: F64, b: F64, c: F64) -> F64:
-    """Twice the signed area of a triangle; `c` may be many."""
+    """Return twice the signed area of a triangle; `c` may be many points."""
     return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))

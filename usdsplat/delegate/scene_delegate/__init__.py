@@ -1,6 +1,6 @@
-"""What the delegate asks of a USD stage; the only part of it that knows `pxr`.
+"""Read a USD stage for the delegate; the only part of it that imports `pxr`.
 
-One module per kind of prim; `delegate` answers for all of them and turns USD's notices into dirty
+There is one module per kind of prim; `delegate` combines them and turns USD's notices into dirty
 bits.
 """
 

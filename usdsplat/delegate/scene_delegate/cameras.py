@@ -1,4 +1,4 @@
-"""UsdGeom cameras: where they are, what they see, and how much light they let in."""
+"""Read UsdGeom cameras: transform, aperture, lens, exposure and shutter."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.render.specs import CameraSpec, Matrix
 
 UNIT = 0.1
-"""Apertures, their offsets and focal lengths are authored in tenths of a scene unit."""
+"""Unit of apertures, offsets and focal lengths: a tenth of a scene unit."""
 
 
 def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> CameraSpec:
-    """Return the camera that `prim` is at `time`.
+    """Read a camera at a time.
 
-    A lens needs an fStop and a focusDistance: with either 0, as both are where nobody authors
-    them, the camera is a pinhole, and so is an orthographic one.
+    A lens needs an fStop and a focusDistance. If either is 0, the default of both, the camera is a
+    pinhole, as is an orthographic one.
 
     Raises:
-        StageError: If it can make no image: no aperture, no focal length, no volume to see, an
-            exposure that is no number, or a transform without an inverse.
+        StageError: If the camera cannot form an image: no aperture, no focal length, an empty
+            clipping range, an exposure that is not finite, or a singular transform.
     """
     where = str(prim.GetPath())
     lens = UsdGeom.Camera(prim).GetCamera(time)
@@ -44,10 +44,10 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
 
 
 def shutter_problem(prim: Usd.Prim, time: Usd.TimeCode) -> StageError | None:
-    """Why the camera's shutter cannot be used at `time`.
+    """Return an error if the camera's shutter is invalid at `time`.
 
-    UsdGeom would have such a picture black. Here the camera is then still, so that a slip in one
-    attribute does not cost a night on the farm.
+    By UsdGeom's rules the picture would be black. Here the camera is still instead, so that a
+    mistake in one attribute does not spoil a whole render.
     """
     opens, closes = _shutter(prim, time)
     if opens <= closes and math.isfinite(closes - opens):
@@ -65,7 +65,8 @@ def _exposure(where: str, camera: UsdGeom.Camera, time: Usd.TimeCode) -> float:
 
 
 def _lens_radius(lens: Gf.Camera) -> float:
-    """Of the entrance pupil [scene unit]; fStop and focusDistance that are no numbers are 0."""
+    """Return the radius of the entrance pupil [scene unit]; 0 for invalid fStop or
+    focusDistance."""
     is_pinhole = lens.projection == Gf.Camera.Orthographic
     if is_pinhole or not (0 < lens.fStop < math.inf and 0 < lens.focusDistance < math.inf):
         return 0.0
@@ -73,7 +74,7 @@ def _lens_radius(lens: Gf.Camera) -> float:
 
 
 def _shutter(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[float, float]:
-    """Opening and closing [time code], relative to the frame; blocked ones are USD's 0."""
+    """Return shutter open and close [time code], relative to the frame; 0 if blocked."""
     camera = UsdGeom.Camera(prim)
     opens, closes = (
         attribute.Get(time) or 0.0
@@ -83,7 +84,7 @@ def _shutter(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[float, float]:
 
 
 def _window(where: str, lens: Gf.Camera) -> tuple[float, float, float, float]:
-    """The aperture as `CameraSpec.window` has it."""
+    """Return the aperture in the form of `CameraSpec.window`."""
     orthographic = lens.projection == Gf.Camera.Orthographic
     scale = UNIT if orthographic else 1.0 / lens.focalLength if lens.focalLength > 0 else math.nan
     width, height = scale * lens.horizontalAperture, scale * lens.verticalAperture
@@ -96,8 +97,10 @@ def _window(where: str, lens: Gf.Camera) -> tuple[float, float, float, float]:
 
 
 def _view(where: str, local_to_world: Gf.Matrix4d) -> Matrix:
-    """World to camera: position and rotation only, as GfFrustum has it, so that depth and clipping
-    range are in scene units however the camera, or a group above it, is scaled."""
+    """Return world to camera without scale, as GfFrustum does.
+
+    Depth and clipping range are then in scene units, even if the camera or an ancestor is
+    scaled."""
     frustum = Gf.Frustum()
     with np.errstate(all="ignore"):
         can_be_undone = bool(np.linalg.det(column_matrix(local_to_world)))

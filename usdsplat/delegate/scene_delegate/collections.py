@@ -1,4 +1,4 @@
-"""USD collections: which prims of a stage they hold, by USD's own rules."""
+"""Evaluate USD collections by USD's own rules."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pxr import Sdf, Usd
 from usdsplat.delegate.scene_delegate.population import IN_PROTOTYPE
 
 Rules = tuple[tuple[str, bool], ...]
-"""A prim goes by the longest of these paths that it is at or beneath; without one it is out."""
+"""(path, included): the longest path at or above a prim decides; without one it is excluded."""
 
 
 def rules(stage: Usd.Stage, collections: Iterable[Usd.CollectionAPI]) -> Rules:
-    """Say by path which prims of `stage` are in any of `collections`.
+    """Return rules of which prims of `stage` are in any of `collections`.
 
     Includes, excludes, expansion rules, includeRoot, nested collections and path expressions all
-    count: USD is asked about each prim, those in instances and in prototypes too, and only where
-    its answer differs from the one about its parent there is a rule.
+    apply: USD's membership query is evaluated for each prim, including those in instances and
+    prototypes. There is a rule only where the result differs from that of the parent.
 
     Returns:
-        By path, sorted. The paths are of prims: a collection with the root has all root prims.
+        Rules sorted by path. Paths are those of prims: a collection of the root has all root prims.
     """
     queries = [each.ComputeMembershipQuery() for each in collections]
     answers = {Sdf.Path.absoluteRootPath: False}
@@ -36,11 +36,11 @@ def rules(stage: Usd.Stage, collections: Iterable[Usd.CollectionAPI]) -> Rules:
 
 
 def everything(stage: Usd.Stage) -> Rules:
-    """The rules of a collection that holds the whole stage."""
+    """Return the rules of a collection of the whole stage."""
     roots = stage.GetPseudoRoot().GetFilteredChildren(IN_PROTOTYPE)
     return tuple(sorted((str(prim.GetPath()), True) for prim in roots))
 
 
 def applied(prim: Usd.Prim, name: str) -> Usd.CollectionAPI | None:
-    """The prim's collection of that name, if it has one."""
+    """Return the prim's collection of that name, or None."""
     return Usd.CollectionAPI(prim, name) if prim.HasAPI("CollectionAPI", name) else None

@@ -1,4 +1,4 @@
-"""Crop volumes as they are at one time, in the form that centres of splats are compared with."""
+"""Read crop volumes at a time, in a form for tests of splat centres."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
 from usdsplat.render.specs import CropShape, CropSpec, Matrix
 
 NOWHERE: Matrix = (0.0, 0.0, 0.0, 2.0) * 3 + (0.0, 0.0, 0.0, 1.0)
-"""Takes the whole world to a point outside of every canonical shape."""
+"""Matrix that maps the whole world to a point outside every canonical shape."""
 
 AXES = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]]}
-"""Axis of a gprim -> the rotation that takes z there; Z needs none."""
+"""Axis of a gprim -> rotation from z to it; Z needs none."""
 
 
 def read_crop(
     crop: Crop, time: Usd.TimeCode, cache: UsdGeom.XformCache
 ) -> tuple[tuple[CropSpec, ...], StageError | None]:
-    """Return the volumes of a crop as they are at `time`, and what is wrong with them.
+    """Return the volumes of a crop at `time`, and a problem or None.
 
-    Whether a volume is visible does not matter: mattes are usually hidden.
+    The visibility of volumes is ignored: mattes are usually hidden.
     """
     specs, problem = [], crop.problem
     for volume in crop.volumes:
@@ -56,7 +56,7 @@ def _read_volume(volume: Volume, time: Usd.TimeCode, cache: UsdGeom.XformCache) 
 def _size(
     prim: Usd.Prim, shape: CropShape, time: Usd.TimeCode
 ) -> tuple[tuple[float, float, float], float]:
-    """What the canonical shape is scaled by along x, y and z, and a capsule's `length`."""
+    """Return the scale of the canonical shape along x, y and z, and a capsule's `length`."""
     if shape == "plane":
         return (1.0, 1.0, 1.0), 0.0
     if shape == "cube":
@@ -72,7 +72,7 @@ def _size(
 
 
 def _turn(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
-    """From a shape about z to one about the prim's axis."""
+    """Return the rotation from a shape about z to one about the prim's axis."""
     turn = np.eye(4)
     if prim.HasAttribute("axis"):
         turn[:3, :3] = AXES.get(_value(prim, "axis", time), np.eye(3))
@@ -80,14 +80,14 @@ def _turn(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
 
 
 def _value(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> Any:
-    """An attribute of the schema's; one that is blocked, or of another type, has its fallback."""
+    """Return a schema attribute; its fallback if it is blocked or of the wrong type."""
     value = prim.GetAttribute(name).Get(time)
     fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(name)
     return value if isinstance(value, type(fallback)) else fallback
 
 
 def _inverse(matrix: F64) -> Matrix:
-    """The inverse, or NOWHERE when there is none."""
+    """Return the inverse, or NOWHERE if it is singular."""
     with np.errstate(all="ignore"):
         if not np.isfinite(matrix).all() or not np.linalg.det(matrix):
             return NOWHERE

@@ -1,4 +1,4 @@
-"""Answers for the prims of one stage at one time, and says what has changed."""
+"""Provide the data of the prims of a stage at a time, and track changes."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, Me
 T = TypeVar("T")
 
 LOG = logging.getLogger("usdsplat")
-"""Tells a Python user, once, of each prim that is left out of the picture; commands say it too."""
+"""Logs each prim that is not drawn once, for Python users; commands print it too."""
 
 
 class UsdSceneDelegate:
-    """A `SceneDelegate` that reads a Usd.Stage and keeps a render index in step with it.
+    """A `SceneDelegate` that reads a Usd.Stage and keeps a render index up to date.
 
-    Edits are collected as they come; `apply_pending_updates` turns them into dirty bits.
+    Edits are collected as they arrive; `apply_pending_updates` turns them into dirty bits.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class UsdSceneDelegate:
     ) -> None:
         self.stage = stage
         self.pulls: Counter[str] = Counter()
-        """What was read so far, by kind."""
+        """Number of reads so far, by kind."""
         self.time = time
         self._applied_time = time
         self._purposes = frozenset(purposes)
@@ -72,7 +72,7 @@ class UsdSceneDelegate:
         self._said: set[str] = set()
         self._varying: dict[str, DirtyBits] = {}
         self.problems: dict[tuple[str, str], UsdSplatError] = {}
-        """Path and kind of what could not be read -> why."""
+        """(path, kind) of data that could not be read -> error."""
         self._xforms = UsdGeom.XformCache(self._code)
         self._rate = stage.GetTimeCodesPerSecond()
         self._is_stale = True
@@ -85,7 +85,7 @@ class UsdSceneDelegate:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each prim that cannot be used as it is, by path."""
+        """One sentence for each prim with a problem, by path."""
         found = {(path, ""): why for path, why in self._population.problems.items()}
         found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
         told = [(path, _told(why, kind)) for (path, kind), why in found.items()]
@@ -95,18 +95,18 @@ class UsdSceneDelegate:
         return tuple(dict.fromkeys(sentence for _, sentence in sorted(told)))
 
     def set_time(self, time: float | None) -> None:
-        """Go to another time with the next update."""
+        """Set the time of the next update."""
         self.time = time
 
     def set_purposes(self, purposes: Iterable[str]) -> None:
-        """Show prims of these purposes from the next sync on."""
+        """Set the drawn purposes from the next sync on."""
         wanted = frozenset(purposes)
         if wanted != self._purposes:
             self._purposes = wanted
             self._index.tracker.mark_all(DirtyBits.RENDER_TAG)
 
     def set_refinement(self, levels: int) -> None:
-        """Refine subdivision surfaces as often as this from the next sync on."""
+        """Set the refinement level of subdivision surfaces from the next sync on."""
         levels = _checked_refinement(levels)
         if levels != self._refinement:
             self._refinement = levels
@@ -114,7 +114,7 @@ class UsdSceneDelegate:
                 self._index.tracker.mark(path, DirtyBits.DISPLAY_STYLE)
 
     def close(self) -> None:
-        """Stop listening and let go of every prim."""
+        """Stop listening and release every prim."""
         self._notices.close()
         self._population = Population()
         self._xforms.Clear()
@@ -122,7 +122,7 @@ class UsdSceneDelegate:
         self._textures.clear()
         self._meshes.clear()
 
-    # --- what has changed ------------------------------------------------------------------
+    # --- changes -----------------------------------------------------------------------------
 
     def apply_pending_updates(self) -> None:
         """Bring the index's prims and their dirty bits up to date with the stage and the time."""
@@ -147,7 +147,7 @@ class UsdSceneDelegate:
         found = populate(self.stage)
         reconcile(self._index, self._population, found)
         for path in self._population.meshes.keys() - found.meshes.keys():
-            self._meshes.pop(path, None)  # there is none of what was never seen
+            self._meshes.pop(path, None)  # meshes that were never visible have no reader
             self._readings.remove(path)
         self._population = found
         self._dependencies = Dependencies(found)
@@ -168,7 +168,7 @@ class UsdSceneDelegate:
             self._index.tracker.mark(path, bits)
 
     def _mark_time(self, *, to_or_from_default: bool) -> None:
-        """Dirty what may differ between two times; the default time has values of its own."""
+        """Mark what may differ between two times; the default time has separate values."""
         tracker = self._index.tracker
         if to_or_from_default:
             tracker.mark_all(DirtyBits.ALL & ~DirtyBits.INSTANCE_INDEX)
@@ -180,15 +180,15 @@ class UsdSceneDelegate:
                 self._varying[path] = varying_bits(known, self._readings, path)
             tracker.mark(path, self._varying[path])
 
-    # --- answers, as `SceneDelegate` describes them ----------------------------------------
+    # --- implementation of `SceneDelegate` ------------------------------------------------
 
     def field(self, path: str) -> FieldSpec | None:
-        """Implements `SceneDelegate.field`."""
+        """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
         return self._pull("field", path, partial(read_field, prim, self.time), None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
-        """Implements `SceneDelegate.mesh`."""
+        """Implement `SceneDelegate.mesh`."""
         prim = self._population.meshes[path].prim
         if path not in self._meshes:
             self._meshes[path] = MeshReader(path, self._textures, self._readings)
@@ -209,7 +209,7 @@ class UsdSceneDelegate:
         return spec
 
     def crops(self, path: str) -> tuple[CropSpec, ...]:
-        """Implements `SceneDelegate.crops`."""
+        """Implement `SceneDelegate.crops`."""
         entry = self._population.fields[path]
         specs, problem = read_crop(entry.crop, self._code, self._xforms)
         if specs:
@@ -218,12 +218,12 @@ class UsdSceneDelegate:
         return specs
 
     def placements(self, path: str) -> tuple[Placement, ...]:
-        """Implements `SceneDelegate.placements`."""
+        """Implement `SceneDelegate.placements`."""
         self.pulls["placements"] += 1
         return tuple(appearance.placement for appearance in self._appearances(path))
 
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
-        """Implements `SceneDelegate.transforms`."""
+        """Implement `SceneDelegate.transforms`."""
         self.pulls["transforms"] += 1
         frame: Callable[[Usd.Prim], Usd.Prim] = _itself
         if path in self._population.meshes:
@@ -241,7 +241,7 @@ class UsdSceneDelegate:
         return found
 
     def visible(self, path: str) -> tuple[bool, ...]:
-        """Implements `SceneDelegate.visible`."""
+        """Implement `SceneDelegate.visible`."""
         self.pulls["visible"] += 1
         return tuple(
             placing.purpose(appearance) in self._purposes
@@ -250,21 +250,21 @@ class UsdSceneDelegate:
         )
 
     def instancer(self, path: str) -> InstancerSpec:
-        """Implements `SceneDelegate.instancer`."""
+        """Implement `SceneDelegate.instancer`."""
         prim = self._population.instancers[path]
         return self._pull(
             "instancer", path, partial(read_instancer, prim, self._code), NO_INSTANCES
         )
 
     def camera(self, path: str) -> CameraSpec | None:
-        """Implements `SceneDelegate.camera`."""
+        """Implement `SceneDelegate.camera`."""
         prim = self._population.cameras[path]
         read = partial(read_camera, prim, self._code, self._xforms)
         self._remark("shutter", path, shutter_problem(prim, self._code))
         return self._pull("camera", path, read, None)
 
     def light(self, path: str) -> LightSpec | None:
-        """Implements `SceneDelegate.light`."""
+        """Implement `SceneDelegate.light`."""
         prim = self._population.lights[path]
         if UsdGeom.Imageable(prim).ComputeVisibility(self._code) == UsdGeom.Tokens.invisible:
             self.pulls["light"] += 1
@@ -280,7 +280,8 @@ class UsdSceneDelegate:
         return Usd.TimeCode.Default() if self.time is None else Usd.TimeCode(self.time)
 
     def _is_of_interest(self, path: str, kind: str) -> bool:
-        """Arrays of what nobody sees may be broken: they are not read again until it shows."""
+        """Return whether to report a problem: arrays of invisible prims are not read and may be
+        broken."""
         if kind == "mesh":
             return self._index.meshes[path].is_seen
         return kind != "field" or self._index.fields[path].is_seen
@@ -290,13 +291,13 @@ class UsdSceneDelegate:
         return (known.fields if path in known.fields else known.meshes)[path].appearances
 
     def _remark(self, kind: str, path: str, problem: UsdSplatError | None) -> None:
-        """Note what is wrong with a prim that is used all the same, or that nothing is any more."""
+        """Set or clear the problem of a prim that is used nevertheless."""
         self.problems.pop((path, kind), None)
         if problem is not None:
             self.problems[path, kind] = problem
 
     def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
-        """Count and read; a prim that cannot be read becomes a warning, and others go on."""
+        """Read a prim and count it; if it fails, record a problem and return `unusable`."""
         self.pulls[kind] += 1
         before = self.problems.pop((path, kind), None)
         try:
@@ -312,12 +313,12 @@ class UsdSceneDelegate:
 
 
 def _told(why: UsdSplatError, kind: str) -> str:
-    """The sentence, and what becomes of the prim."""
+    """Return the problem in a sentence, with its consequence."""
     return f"{why}; it is not drawn" if kind in ("field", "mesh") else str(why)
 
 
 def _is_in(population: Population, path: str, kind: str) -> bool:
-    """Whether there is still a prim of the kind that a problem was found with."""
+    """Return whether the prim of a problem still exists with its kind."""
     prims = {
         "field": population.fields,
         "crops": population.fields,
@@ -333,7 +334,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
 
 
 def _itself(prim: Usd.Prim) -> Usd.Prim:
-    """What places a prim that nothing else carries."""
+    """Return the prim itself: it has its own transform."""
     return prim
 
 

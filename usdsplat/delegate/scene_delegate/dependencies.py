@@ -1,4 +1,4 @@
-"""Which prims of the stage each prim of the render index was read from."""
+"""Map changes of the stage to the prims of the render index that they affect."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIELD_PROPERTIES = (
         schema.tokens.SORTING_MODE,
     }
 )
-"""What a field is read from; it may have any number of other properties."""
+"""Properties that a field is read from; it may have others."""
 
 MESH_PROPERTIES = {
     **dict.fromkeys(("points", "velocities", "accelerations"), DirtyBits.POINTS),
@@ -59,12 +59,14 @@ MESH_PROPERTIES = {
     "normals": DirtyBits.NORMALS,
     "doubleSided": DirtyBits.DOUBLE_SIDED,
 }
-"""What a mesh or a shape is read from, besides what it may inherit."""
+"""Properties that a mesh or a shape is read from, besides inherited ones."""
 
 
 class Dependencies:
-    """Stage path -> paths in the render index: those beneath it, those that the prim there moves or
-    hides, those whose own attributes are there, and those that volumes there or beneath it crop.
+    """Map from stage paths to paths in the render index.
+
+    The sets are: prims below the path, prims that it transforms or hides, prims whose own
+    attributes are there, and fields that are cropped by volumes at or below it.
 
     Native instances are found by their own paths and by those in their prototypes.
     """
@@ -87,15 +89,15 @@ class Dependencies:
                 self._add(path, (Level(prim=prim, root=None),), prim)
 
     def reached_by(self, changes: Changes) -> Iterator[tuple[str, DirtyBits]]:
-        """Paths in the render index and what `changes` dirty about them."""
+        """Yield (path in the render index, dirty bits) for `changes`."""
         for path in changes.resynced:
             yield from _each(self._beneath.get(path), DirtyBits.ALL)
-            # subsets of faces are its children
+            # GeomSubsets are children of the mesh.
             parents = self._meshes & self._read.get(path.GetParentPath(), set())
             yield from _each(parents, DirtyBits.MATERIAL_ID)
             yield from _each(self._cropped.get(path), DirtyBits.CATEGORIES)
         for path in changes.prims:
-            # the only metadata of a prim that counts and does not resync it is inactiveIds
+            # inactiveIds is the only metadata in use that does not cause a resync.
             yield from _each(self._read.get(path), DirtyBits.INSTANCER)
         for path in changes.properties:
             prim, name = path.GetPrimPath(), path.name
@@ -123,7 +125,7 @@ class Dependencies:
 
 
 def _twins(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
-    """A prim, and the one in a prototype that it stands for."""
+    """Return a prim and, for an instance proxy, the prim in the prototype."""
     return (prim, source_of(prim)) if prim.IsInstanceProxy() else (prim,)
 
 
@@ -132,7 +134,7 @@ def _each(paths: Iterable[str] | None, bits: DirtyBits) -> Iterator[tuple[str, D
 
 
 def _inherited_bits(name: str) -> DirtyBits:
-    """What a property of a prim changes for the prim and all beneath it."""
+    """Return the bits that a property changes for a prim and its descendants."""
     if name.startswith("xformOp"):
         return DirtyBits.TRANSFORM
     if name == "visibility":
@@ -143,7 +145,7 @@ def _inherited_bits(name: str) -> DirtyBits:
 
 
 def inherited_by_mesh(name: str) -> DirtyBits:
-    """What a property of a prim changes for meshes at and beneath it."""
+    """Return the bits that a property changes for meshes at and below a prim."""
     if name.startswith("material:binding"):
         return DirtyBits.MATERIAL_ID
     if name.startswith(("skel:", "primvars:skel:")):
@@ -154,11 +156,12 @@ def inherited_by_mesh(name: str) -> DirtyBits:
 
 
 def mesh_bits(name: str) -> DirtyBits:
-    """What any property of a mesh, or of a shape, changes about it."""
+    """Return the bits that any property of a mesh or shape changes for it."""
     return inherited_by_mesh(name) | MESH_PROPERTIES.get(name, DirtyBits.CLEAN)
 
 
 def _own_bits(name: str) -> DirtyBits:
-    """What any other property changes for its own prim; cameras and instancers read them all."""
+    """Return the bits that another property changes for its own prim: cameras and instancers use
+    all."""
     bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
     return bits | DirtyBits.PRIMVAR if name in FIELD_PROPERTIES else bits

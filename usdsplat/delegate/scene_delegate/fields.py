@@ -1,4 +1,4 @@
-"""Splat prims, as the renderer takes them."""
+"""Read splat fields in the renderer's form."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from usdsplat.render.specs import (
 
 
 def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
-    """Return the splats of `prim`, or None when it has none at this time.
+    """Read the splats of `prim`; None if it has none at this time.
 
-    With None for the time a prim that has time samples only shows its first.
+    If the time is None, a prim with time samples only has the value of the first.
 
     Raises:
-        UsdSplatError: If what it holds cannot be drawn.
+        UsdSplatError: If the field cannot be drawn.
     """
     space = schema.color_space(prim)
     color_space(space, where=f"{prim.GetPath()} color space")
@@ -44,7 +44,7 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
 
 
 def _packed(prim: Usd.Prim, time: float | None) -> PackedSpec | None:
-    """The splats as the prim packs them, if it does and they are not between two samples."""
+    """Return the packed arrays of a packed prim; None for others, and between samples."""
     arrays = schema.fetch_packed(prim, time) if schema.is_packed(prim) else None
     if arrays is None:
         return None

@@ -1,6 +1,6 @@
-"""Where the triangles of one prim are: what all have, and UsdGeom meshes.
+"""Read the triangles of a prim: the base class, and UsdGeom meshes.
 
-What only moves is not worked out anew: a topology is refined once and kept while points change.
+A topology is refined once and kept while points change.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from usdsplat.schema.skin import Skin
 from usdsplat.schema.values import integers, value, vectors
 
 SHAPE = DirtyBits.TOPOLOGY | DirtyBits.POINTS | DirtyBits.NORMALS | DirtyBits.DISPLAY_STYLE
-"""What the triangles and their normals depend on."""
+"""Bits that triangles and normals depend on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Context:
-    """How to read: when, how finely, and with what at hand."""
+    """Parameters of reading: time, refinement level, skeletons and counters."""
 
     time: Usd.TimeCode
     levels: int
@@ -39,7 +39,7 @@ class Context:
 
 
 class Geometry(ABC):
-    """Triangles of one prim, brought up to date as often as it changes."""
+    """The triangles of a prim, updated when it changes."""
 
     points: F32
     triangles: I32
@@ -49,27 +49,27 @@ class Geometry(ABC):
     def __init__(self, where: str) -> None:
         self.where = where
         self.problems: list[UsdSplatError] = []
-        """What is left out of the picture, though the prim is not."""
+        """Problems of parts that are not drawn, although the prim is."""
 
     @abstractmethod
     def update(self, prim: Usd.Prim, bits: DirtyBits, context: Context, sources: Sources) -> bool:
-        """Read what `bits` says; return whether the triangles are other ones than before.
+        """Read the data that `bits` marks; return whether the triangles differ from before.
 
         Raises:
-            StageError: If there is nothing that could be drawn.
+            StageError: If the prim cannot be drawn.
         """
 
     @abstractmethod
     def corners(self, values: F32, interpolation: str, indices: I32 | None) -> F32:
-        """A primvar at the corners of triangles, shape (t, 3, k).
+        """Evaluate a primvar at triangle corners, shape (t, 3, k).
 
         Raises:
-            StageError: If there are not as many values as there should be.
+            StageError: If the number of values is wrong.
         """
 
 
 class MeshGeometry(Geometry):
-    """A UsdGeom.Mesh."""
+    """The triangles of a UsdGeom.Mesh."""
 
     def __init__(self, where: str) -> None:
         super().__init__(where)
@@ -82,7 +82,7 @@ class MeshGeometry(Geometry):
         self._skin: Skin | None = None
 
     def update(self, prim: Usd.Prim, bits: DirtyBits, context: Context, sources: Sources) -> bool:
-        """Implements `Geometry.update`."""
+        """Implement `Geometry.update`."""
         moved: F32 | None = None
         if bits & DirtyBits.TOPOLOGY or self._topology is None:
             context.pulls["topology"] += 1
@@ -92,7 +92,7 @@ class MeshGeometry(Geometry):
             context.pulls["points"] += 1
             self._skin = context.skeletons.skin(prim, sources)
             moved = self._read_points(prim, context.time)
-        if self._count == 0:  # no points is no surface, and no mistake
+        if self._count == 0:  # a mesh without points is valid and empty
             self._surface, self.normals = None, None
             self.points, self.triangles = np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
             return True
@@ -109,14 +109,14 @@ class MeshGeometry(Geometry):
         return rebuilt
 
     def corners(self, values: F32, interpolation: str, indices: I32 | None) -> F32:
-        """Implements `Geometry.corners`."""
+        """Implement `Geometry.corners`."""
         assert self._surface is not None
         return self._surface.corners(values, interpolation, indices)
 
     # --- private ---------------------------------------------------------------------------
 
     def _read_points(self, prim: Usd.Prim, time: Usd.TimeCode) -> F32:
-        """The cage's points where they are now; keeps those by which polygons are cut."""
+        """Return the current points of the cage; store the rest points for triangulation."""
         where = f"{self.where}.points"
         attribute = prim.GetAttribute("points")
         points = mesh_points(prim, time)
@@ -129,7 +129,7 @@ class MeshGeometry(Geometry):
         return self._skin.points(points, time) if self._skin else points
 
     def _build(self, levels: int) -> bool:
-        """Work out the surface again if anything about it is other than before."""
+        """Rebuild the surface if it has changed; return whether it was rebuilt."""
         topology = self._topology
         assert topology is not None
         rest = self._rest if topology.scheme == "none" else None
@@ -150,7 +150,7 @@ class MeshGeometry(Geometry):
     ) -> None:
         topology = self._topology
         assert topology is not None
-        if topology.scheme != "none":  # authored normals count for polygons only
+        if topology.scheme != "none":  # authored normals apply to polygons only
             self.normals = surface.normals(self.points)
             return
         if changed or self._skin:
@@ -183,7 +183,7 @@ class MeshGeometry(Geometry):
 
 
 def _normals_of(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Any, str, I32 | None]:
-    """Authored values, interpolation and indices; the primvar counts before the attribute."""
+    """Return authored normals, interpolation and indices; the primvar takes precedence."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
     if primvar and primvar.HasAuthoredValue():
         indices = value(primvar.GetIndicesAttr(), time) if primvar.IsIndexed() else None
@@ -195,7 +195,7 @@ def _normals_of(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Any, str, I32 | Non
 
 
 def _points_at(interpolation: str, topology: Topology, count: int) -> I32 | None:
-    """The point that each normal is at; None where they are not at points."""
+    """Return the point index of each normal; None if they are not at points."""
     if interpolation == UsdGeom.Tokens.faceVarying:
         return topology.indices
     at_points = interpolation in (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
@@ -210,7 +210,7 @@ def checked_rows(where: str, indices: I32, count: int) -> I32:
 
 
 def unit(normals: F32, triangles: F32 | None) -> F32:
-    """Of unit length; those without a direction are their triangle's."""
+    """Normalise; zero normals are replaced by those of their triangles."""
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     flat = length[..., 0] == 0
     if triangles is not None and flat.any():

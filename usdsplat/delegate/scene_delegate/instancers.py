@@ -1,4 +1,4 @@
-"""Point instancers."""
+"""Read point instancers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec
 
 
 def read_instancer(prim: Usd.Prim, time: Usd.TimeCode) -> InstancerSpec:
-    """Return what `prim` scatters at `time`, moved on by its velocities as USD says.
+    """Read the instances of `prim` at `time`, extrapolated by velocities as USD specifies.
 
     Raises:
-        StageError: If its arrays do not fit together.
+        StageError: If its arrays are inconsistent.
     """
     instancer = UsdGeom.PointInstancer(prim)
     prototypes = instancer.GetProtoIndicesAttr().Get(time)

@@ -1,4 +1,4 @@
-"""UsdLux lights that are infinitely far away."""
+"""Read UsdLux distant lights."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from usdsplat.render.specs import LightSpec
 
 
 def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
-    """Return what the DistantLight `prim` sends out at `time`, and where to.
+    """Read direction and irradiance of a DistantLight at a time.
 
     Source: UsdLux's documentation of `intensity`, `exposure`, `angle` and `normalize`. A light
-    without `normalize` is a disc in the sky of the radiance authored, so E = L π sin²(angle / 2);
-    one with it, or without an angle, lights a surface that faces it as if E = L.
+    without `normalize` is a disc in the sky with the authored radiance, so E = L π sin²(angle / 2).
+    A light with it, or without an angle, has E = L on a surface that faces it.
 
     Raises:
-        StageError: If its numbers or its transform are not usable.
+        StageError: If its numbers or its transform are invalid.
     """
     where = str(prim.GetPath())
     light = UsdLux.DistantLight(prim)
@@ -31,7 +31,7 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
 
     color = _numbers(light.GetColorAttr(), time, 3)
     if light.GetEnableColorTemperatureAttr().Get(time):
-        # of what is not a number, USD would read memory that is not its own
+        # For NaN, USD would read out of bounds, so `number` checks first.
         kelvin = number(light.GetColorTemperatureAttr())
         color = color * np.array(UsdLux.BlackbodyTemperatureAsRgb(kelvin), np.float64)
     angle = math.radians(number(light.GetAngleAttr()))
@@ -54,7 +54,7 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
 
 
 def _numbers(attribute: Usd.Attribute, time: Usd.TimeCode, width: int) -> F64:
-    """One number, or three, shape (width,)."""
+    """Read one number or three, shape (width,)."""
     found = attribute.Get(time)
     try:
         numbers = np.array(found, np.float64).ravel()

@@ -1,7 +1,7 @@
-"""Materials: what UsdPreviewSurface networks say of the diffuse colour.
+"""Read the diffuse colour of UsdPreviewSurface networks.
 
 Source: the UsdPreviewSurface specification. The base colour is a value, a UsdUVTexture, or a
-primvar; whatever else is connected has its fallback value.
+primvar; any other connection gives its fallback value.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from usdsplat.schema.values import value
 
 DISPLAY_COLOR = "displayColor"
 NEUTRAL: Color = (0.18, 0.18, 0.18)
-"""What has neither material nor colour."""
+"""Colour of meshes with neither material nor colour."""
 WRAPS = ("black", "clamp", "repeat", "mirror")
 PURPOSES = (UsdShade.Tokens.preview, UsdShade.Tokens.full)
-"""Each of them also finds what is bound for all purposes; the first that is bound counts."""
+"""Binding purposes in order; each also finds bindings for all purposes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoundMaterial:
-    """A material, and the primvars of the mesh that it needs."""
+    """A material with the primvars that it needs."""
 
     spec: MaterialSpec
     colors: str = ""
-    """Primvar that its colours are; none if empty."""
+    """Primvar of its colours; "" for none."""
     fallback: Color = NEUTRAL
-    """Its colour where there is no such primvar."""
+    """Colour if the primvar does not exist."""
     uvs: str = ""
-    """Primvar that its texture coordinates are; none if empty."""
+    """Primvar of its texture coordinates; "" for none."""
     transform: F64 | None = None
-    """Of the texture coordinates, shape (2, 3)."""
+    """Transform of the texture coordinates, shape (2, 3)."""
 
 
 UNBOUND = BoundMaterial(
     spec=MaterialSpec(diffuse=(1.0, 1.0, 1.0), uses_colors=True), colors=DISPLAY_COLOR
 )
-"""Of what no material is bound to."""
+"""Appearance of meshes without a bound material."""
 
 
 def bound_material(prim: Usd.Prim, sources: Sources) -> Usd.Prim | None:
-    """The material that is bound to a mesh or a subset, and noted; None when there is none."""
+    """Return the material bound to a mesh or a subset, or None, and record the sources."""
     above = prim
     while above and not above.IsPseudoRoot():
         for name in above.GetAuthoredPropertyNames():
@@ -67,7 +67,7 @@ def bound_material(prim: Usd.Prim, sources: Sources) -> Usd.Prim | None:
 
 
 def _note_collection(path: Sdf.Path, sources: Sources) -> None:
-    """Note a collection, and those that it includes; a path that is none is noted already."""
+    """Record a collection and those that it includes as sources."""
     found, seen = [path], set()
     while found:
         path = found.pop()
@@ -78,10 +78,10 @@ def _note_collection(path: Sdf.Path, sources: Sources) -> None:
 
 
 class MaterialReader:
-    """Reads the looks that one mesh needs at one time.
+    """Reader of the materials of a mesh at a time.
 
     Attributes:
-        problems: What could not be read and was replaced by its fallback.
+        problems: Errors of values that were replaced by their fallback.
     """
 
     def __init__(self, time: Usd.TimeCode, textures: Textures, sources: Sources) -> None:
@@ -91,7 +91,7 @@ class MaterialReader:
         self._sources = sources
 
     def look(self, material: Usd.Prim | None) -> BoundMaterial:
-        """What a material looks like; without a UsdPreviewSurface it is as if there were none."""
+        """Read a material; without a UsdPreviewSurface it counts as unbound."""
         output = material and self._producer(material.GetAttribute("outputs:surface"))
         if not output or self._id(output.GetPrim()) != "UsdPreviewSurface":
             return UNBOUND
@@ -124,7 +124,7 @@ class MaterialReader:
         try:
             pixels = self._pixels(node, scale, bias)
         except UsdSplatError as error:
-            # a picture that is missing says nothing about the colour: black would be a claim
+            # Without an authored fallback, neutral grey is better than black for a missing texture.
             authored = node.GetAttribute("inputs:fallback").HasAuthoredValue()
             self.problems.append(error)
             return BoundMaterial(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
@@ -134,7 +134,7 @@ class MaterialReader:
         return BoundMaterial(spec=spec, uvs=name, transform=transform)
 
     def _coordinates(self, node: Usd.Prim) -> tuple[str, F64 | None]:
-        """The primvar that is connected as `st`, and all the transforms on the way there."""
+        """Return the primvar connected as `st`, and the transforms on the way to it."""
         transform: F64 | None = None
         at, seen = self._input(node, "st"), set()
         while at is not None and _is_output(at) and at.GetPath() not in seen:
@@ -147,7 +147,7 @@ class MaterialReader:
         return "", transform
 
     def _transform2d(self, node: Usd.Prim) -> F64:
-        """`in` scaled, then turned, then moved, shape (2, 3)."""
+        """Return the transform that scales `in`, then rotates, then translates, shape (2, 3)."""
         scale = self._numbers(node, "scale", (1.0, 1.0))
         move = self._numbers(node, "translation", (0.0, 0.0))
         angle = math.radians(self._numbers(node, "rotation", (0.0,))[0])
@@ -155,7 +155,7 @@ class MaterialReader:
         return np.column_stack([turn * np.array(scale), move])
 
     def _pixels(self, node: Usd.Prim, scale: Color, bias: Color) -> F32:
-        """The picture, with a bias in it if there is one: what it is multiplied by comes first."""
+        """Read the texture; scale and bias are applied here if there is a bias."""
         where, file = f"{node.GetPath()}.inputs:file", self._value(node, "file")
         if not isinstance(file, Sdf.AssetPath) or not file.path:
             raise StageError(where, "no file", "a picture")
@@ -169,7 +169,7 @@ class MaterialReader:
             raise StageError(where, f"{file.path}: {error.found}", error.expected) from None
 
     def _wrap(self, node: Usd.Prim, name: str) -> Wrap:
-        """One of the four; files are not asked, so useMetadata is black, its fallback."""
+        """Return the wrap mode; useMetadata is not supported and gives its fallback, black."""
         found = self._value(node, name)
         return cast(Wrap, found) if found in WRAPS else "black"
 
@@ -202,11 +202,12 @@ class MaterialReader:
         return None if found is None or _is_output(found) else value(found, self._time)
 
     def _input(self, node: Usd.Prim, name: str) -> Usd.Attribute | None:
-        """What gives an input its value: an attribute that holds it, or the output of a shader."""
+        """Return the attribute that provides the value of an input: a value or a shader's
+        output."""
         return self._producer(node.GetAttribute(f"inputs:{name}"))
 
     def _producer(self, attribute: Usd.Attribute) -> Usd.Attribute | None:
-        """Follow connections, through node graphs, to where they begin."""
+        """Follow connections through node graphs to their source."""
         seen = set()
         while attribute and attribute.GetPath() not in seen:
             seen.add(attribute.GetPath())
@@ -229,7 +230,7 @@ def _is_output(attribute: Usd.Attribute) -> bool:
 
 
 def _after(first: F64 | None, then: F64) -> F64:
-    """The transform that does `then`, and afterwards `first`."""
+    """Return the transform that applies `then`, then `first`."""
     if first is None:
         return then
     square = np.vstack([then, [0.0, 0.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Opaque prims, as the renderer takes them: a geometry and what it looks like."""
+"""Read opaque prims in the renderer's form: geometry and materials."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from usdsplat.schema.values import integers, value, vectors
 
 
 class MeshReader:
-    """One opaque prim, of which only what has changed is read again."""
+    """Reader of an opaque prim that reads only what has changed."""
 
     def __init__(self, path: str, textures: Textures, readings: Readings) -> None:
         self._path = path
@@ -44,19 +44,19 @@ class MeshReader:
         self._looks: tuple[BoundMaterial, ...] = ()
         self._look_of: I32 | None = None
         self.has_other_sources = False
-        """Whether the last reading led to other prims than the one before."""
+        """Whether the last reading had different sources than the one before."""
 
     @property
     def problems(self) -> tuple[UsdSplatError, ...]:
-        """What is left out of the picture, though the prim is not."""
+        """Problems of parts that are not drawn, although the prim is."""
         geometry = self._geometry.problems if self._geometry else []
         return (*geometry, *self._primvar_problems.values(), *self._material_problems)
 
     def read(self, prim: Usd.Prim, bits: DirtyBits, context: Context) -> MeshSpec | None:
-        """Return the mesh, or None when it has no triangles.
+        """Return the mesh, or None if it has no triangles.
 
         Raises:
-            StageError: If what it holds cannot be drawn.
+            StageError: If the prim cannot be drawn.
         """
         self._stale |= bits
         self.has_other_sources = False
@@ -143,7 +143,7 @@ class MeshReader:
         for gone in self._primvar_problems.keys() - wanted:
             del self._primvar_problems[gone], self._primvars[gone]
         sided = prim.GetAttribute("doubleSided")
-        # USD's fallback is single-sided, and yet usdview shows both sides of what says nothing
+        # USD's fallback is single-sided, but usdview shows both sides if nothing is authored.
         doubled = not sided.HasAuthoredValue() or value(sided, context.time)
         assert self._look_of is not None
         return MeshSpec(
@@ -164,13 +164,13 @@ class MeshReader:
 
 
 Primvar = Callable[[str, int], F32 | None]
-"""Name and width -> values at the corners of triangles; None where the mesh has none."""
+"""Function (name, width) -> values at triangle corners, or None if the mesh has none."""
 
 
 def _primvar(
     prim: Usd.Prim, name: str, width: int, time: Usd.TimeCode, geometry: Geometry
 ) -> F32 | None:
-    """A primvar of the prim, or one that it inherits."""
+    """Read a primvar of the prim, own or inherited."""
     primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
     where = f"{prim.GetPath()}.primvars:{name}"
     found = value(primvar.GetAttr(), time) if primvar else None
@@ -191,7 +191,7 @@ def _primvar(
 def _joined(
     looks: tuple[BoundMaterial, ...], look_of: I32, corners: Callable[[BoundMaterial], F32 | None]
 ) -> F32 | None:
-    """For each triangle what its own look has; None when no look has any."""
+    """Return corner values of each triangle from its material; None if no material has any."""
     found = [corners(look) for look in looks]
     there = [each for each in found if each is not None]
     if not there:
@@ -222,7 +222,7 @@ def _uvs(look: BoundMaterial, primvar: Primvar, count: int) -> F32 | None:
 
 
 def _material(look: BoundMaterial, primvar: Primvar) -> MaterialSpec:
-    """The look's, with its fallback in place of colours that the mesh has not got."""
+    """Return the material, with its fallback colour if the mesh lacks the colour primvar."""
     if look.spec.uses_colors and _colors(look, primvar) is None:
         return replace(look.spec, diffuse=look.fallback, uses_colors=False)
     return look.spec

@@ -1,7 +1,7 @@
-"""Collect what USD says has changed, and say what it means.
+"""Collect USD's change notices.
 
-`Usd.Notice.ObjectsChanged` speaks of prims and properties; of instances it names the paths inside
-their prototypes, which `Dependencies` knows.
+`Usd.Notice.ObjectsChanged` names prims and properties; for instances it names the paths inside
+their prototypes, which `Dependencies` maps.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from pxr import Sdf, Tf, Usd
 
 COLOR_SPACE = "colorSpace"
 INHERITED = ("material:binding", "primvars:", "skel:")
-"""How properties begin that meshes inherit from the prims above them."""
+"""Prefixes of properties that meshes inherit from their ancestors."""
 
 
 @dataclass(slots=True)
 class Changes:
-    """What happened since somebody last looked."""
+    """Changes since the last `take`."""
 
     resynced: set[Sdf.Path] = field(default_factory=set)
-    """Prims that must be looked at anew, and all beneath them."""
+    """Prims that must be read again, with their descendants."""
     properties: set[Sdf.Path] = field(default_factory=set)
     prims: set[Sdf.Path] = field(default_factory=set)
-    """Prims, and the stage itself, of which some metadata changed that resyncs nothing."""
+    """Prims, and the stage itself, whose metadata changed without a resync."""
     structural: bool = False
-    """Whether there may be other prims, or other ways to see them, than before."""
+    """Whether the set of prims or placements may have changed."""
     inherited: bool = False
-    """Whether prims may pass on other things than before, which sets instances apart."""
+    """Whether inherited values may have changed, which distinguish instances."""
     everything: bool = False
 
     def __bool__(self) -> bool:
@@ -37,10 +37,11 @@ class Changes:
 
 
 class NoticeListener:
-    """Listens to one stage and collects, in whichever thread the stage is edited. (USD itself
-    forbids edits while another thread, such as one that syncs, reads the stage.)
+    """Listener that collects the changes of a stage, in any thread that edits it.
 
-    The callback only takes notes, so that a burst of edits costs one update.
+    USD forbids edits while another thread reads the stage, such as one that syncs.
+
+    The callback only records changes, so that many edits cost one update.
     """
 
     def __init__(self, stage: Usd.Stage) -> None:
@@ -49,7 +50,7 @@ class NoticeListener:
         self._key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._collect, stage)
 
     def take(self) -> Changes:
-        """Return what was collected and start over."""
+        """Return the collected changes and start over."""
         with self._lock:
             changes, self._changes = self._changes, Changes()
         return changes
@@ -78,7 +79,7 @@ class NoticeListener:
         self._changes.everything |= path == Sdf.Path.absoluteRootPath
 
     def _change_property(self, path: Sdf.Path, *, new: bool) -> None:
-        """`new` when there may be an attribute, or metadata of it, that was not there before."""
+        """Record a changed property; `new` if it or its metadata may not have existed before."""
         self._changes.properties.add(path)
         colored = path.name.startswith("radiance:") and new
         self._changes.inherited |= new and path.name.startswith(INHERITED)
@@ -87,5 +88,5 @@ class NoticeListener:
 
 
 def is_color_space(name: str) -> bool:
-    """Whether a property is part of what names or defines a colour space."""
+    """Return whether a property names or defines a colour space."""
     return name.startswith(COLOR_SPACE)

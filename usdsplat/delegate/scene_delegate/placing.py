@@ -1,7 +1,7 @@
-"""Where prims are and whether they show: what they inherit from the prims above them.
+"""Compute transforms, visibility and purpose, which prims inherit from their ancestors.
 
-In the world these are USD's own rules. Inside a prototype of a point instancer they end at the
-prototype's root, whose own transform counts, and go on at the instancer.
+In the world these are USD's own rules. Inside a prototype of a point instancer, inheritance ends at
+the prototype's root, including its own transform, and continues at the instancer.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from usdsplat.delegate.scene_delegate.population import Appearance, Level
 
 
 def column_matrix(matrix: Gf.Matrix4d) -> F64:
-    """A Gf matrix, which multiplies row vectors, as one for column vectors, shape (4, 4)."""
+    """Convert a Gf matrix, for row vectors, to one for column vectors, shape (4, 4)."""
     return np.array(matrix, np.float64).T
 
 
 def transforms(
     appearance: Appearance, frame: Usd.Prim, cache: UsdGeom.XformCache
 ) -> tuple[F64, ...]:
-    """The matrices of an appearance's levels, as `SceneDelegate.transforms` gives them; of the last
-    one that of `frame`, which stands for it: a skeleton for a mesh that it carries."""
+    """Return the matrices of an appearance's levels, as in `SceneDelegate.transforms`.
+
+    The last one is that of `frame`, which replaces the prim: a skeleton for a mesh with joints."""
     *outer, last = appearance.levels
     levels = (*outer, replace(last, prim=frame))
     return tuple(column_matrix(_to_frame(level, cache)) for level in levels)
@@ -38,7 +39,7 @@ def _to_frame(level: Level, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
 
 
 def is_visible(appearance: Appearance, time: Usd.TimeCode) -> bool:
-    """Whether nothing hides an appearance."""
+    """Return whether nothing hides an appearance."""
     prims = (prim for level in appearance.levels for prim in level.lineage())
     return not any(_hides(prim, time) for prim in prims)
 
@@ -49,7 +50,7 @@ def _hides(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def purpose(appearance: Appearance) -> str:
-    """The purpose of an appearance: the nearest that is authored, from the field outwards."""
+    """Return the purpose of an appearance: the nearest authored one, from the rprim outwards."""
     for level in reversed(appearance.levels):
         for prim in level.lineage():
             imageable = UsdGeom.Imageable(prim)

@@ -1,6 +1,6 @@
-"""What meshes turned out to be read from: materials, shaders, skeletons, animations, subsets.
+"""Record the sources of meshes: materials, shaders, skeletons, animations, subsets.
 
-Which prims these are is known only after they were followed, so each reading takes notes.
+The sources are known only after relationships are followed, so each reading records them.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from usdsplat.delegate.scene_delegate.population import source_of
 
 
 class Sources:
-    """The prims that one answer came from; those that were looked for and are not there too."""
+    """The prims that a value was read from, including missing ones that were looked for."""
 
     def __init__(self, stage: Usd.Stage, bits: DirtyBits) -> None:
         self.bits = bits
-        """What is dirty when one of them changes."""
+        """Bits that are dirty if one of them changes."""
         self.read: set[Sdf.Path] = set()
-        """Those whose properties count."""
+        """Prims whose properties were read."""
         self.placed: set[Sdf.Path] = set()
-        """Those of which only the transform does."""
+        """Prims whose transform only was read."""
         self._stage = stage
 
     def add(self, prim: Usd.Prim) -> None:
-        """Note a prim whose properties count."""
+        """Record a prim whose properties are read."""
         self.read.add(prim.GetPath())
 
     def follow(self, path: Sdf.Path) -> Usd.Prim:
-        """Note the prim at or above `path`, and return it; it may be invalid."""
+        """Record the prim of `path` and return it; it may be invalid."""
         self.read.add(path.GetPrimPath())
         return self._stage.GetPrimAtPath(path.GetPrimPath())
 
     def targets(self, prim: Usd.Prim, name: str) -> list[Sdf.Path]:
-        """Follow a relationship, if it is there, as far as it goes."""
+        """Return the forwarded targets of a relationship and record them."""
         relationship = prim.GetRelationship(name)
         found = relationship.GetForwardedTargets() if relationship else []
         for path in found:
@@ -45,12 +45,12 @@ class Sources:
         return list(found)
 
     def place(self, prim: Usd.Prim) -> None:
-        """Note a prim by which, and by those above it, something is placed."""
+        """Record a prim whose transform, including its ancestors', is read."""
         self.placed.update(prim.GetPath().GetPrefixes())
 
 
 class Readings:
-    """The sources of every mesh, found by what has changed."""
+    """The sources of every mesh, indexed by path."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self._stage = stage
@@ -61,10 +61,10 @@ class Readings:
         self._twins: dict[Sdf.Path, Sdf.Path] = {}
 
     def put(self, path: str, aspect: str, sources: Sources) -> bool:
-        """Keep what an aspect of the mesh at `path` was read from, instead of what was known.
+        """Set the sources of an aspect of the mesh at `path`.
 
         Returns:
-            Whether it is anything else.
+            Whether they differ from before.
         """
         before = self._sources[path].get(aspect)
         if before and (before.read, before.placed) == (sources.read, sources.placed):
@@ -75,13 +75,13 @@ class Readings:
         return True
 
     def remove(self, path: str) -> None:
-        """Forget a mesh."""
+        """Remove a mesh."""
         for aspect in self._sources.get(path, {}):
             self._drop(path, aspect)
         self._sources.pop(path, None)
 
     def refresh(self) -> None:
-        """Look anew which prims in prototypes stand for those in instances."""
+        """Update the mapping of instance proxies to prims in prototypes."""
         for index in (self._read, self._placed, self._beneath, self._twins):
             index.clear()
         for path, aspects in self._sources.items():
@@ -89,7 +89,7 @@ class Readings:
                 self._enter(path, aspect, sources)
 
     def reached_by(self, changes: Changes) -> Iterator[tuple[str, DirtyBits]]:
-        """Paths of meshes and what `changes` dirty about them."""
+        """Yield (mesh path, dirty bits) for `changes`."""
         for path in changes.resynced:
             yield from self._marked(self._beneath.get(path))
         for path in changes.properties:
@@ -101,7 +101,7 @@ class Readings:
                 yield from self._marked(self._read.get(prim))
 
     def sources(self, path: str) -> Iterator[Sources]:
-        """What the mesh at `path` was read from, aspect by aspect."""
+        """Yield the sources of the mesh at `path`, aspect by aspect."""
         yield from self._sources.get(path, {}).values()
 
     # --- private ---------------------------------------------------------------------------
@@ -121,7 +121,7 @@ class Readings:
                 keys.discard((path, aspect))
 
     def _keys(self, sources: Sources) -> Iterator[set[tuple[str, str]]]:
-        """All the sets that hold who was read from `sources`."""
+        """Yield the index sets of all paths in `sources`."""
         for index, found in ((self._read, sources.read), (self._placed, sources.placed)):
             for each in found:
                 for twin in {each, self._twin(each)}:
@@ -129,7 +129,7 @@ class Readings:
                     yield from (self._beneath[prefix] for prefix in twin.GetPrefixes())
 
     def _twin(self, path: Sdf.Path) -> Sdf.Path:
-        """The prim in a prototype that the one at `path` stands for, or itself."""
+        """Return the path of the prototype's prim for an instance proxy, or `path`."""
         if path not in self._twins:
             prim = self._stage.GetPrimAtPath(path)
             self._twins[path] = source_of(prim).GetPath() if prim else path

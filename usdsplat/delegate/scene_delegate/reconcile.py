@@ -1,4 +1,4 @@
-"""Make the render index hold what a new walk of the stage has found."""
+"""Update the render index after a new traversal of the stage."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.scene_delegate.population import Population, RprimEntry
 
 SEEN = DirtyBits.PLACING
-"""What a field or a mesh must pull when there are other ways to see it than before."""
+"""Dirty bits of a field or a mesh whose appearances changed."""
 
 
 def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
-    """Insert, remove and dirty prims of `index`, which holds those of `old`."""
+    """Insert, remove and mark prims of `index`, which holds those of `old`."""
     for path in old.fields.keys() - new.fields.keys():
         index.remove_field(path)
     for path in old.meshes.keys() - new.meshes.keys():
@@ -39,7 +39,7 @@ def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
 
 
 def _difference(old: RprimEntry, new: RprimEntry) -> DirtyBits:
-    """What became dirty because an rprim was found elsewhere or otherwise than before."""
+    """Return the dirty bits of an rprim whose entry changed."""
     if old.signature[0] != new.signature[0]:
         return DirtyBits.ALL
     bits = DirtyBits.CLEAN if old.signature == new.signature else SEEN
@@ -48,7 +48,7 @@ def _difference(old: RprimEntry, new: RprimEntry) -> DirtyBits:
 
 
 def _carry(index: RenderIndex, population: Population) -> None:
-    """Tell the tracker which rprims each instancer carries."""
+    """Set the rprims that each instancer carries in the tracker."""
     carried: dict[str, set[str]] = {path: set() for path in population.instancers}
     for path, entry in population.rprims():
         for appearance in entry.appearances:

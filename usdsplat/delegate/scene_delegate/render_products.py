@@ -1,7 +1,7 @@
-"""UsdRender passes, settings, products and vars.
+"""Read UsdRender passes, settings, products and vars.
 
-Products inherit everything from their settings but what they author themselves. Lists of what a
-stage may ask for are USD's; what it may ask of us under `splat:` is in `RenderSettings`.
+Products inherit all values from their settings that they do not author themselves. `RenderSettings`
+declares our own attributes under `splat:`.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ AOVS = {
     "elementId": "elementId",
     "splatId": "elementId",
 }
-"""`sourceName` of a RenderVar, as Hydra, RenderMan, Arnold and our files spell them -> ours. Names
-that others give another meaning (Hydra's `normal`, Arnold's `motionvector`) are not among them."""
+"""`sourceName` of a RenderVar, in the spelling of Hydra, RenderMan, Arnold and our files -> our
+AOV. Names with another meaning elsewhere (Hydra's `normal`, Arnold's `motionvector`) are
+omitted."""
 
 
 HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
@@ -62,7 +63,7 @@ DISABLERS = {
     "motion_blur": ("disableMotionBlur", "instantaneousShutter"),
     "depth_of_field": ("disableDepthOfField",),
 }
-"""Knob -> the attributes of UsdRender that turn it off."""
+"""Knob -> UsdRender attributes that disable it."""
 
 
 def find_products(
@@ -74,7 +75,7 @@ def find_products(
     resolution: tuple[int, int] | None,
     overrides: Mapping[str, Any],
 ) -> tuple[ProductSpec, ...]:
-    """Implements `Engine.products`, where the arguments are described."""
+    """Implement `Engine.products`, which describes the arguments."""
     prim, render_pass = _sources(stage, settings_path)
     if prim is None:
         return ()
@@ -92,10 +93,10 @@ def find_products(
 
 
 def _sources(stage: Usd.Stage, path: str | None) -> tuple[Usd.Prim | None, Usd.Prim | None]:
-    """The RenderSettings asked for, or the stage's own, or its first; and the pass it is of.
+    """Return the requested RenderSettings, else the stage's own or first, and their pass.
 
-    The pass is the one asked for, or else the only one that renders these settings: passes are
-    alternatives, so of several none is meant until it is named.
+    The pass is the requested one, or else the only one that renders these settings: passes are
+    alternatives, so several need to be named.
     """
     prim = _named(stage, path)
     if prim is not None and prim.IsA(UsdRender.Pass):
@@ -114,7 +115,7 @@ def _sources(stage: Usd.Stage, path: str | None) -> tuple[Usd.Prim | None, Usd.P
 
 
 def _named(stage: Usd.Stage, path: str | None) -> Usd.Prim | None:
-    """The prim at `path`, or the settings that the stage has when there is no path."""
+    """Return the prim at `path`, or without a path the stage's settings."""
     if path is not None:
         prim = stage.GetPrimAtPath(path) if path.startswith("/") else None
         if not prim or not (prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Pass)):
@@ -128,7 +129,7 @@ def _named(stage: Usd.Stage, path: str | None) -> Usd.Prim | None:
 
 
 def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
-    """What a pass renders from on its own stage."""
+    """Return the render sources of a pass on its own stage."""
     source = UsdRender.Pass(render_pass)
     if source.GetFileNameAttr().Get():
         return []
@@ -136,7 +137,7 @@ def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
 
 
 def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
-    """Sentences about collections of a pass that ask for anything but what they do by default."""
+    """Return a sentence for each collection of a pass that is not supported."""
     stage, found = render_pass.GetStage(), []
     for name in ("renderVisibility", "cameraVisibility", "prune"):
         held = collections.rules(stage, [Usd.CollectionAPI(render_pass, name)])
@@ -148,7 +149,7 @@ def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
 
 
 class _Reader:
-    """Reads one product through its settings."""
+    """Reader of a product and its settings."""
 
     def __init__(
         self,
@@ -184,7 +185,7 @@ class _Reader:
         )
 
     def _value(self, name: str) -> Any:
-        """An attribute of the product if it authors one, else of the settings."""
+        """Return an attribute of the product if authored, else of the settings."""
         own = self._product.GetAttribute(name)
         prim = self._product if own and own.HasAuthoredValue() else self._settings
         value = prim.GetAttribute(name).Get(self._time)
@@ -221,7 +222,7 @@ class _Reader:
         return checked("render settings", RenderSettings, {**values, **overrides})
 
     def foreign(self) -> tuple[str, ...]:
-        """One sentence for each var that is made for other renderers, such as a light path."""
+        """Return a sentence for each var that is not supported, such as a light path."""
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
@@ -232,7 +233,7 @@ class _Reader:
         )
 
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
-        """Our name for each of the product's vars that we can draw, and the var."""
+        """Yield (our AOV name, var) of the product's supported vars."""
         for var in self._all_vars():
             name = str(var.GetSourceNameAttr().Get())
             if name in AOVS:
@@ -248,11 +249,11 @@ class _Reader:
             yield var
 
     def _aovs(self) -> tuple[str, ...]:
-        """Ours for each of the product's vars, once each; the colour when there is none."""
+        """Return the AOVs of the product's vars, once each; colour if there is none."""
         return tuple(dict.fromkeys(name for name, _ in self._vars())) or ("color",)
 
     def _pixel_type(self) -> Literal["", "half", "float"]:
-        """What the colour vars say; a `dataType` that nobody authored says nothing."""
+        """Return the pixel type of the colour vars, by authored `dataType` only."""
         asked = [
             str(var.GetDataTypeAttr().Get())
             for name, var in self._vars()
@@ -263,7 +264,7 @@ class _Reader:
         return "half" if all(each in HALF_TYPES for each in asked) else "float"
 
     def _matte(self) -> collections.Rules:
-        """What holds out by the product's collection, or else the settings', and by the pass's."""
+        """Return the holdouts of the product's or the settings' collection, and of the pass's."""
         asked = [collections.applied(self._product, "matte")]
         asked = asked if asked[0] else [collections.applied(self._settings, "matte")]
         asked.append(self._pass and collections.applied(self._pass, "matte"))

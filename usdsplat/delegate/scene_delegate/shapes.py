@@ -1,4 +1,4 @@
-"""The shapes that UsdGeom gives by their sizes, as triangles."""
+"""Read UsdGeom's parametric shapes as triangles."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from usdsplat.schema.shapes import shape
 
 
 class ShapeGeometry(Geometry):
-    """A sphere, cube, cylinder, cone, capsule or plane."""
+    """The triangles of a sphere, cube, cylinder, cone, capsule or plane."""
 
     uvs: F32 | None = None
 
     def update(self, prim: Usd.Prim, bits: DirtyBits, context: Context, sources: Sources) -> bool:
-        """Implements `Geometry.update`."""
+        """Implement `Geometry.update`."""
         if not bits & ~DirtyBits.NORMALS:
             return False
         context.pulls["points"] += 1
@@ -39,7 +39,7 @@ class ShapeGeometry(Geometry):
         return True
 
     def corners(self, values: F32, interpolation: str, indices: I32 | None) -> F32:
-        """Implements `Geometry.corners`: a shape has one value of everything."""
+        """Implement `Geometry.corners`: a primvar of a shape has one value."""
         if indices is not None:
             values = values[checked_rows(self.where, indices, len(values))]
         if len(values) != 1:

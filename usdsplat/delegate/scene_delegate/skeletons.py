@@ -1,4 +1,4 @@
-"""UsdSkel: which meshes a skeleton moves, and all that they are read from."""
+"""Find the UsdSkel skins of meshes, and record their sources."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ INSTANCES = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 
 
 class Skeletons:
-    """What UsdSkel knows of one stage; to be cleared after any edit."""
+    """Cache of UsdSkel bindings of a stage; must be cleared after any edit."""
 
     def __init__(self) -> None:
         self._cache = UsdSkel.Cache()
         self._bound: dict[Sdf.Path, dict[Sdf.Path, Bound]] = {}
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear the cache."""
         self._cache.Clear()
         self._bound.clear()
 
     def skin(self, prim: Usd.Prim, sources: Sources) -> Skin | None:
-        """The skin that `prim` is, if it is one; notes all that moves its points."""
+        """Return the skin of `prim`, or None; record all sources that move its points."""
         skeleton = _inherited(prim, UsdSkel.Tokens.skelSkeleton, sources)
         if skeleton:
             _note(skeleton, sources)
@@ -33,7 +33,8 @@ class Skeletons:
         return self._find(prim)
 
     def frame(self, prim: Usd.Prim, sources: Sources) -> Usd.Prim:
-        """The prim that places `prim`, and noted: its skeleton if joints carry it, else itself."""
+        """Return the prim whose transform applies: the skeleton if joints move `prim`, else
+        itself."""
         skeleton = _inherited(prim, UsdSkel.Tokens.skelSkeleton, sources)
         skin = self._find(prim)
         if skeleton is None or skin is None or not skin.has_joints:
@@ -47,7 +48,7 @@ class Skeletons:
         return Skin(*found) if found else None
 
     def _in(self, root: UsdSkel.Root) -> dict[Sdf.Path, Bound]:
-        """All that is skinned beneath a SkelRoot."""
+        """Return the skinned prims below a SkelRoot."""
         path = root.GetPath()
         if path not in self._bound:
             self._cache.Populate(root, INSTANCES)
@@ -61,7 +62,7 @@ class Skeletons:
 
 
 def _inherited(prim: Usd.Prim, name: str, sources: Sources) -> Usd.Prim | None:
-    """The target of a relationship of the prim, or of the nearest above it that has one."""
+    """Return the target of a relationship of the prim or its nearest ancestor that has one."""
     while prim and not prim.IsPseudoRoot():
         relationship = prim.GetRelationship(name)
         if relationship and relationship.HasAuthoredTargets():
@@ -73,7 +74,7 @@ def _inherited(prim: Usd.Prim, name: str, sources: Sources) -> Usd.Prim | None:
 
 
 def _note(prim: Usd.Prim, sources: Sources) -> None:
-    """Whatever is said on a prim, or inherited by it, counts."""
+    """Record a prim and its ancestors as sources."""
     while prim and not prim.IsPseudoRoot():
         sources.add(prim)
         prim = prim.GetParent()

@@ -1,4 +1,4 @@
-"""Textures of one stage, each read once."""
+"""Read the textures of a stage, each once."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ Color = tuple[float, float, float]
 
 
 class Textures:
-    """Resolved path, encoding, scale and bias -> pixels, for as long as some mesh shows them.
+    """Cache of texture pixels by resolved path, encoding, scale and bias, while a mesh uses them.
 
-    So textures that are other ones in each frame do not pile up. A file that is in use is not
-    looked at again, nor is one that could not be read: what changes on disk shows in the next
-    engine.
+    Textures that change every frame are therefore freed. Files in use, and files that could not be
+    read, are not read again: changes on disk appear in the next engine.
     """
 
     def __init__(self) -> None:
@@ -28,12 +27,12 @@ class Textures:
         self._errors: dict[Hashable, UsdSplatError] = {}
 
     def clear(self) -> None:
-        """Let go of all pixels."""
+        """Clear the cache."""
         self._found.clear()
         self._errors.clear()
 
     def read(self, asset: Sdf.AssetPath, encoding: Encoding) -> F32:
-        """Return the pixels of a texture, as `images.texture` has them.
+        """Return the pixels of a texture in the form of `images.texture`.
 
         Raises:
             FormatError: If it is not there, or no picture.
@@ -76,6 +75,6 @@ def _read(asset: Sdf.AssetPath, encoding: Encoding) -> F32:
     packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     if not packed:
         raise FormatError(path, "no such file in the package", "a picture that is there")
-    # the file's own name, free of the brackets that packages put about it
+    # The file name inside the package, without brackets.
     name = Ar.SplitPackageRelativePathInner(path)[1]
     return read_packed_texture(bytes(packed.GetBuffer()), name, encoding=encoding)

@@ -1,4 +1,4 @@
-"""What may differ from one time code to another, found once and kept until an edit."""
+"""Determine what may vary over time; cached until an edit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
 
 
 def varying_bits(population: Population, readings: Readings, path: str) -> DirtyBits:
-    """What of the prim of the index at `path` a change of time makes dirty."""
+    """Return the bits of a prim of the index that a change of time makes dirty."""
     if path in population.instancers:
         varies = _instancer_varies(population.instancers[path])
         return DirtyBits.INSTANCER if varies else DirtyBits.CLEAN
@@ -39,7 +39,7 @@ def varying_bits(population: Population, readings: Readings, path: str) -> Dirty
 
 
 def _crop_varies(crop: Crop) -> bool:
-    """Whether a volume may move or be resized."""
+    """Return whether a volume may move or change size."""
     prims = [volume.prim for volume in crop.volumes]
     sizes = (prim.GetAttribute(name) for prim in prims for name in SIZES)
     if any(attribute and attribute.ValueMightBeTimeVarying() for attribute in sizes):
@@ -50,7 +50,7 @@ def _crop_varies(crop: Crop) -> bool:
 
 
 def _mesh_varies(entry: RprimEntry, readings: Readings, path: str) -> DirtyBits:
-    """What of a mesh may vary, by all that it was read from; what was not read is dirty anyway."""
+    """Return the bits of a mesh that may vary, by its sources."""
     stage = entry.prim.GetStage()
     bits = _placing_varies(level for each in entry.appearances for level in each.levels)
     prim = entry.prim
@@ -63,7 +63,7 @@ def _mesh_varies(entry: RprimEntry, readings: Readings, path: str) -> DirtyBits:
         prim = prim.GetParent()
     velocities = entry.prim.GetAttribute("velocities")
     if velocities and velocities.HasAuthoredValue():
-        bits |= DirtyBits.POINTS  # USD moves points on from their last sample
+        bits |= DirtyBits.POINTS  # USD extrapolates points from their last sample
     for sources in readings.sources(path):
         if sources.bits & ~bits and any(map(_varies, map(stage.GetPrimAtPath, sources.read))):
             bits |= sources.bits
@@ -84,7 +84,7 @@ def _moves(prim: Usd.Prim) -> bool:
 
 
 def _placing_varies(levels: Iterable[Level]) -> DirtyBits:
-    """Whether anything that moves or hides the levels may vary."""
+    """Return whether transforms or visibility of the levels may vary."""
     bits = DirtyBits.CLEAN
     for prim in {prim for level in levels for prim in level.lineage()}:
         if _moves(prim):
@@ -103,7 +103,7 @@ def _instancer_varies(prim: Usd.Prim) -> bool:
         instancer.GetAngularVelocitiesAttr(),
     )
     if any(attribute.HasAuthoredValue() for attribute in motion):
-        return True  # USD moves instances on from their last sample
+        return True  # USD extrapolates instances from their last sample
     arrays = (
         instancer.GetProtoIndicesAttr(),
         instancer.GetPositionsAttr(),

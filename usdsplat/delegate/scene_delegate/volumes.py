@@ -1,4 +1,4 @@
-"""Which prims a field is cropped by: what is in the collections of `SplatCropAPI`."""
+"""Find the crop volumes of a field: the members of the collections of `SplatCropAPI`."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ SHAPES: dict[str, CropShape] = {
     "Capsule": "capsule",
     "Plane": "plane",
 }
-"""Type of a prim -> the shape of its volume."""
+"""Prim type -> shape of its volume."""
 
 SIZES = frozenset({"radius", "height", "size", "axis"})
-"""What the shape of a volume is read from."""
+"""Attributes of the shape of a volume."""
 
 _COLLECTIONS = {tokens.CROP_INCLUDE: True, tokens.CROP_EXCLUDE: False}
 _MEMBERS = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
@@ -30,7 +30,7 @@ _MEMBERS = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Volume:
-    """A prim by which splats are kept, or left out."""
+    """A crop volume: splats inside are kept, or removed."""
 
     prim: Usd.Prim
     keeps: bool
@@ -38,28 +38,28 @@ class Volume:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Crop:
-    """What the crop collections of one field hold."""
+    """The crop volumes of a field."""
 
     volumes: tuple[Volume, ...] = ()
     problem: StageError | None = None
-    """What else is in them, or why they do not do what somebody may expect."""
+    """A problem of the collections, such as prims that cannot crop."""
     signature: tuple[object, ...] = ()
-    """Equal when nothing but values can have changed; taken while the prims are valid."""
+    """Key that is equal if only values can have changed; computed while the prims are valid."""
 
 
 NO_CROP = Crop()
 
 
 def has_crop(prim: Usd.Prim) -> bool:
-    """Whether anything is said about crop collections of the prim.
+    """Return whether crop collections of the prim are authored.
 
-    That is enough, whether `SplatCropAPI` is applied, and known to USD, or not.
+    That suffices, whether or not `SplatCropAPI` is applied and known to USD.
     """
     return any(prim.GetAuthoredPropertiesInNamespace(f"collection:{name}") for name in _COLLECTIONS)
 
 
 def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
-    """Look up which volumes the field `prim` is cropped by; `carried` if by a point instancer."""
+    """Find the crop volumes of a field; `carried` if a point instancer carries it."""
     if not has_crop(prim):
         return NO_CROP
     volumes: list[Volume] = []
@@ -81,7 +81,7 @@ def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
 
 
 def _members(collection: Usd.CollectionAPI) -> Iterator[Usd.Prim]:
-    """Prims of a collection, sorted by path; those that are not active or loaded are none."""
+    """Yield the active and loaded prims of a collection, sorted by path."""
     stage = collection.GetPrim().GetStage()
     query = collection.ComputeMembershipQuery()
     for path in Usd.CollectionAPI.ComputeIncludedPaths(query, stage, _MEMBERS):
@@ -90,5 +90,5 @@ def _members(collection: Usd.CollectionAPI) -> Iterator[Usd.Prim]:
 
 
 def _is_group(prim: Usd.Prim) -> bool:
-    """Whether a prim is there for what is beneath it only."""
+    """Return whether a prim only groups its descendants."""
     return not prim.GetTypeName() or prim.IsA(UsdGeom.Xform) or prim.IsA(UsdGeom.Scope)

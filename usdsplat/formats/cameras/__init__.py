@@ -1,7 +1,7 @@
-"""Where the photographs of a capture were taken from: COLMAP's models, and `transforms.json`.
+"""Read the cameras of a capture's photographs from COLMAP models and `transforms.json`.
 
-Poses are in the coordinates of the capture that was trained from them, as the captures of
-`formats.read` are in their own.
+Poses are in the coordinates of the capture that was trained from the photographs. Those coordinates
+are the ones in which `formats.read` returns the capture.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from usdsplat.formats.cameras.posed import CameraSet, Posed
 __all__ = ["CameraSet", "Lens", "Posed", "read"]
 
 _INSIDE = ("", "sparse/0", "sparse", "colmap/sparse/0")
-"""Where in a dataset's folder COLMAP's model is."""
+"""Subfolders of a dataset in which a COLMAP model is looked for, in this order."""
 
 
 def read(path: str | Path, *, progress: Progress = silent) -> CameraSet:
     """Read cameras.
 
     Args:
-        path: A `transforms.json` of instant-ngp or nerfstudio, however it is called; a folder with
-            COLMAP's `cameras` and `images`, both .bin or both .txt; one of these files; or the
-            folder of a dataset that has one of the two.
-        progress: Told how many cameras are read.
+        path: A `transforms.json` of instant-ngp or nerfstudio, under any name; a folder with
+            COLMAP's `cameras` and `images`, both .bin or both .txt; one of these files; or a
+            dataset folder that contains a model or a `transforms.json`.
+        progress: Receives the number of cameras read.
 
     Raises:
-        FormatError: If there is no such thing, or it is not what it claims to be.
+        FormatError: If nothing of this kind is found, or a file is damaged.
     """
     path = Path(path)
     if path.suffix.lower() == ".json":

@@ -1,7 +1,7 @@
-"""A sparse model of COLMAP: `cameras` with lenses and `images` with poses, text or binary.
+"""Read a sparse COLMAP model: `cameras` with lenses and `images` with poses, text or binary.
 
-Poses are stored from world to camera, and captures that are trained from a model keep its world.
-Points are not read.
+Poses are stored from world to camera. A capture that was trained from a model shares its world
+space. Points are not read.
 
 Source: COLMAP, doc/format.rst.
 """
@@ -20,11 +20,11 @@ _STEP = 256
 
 
 def find(folder: Path, *, like: Path | None = None) -> tuple[Path, Path] | None:
-    """The files with lenses and poses in a folder, binary ones first as COLMAP has it, if any.
+    """Return the lens and image files in a folder, or None; binary files take precedence.
 
     Args:
-        folder: Where to look.
-        like: One of the two, if that is what was named; the other is then of its kind.
+        folder: The folder to search.
+        like: One of the two files, if the user named it; the other must have the same suffix.
     """
     if like is not None and like.stem not in ("cameras", "images"):
         return None
@@ -36,10 +36,10 @@ def find(folder: Path, *, like: Path | None = None) -> tuple[Path, Path] | None:
 
 
 def read(lenses: Path, images: Path, progress: Progress) -> CameraSet:
-    """Read a model's two files.
+    """Read the two files of a model.
 
     Raises:
-        FormatError: If one is damaged or of another kind, or cannot be opened.
+        FormatError: If a file cannot be opened, is damaged, or is not COLMAP's.
     """
     name, form = _FORMS[images.suffix.lower()]
     found: list[Stored] = []

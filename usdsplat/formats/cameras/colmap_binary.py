@@ -1,4 +1,4 @@
-"""COLMAP's `cameras.bin` and `images.bin`, little-endian."""
+"""Read COLMAP's `cameras.bin` and `images.bin`, little-endian."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NAMES = {number: name for name, (number, _) in MODELS.items()}
 
 
 def lenses(path: Path) -> dict[int, Lens]:
-    """Camera id -> lens.
+    """Return the lenses by camera id.
 
     Raises:
         FormatError: If the file ends early or a model is unknown.
@@ -40,7 +40,7 @@ def lenses(path: Path) -> dict[int, Lens]:
 
 
 def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
-    """Photographs.
+    """Yield the photographs.
 
     Raises:
         FormatError: If the file ends early, or a lens is not among the `known`.
@@ -62,7 +62,7 @@ def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
 
 
 def _take(path: Path, file: BinaryIO, layout: struct.Struct) -> tuple[Any, ...]:
-    """The next values."""
+    """Read the next values of `layout`."""
     data = file.read(layout.size)
     if len(data) < layout.size:
         raise FormatError(str(path), "a file that ends early", "all that its counts say")
@@ -70,7 +70,7 @@ def _take(path: Path, file: BinaryIO, layout: struct.Struct) -> tuple[Any, ...]:
 
 
 def _name(where: str, file: BinaryIO) -> str:
-    """A text that ends with a zero."""
+    """Read a zero-terminated string."""
     start = file.tell()
     text, zero, _ = file.read(_LONGEST_NAME).partition(b"\0")
     if not zero:

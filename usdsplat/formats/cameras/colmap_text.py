@@ -1,4 +1,4 @@
-"""COLMAP's `cameras.txt` and `images.txt`."""
+"""Read COLMAP's `cameras.txt` and `images.txt`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from usdsplat.formats.cameras.lens import Lens, lens
 from usdsplat.formats.cameras.posed import MOST, Stored
 
 _LONGEST = 1 << 13
-"""Bytes of a line that is looked at; lists of points are longer, and skipped."""
+"""Maximum length of a parsed line [byte]. Lists of points are longer and are skipped."""
 
 
 def lenses(path: Path) -> dict[int, Lens]:
-    """Camera id -> lens, from lines `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`.
+    """Return the lenses by camera id, from lines `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`.
 
     Raises:
         FormatError: If a line is something else.
@@ -35,7 +35,9 @@ def lenses(path: Path) -> dict[int, Lens]:
 
 
 def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
-    """Photographs, from lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME` and one of points.
+    """Yield the photographs.
+
+    Each is a line `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, followed by a line of points.
 
     Raises:
         FormatError: If a line is something else, or a lens is not among the `known`.
@@ -55,7 +57,7 @@ def images(path: Path, known: Mapping[int, Lens]) -> Iterator[Stored]:
 
 
 def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[str, list[str]]]:
-    """Where each line is that says something, and its words; comments say nothing."""
+    """Yield (location, words) of each line that is neither blank nor a comment."""
     while line := file.readline(_LONGEST):
         where = f"{path} at byte {file.tell() - len(line)}"
         if not line.endswith(b"\n") and len(line) == _LONGEST:
@@ -69,20 +71,20 @@ def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[str, list[str]]]:
 
 
 def _skip_line(file: BinaryIO) -> None:
-    """Go to the next line, however far that is."""
+    """Skip the rest of the line, of any length."""
     while (part := file.readline(1 << 16)) and not part.endswith(b"\n"):
         pass
 
 
 def _whole(where: str, word: str) -> int:
-    """A whole number that is not negative."""
+    """Parse a whole number that is not negative."""
     if not (word.isascii() and word.isdigit() and len(word) <= 19):
         raise FormatError(where, repr(word[:40]), "a whole number")
     return int(word)
 
 
 def _number(where: str, word: str) -> float:
-    """A number; whoever takes it looks whether it is finite."""
+    """Parse a number, which may be infinite or NaN: the caller checks that."""
     try:
         return float(word)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a lens does to a picture, in COLMAP's models and OpenCV's letters.
+"""Lens models of photographs: COLMAP's models with OpenCV's names for the coefficients.
 
 Source: COLMAP's camera models, doc/cameras.rst and the parameter lists beside each model; OpenCV's
 camera calibration for the polynomials.
@@ -31,14 +31,14 @@ MODELS: Mapping[str, tuple[int, str]] = {
     "FISHEYE": (15, "fx fy cx cy"),
     "EUCM": (16, "fx fy cx cy alpha beta"),
 }
-"""Name of a model -> its number in binary files, and what its parameters are."""
+"""Model name -> (number in binary files, names of its parameters)."""
 
 FLAT = {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"}
-"""Models of lenses that keep straight lines straight but for their polynomial."""
+"""Perspective models: straight lines stay straight except for the polynomial distortion."""
 ANGULAR = {
     *("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE"),
 }
-"""Models in which the distance from the middle of the picture goes with the angle."""
+"""Fisheye models: the distance from the image centre is a function of the viewing angle."""
 
 _LARGEST_SIDE = 1 << 20
 _FOCAL = ("f", "fx", "fy")
@@ -53,7 +53,7 @@ class Lens:
     """One of `MODELS`."""
     width: int
     height: int
-    """Of the photograph [pixel]."""
+    """Size of the photograph [pixel]."""
     fx: float
     fy: float
     """Focal lengths [pixel]."""
@@ -61,17 +61,17 @@ class Lens:
     cy: float
     """Principal point [pixel]."""
     distortion: Mapping[str, float] = field(default_factory=dict)
-    """Coefficient -> value, without those that are 0."""
+    """Coefficient -> value, nonzero ones only."""
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether the picture is a perspective of the world and nothing else."""
+        """Whether the lens is a pinhole: perspective projection without distortion."""
         return self.model in FLAT and not self.distortion
 
     @property
     def displacement(self) -> float | None:
-        """How far from a pinhole's place the lens puts something in the middle of a side or in a
-        corner, at most [pixel]; None where that is not known, or has no bound."""
+        """Largest displacement from a pinhole projection at the corners, the middles of the sides
+        and the centre [pixel]; None if it is unknown or infinite."""
         if self.model not in FLAT | ANGULAR:
             return None
         columns, rows = (0.0, self.width / 2, self.width), (0.0, self.height / 2, self.height)
@@ -80,7 +80,7 @@ class Lens:
         return largest if math.isfinite(largest) else None
 
     def _offset(self, u: float, v: float) -> float:
-        """How far the lens moves what a pinhole has at (u, v) [pixel]."""
+        """Return the displacement of the point that a pinhole projects to (u, v) [pixel]."""
         x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         bent = _fisheye if self.model in ANGULAR else _polynomial
         try:
@@ -91,15 +91,15 @@ class Lens:
 
 
 def lens(where: str, model: str, size: tuple[int, int], values: Sequence[float]) -> Lens:
-    """Make a lens of the parameters of its model, in their order.
+    """Make a lens from the parameters of its model, in their order.
 
     Args:
-        where: Names the lens in errors.
+        where: Name of the lens in error messages.
         size: Width and height [pixel].
 
     Raises:
-        FormatError: If there is no such model, or it has another number of parameters, or one of
-            them, or a side, has an impossible value.
+        FormatError: If the model is unknown, the number of parameters is wrong, or a parameter or a
+            side has an impossible value.
     """
     if model not in MODELS:
         raise FormatError(where, f"camera model {model[:40]!r}", f"one of {', '.join(MODELS)}")
@@ -132,7 +132,7 @@ def lens(where: str, model: str, size: tuple[int, int], values: Sequence[float])
 
 
 def _polynomial(x: float, y: float, of: Mapping[str, float]) -> tuple[float, float]:
-    """Radial, rational and tangential distortion of a point of the plane at distance 1."""
+    """Apply radial, rational and tangential distortion to a point on the plane at distance 1."""
     k1, k2, k3, k4, k5, k6 = (of.get(f"k{i}", 0.0) for i in range(1, 7))
     p1, p2 = of.get("p1", 0.0), of.get("p2", 0.0)
     r2 = x * x + y * y
@@ -144,7 +144,8 @@ def _polynomial(x: float, y: float, of: Mapping[str, float]) -> tuple[float, flo
 
 
 def _fisheye(x: float, y: float, of: Mapping[str, float]) -> tuple[float, float]:
-    """The same for a lens that maps angles, with a polynomial in the angle."""
+    """Apply fisheye distortion, a polynomial in the angle, to a point on the plane at distance
+    1."""
     k1, k2, k3, k4 = (of.get(f"k{i}", 0.0) for i in range(1, 5))
     r = math.hypot(x, y)
     if r == 0:

@@ -1,4 +1,4 @@
-"""Cameras with a place in the capture."""
+"""Photographs with lens and pose."""
 
 from __future__ import annotations
 
@@ -14,60 +14,62 @@ from usdsplat.core.errors import FormatError
 from usdsplat.formats.cameras.lens import Lens
 
 MOST = 100_000
-"""Cameras that are read; a file that has more is taken for a lie."""
+"""Maximum number of cameras; a file with more is rejected as corrupt."""
 _RIGHT_ANGLES = 1e-4
-"""How far from them the axes of a similarity may be: those of files are rounded."""
+"""Tolerance for the orthogonality of a similarity's axes: files contain rounded numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posed:
-    """One photograph."""
+    """A photograph with its lens and pose."""
 
     name: str
-    """The image, as the file calls it: a path relative to the images' folder."""
+    """Image name as in the file: a path relative to the folder of images."""
     lens: Lens
     to_capture: F64
-    """Camera to capture, shape (4, 4), column vectors: a rotation and a translation. The camera's x
-    points right, y down and z forward, as OpenCV has it."""
+    """Camera to capture, shape (4, 4), column vectors: a rotation and a translation. Camera axes
+    are OpenCV's: x right, y down, z forward."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CameraSet:
-    """All photographs of a capture."""
+    """The photographs of a capture."""
 
     format: str
-    """For people: "COLMAP binary", "transforms.json"."""
+    """Format for display: "COLMAP binary", "transforms.json"."""
     files: tuple[Path, ...]
-    """What was read."""
+    """Files that were read."""
     cameras: tuple[Posed, ...]
     """In the order of the file."""
     notes: tuple[str, ...] = ()
-    """What was assumed, a sentence each."""
+    """Assumptions of the reader, one sentence each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stored:
-    """One photograph as COLMAP has it."""
+    """A photograph as COLMAP stores it."""
 
     name: str
     lens: Lens
     pose: Sequence[float]
-    """World to camera: a quaternion (w, x, y, z) of any length, and then the world's origin as the
-    camera has it."""
+    """World to camera: a quaternion (w, x, y, z) of any length, then the translation, which is the
+    world's origin in camera space."""
 
 
 def carried(pose: F64, matrix: F64) -> F64:
-    """A camera that goes where a similarity takes what it sees, and sees the same picture.
+    """Return the pose of a camera after a similarity moves it together with the scene.
+
+    The camera sees the same picture as before.
 
     Args:
         pose: A rotation and a translation, shape (4, 4).
         matrix: A rotation, a uniform scale and a translation, shape (4, 4).
 
     Returns:
-        A rotation and a translation, shape (4, 4): cameras have no size.
+        A rotation and a translation, shape (4, 4); the scale is dropped from the rotation.
 
     Raises:
-        ValueError: If the matrix is none such: it mirrors, shears or is not finite.
+        ValueError: If the matrix mirrors, shears or is not finite.
     """
     linear = matrix[:3, :3]
     scale = np.cbrt(np.linalg.det(linear))
@@ -80,11 +82,11 @@ def carried(pose: F64, matrix: F64) -> F64:
 
 
 def from_world_to_camera(where: str, stored: Sequence[Stored]) -> tuple[Posed, ...]:
-    """Photographs whose poses are stored the other way round, as COLMAP does.
+    """Convert photographs with COLMAP's world-to-camera poses to camera-to-capture poses.
 
     Args:
-        where: Names the file in errors.
-        stored: As the file has them.
+        where: Name of the file in error messages.
+        stored: Photographs as stored in the file.
 
     Raises:
         FormatError: If a number is not finite, or a quaternion is zero.
@@ -109,7 +111,7 @@ def from_world_to_camera(where: str, stored: Sequence[Stored]) -> tuple[Posed, .
 
 
 def checked_count(where: str, count: int) -> int:
-    """The same number, if so many cameras can be meant.
+    """Return `count` if it is a plausible number of cameras.
 
     Raises:
         FormatError: If there is none, or more than `MOST`.

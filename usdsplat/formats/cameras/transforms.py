@@ -1,9 +1,10 @@
-"""`transforms.json`, as NeRF's first data sets, instant-ngp and nerfstudio have it.
+"""Read `transforms.json` of the original NeRF data sets, instant-ngp and nerfstudio.
 
-Poses are stored from camera to world, the camera's x right, y up and z back. Intrinsics stand at
-the top or, stronger, with each frame. nerfstudio turns the world of COLMAP before it writes the
-file (`applied_transform`), then turns and scales once more in training: where that is known from
-its `dataparser_transforms.json` beside the file, cameras go along, for so do its captures.
+Poses are stored from camera to world, with camera axes x right, y up, z back. Intrinsics stand at
+the top level or with each frame; those of the frame take precedence. nerfstudio transforms COLMAP's
+world before it writes the file (`applied_transform`), and transforms and scales it again in
+training. If its `dataparser_transforms.json` stands beside the file, the cameras are transformed
+accordingly, because captures trained by nerfstudio are in that space.
 
 Source: instant-ngp, docs/nerf_dataset_tips.md; nerfstudio, "Data conventions" in its documentation.
 """
@@ -27,20 +28,21 @@ from usdsplat.formats.json_values import a_list, an_object, parse_object, show
 
 NAME = "transforms.json"
 TRAINED = "dataparser_transforms.json"
-"""What nerfstudio's training did to the coordinates, written beside its results."""
+"""Transformation applied by nerfstudio's training, written beside its results."""
 
 _MOST_BYTES = 12 << 20
-"""Ten thousand frames; what JSON of that size can become in memory is thirty times as much."""
+"""Limit of the file size, about ten thousand frames; parsed JSON takes up to thirty times its size
+in memory."""
 _LARGEST = 1e12
 _OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-"""From a camera with x right, y down, z forward to one with x right, y up, z back."""
+"""Convert camera axes: x right, y down, z forward to x right, y up, z back."""
 _BEFORE = [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]
-"""nerfstudio's `applied_transform` of COLMAP's models before it wrote that down."""
+"""`applied_transform` that older nerfstudio applied to COLMAP models without recording it."""
 _MODELS = (
     *("OPENCV", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
     "OPENCV_FISHEYE",
 )
-"""What `camera_model` may be; the coefficients say more."""
+"""Accepted values of `camera_model`; the coefficients determine the lens model."""
 _FISHEYE = ("k1", "k2", "k3", "k4")
 _FLAT = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Coefficients, in the order of COLMAP's parameters."""
@@ -50,7 +52,7 @@ def read(path: Path, progress: Progress) -> CameraSet:
     """Read the cameras of a `transforms.json`.
 
     Raises:
-        FormatError: If it is not one, or cannot be opened.
+        FormatError: If it is not a `transforms.json`, or cannot be opened.
     """
     top = _load(path)
     frames = a_list(f"{path}: frames", top.get("frames"))
@@ -64,7 +66,7 @@ def read(path: Path, progress: Progress) -> CameraSet:
         name = name if isinstance(name, str) and name else f"frame_{index:05d}"
         pose = _pose(f"{where}: transform_matrix", frame.get("transform_matrix"))
         to_capture = carried(pose @ _OPENCV, trained)
-        # Not one dictionary of both for each frame: there may be many, with much at the top.
+        # ChainMap avoids a copy of the top level for each of up to 100,000 frames.
         taken = _lens(where, ChainMap(frame, top), path.parent / name)
         found.append(Posed(name=name.removeprefix("./"), lens=taken, to_capture=to_capture))
     progress.step("reading cameras", len(found), len(found))
@@ -73,7 +75,7 @@ def read(path: Path, progress: Progress) -> CameraSet:
 
 
 def _load(path: Path) -> dict[str, Any]:
-    """The object that a file of JSON holds."""
+    """Read the JSON object in a file."""
     try:
         with path.open("rb") as file:
             text = file.read(_MOST_BYTES + 1)
@@ -86,7 +88,7 @@ def _load(path: Path) -> dict[str, Any]:
 
 
 def _training(path: Path, top: Mapping[str, Any]) -> tuple[F64, tuple[str, ...]]:
-    """From the file's world to the capture's, and what was assumed about that."""
+    """Return the matrix from the file's world to the capture's, and the assumptions made."""
     beside = path.with_name(TRAINED)
     applied = top.get("applied_transform")
     if not beside.is_file():
@@ -105,13 +107,13 @@ def _training(path: Path, top: Mapping[str, Any]) -> tuple[F64, tuple[str, ...]]
     scale = _number(f"{beside}: scale", after.get("scale", 1.0))
     if scale <= 0:
         raise FormatError(f"{beside}: scale", f"{scale:g}", "a positive number")
-    # Its "transform" begins where COLMAP's world was, before the applied one.
+    # `transform` starts from COLMAP's world, before `applied_transform`.
     note = f"the capture is taken to be in the world of nerfstudio's training: {TRAINED}"
     return np.diag([scale, scale, scale, 1.0]) @ matrix @ np.linalg.inv(before), (note,)
 
 
 def _pose(where: str, value: Any) -> F64:
-    """A rotation and a translation of 3 or 4 rows; a scale on the rotation is taken off."""
+    """Read a rotation and a translation of 3 or 4 rows; a scale of the rotation is removed."""
     rows = value if isinstance(value, list) else []
     if len(rows) not in (3, 4) or not all(isinstance(r, list) and len(r) == 4 for r in rows):
         raise FormatError(where, show(value), "3 or 4 rows of 4 numbers")
@@ -129,7 +131,7 @@ def _pose(where: str, value: Any) -> F64:
 
 
 def _lens(where: str, of: Mapping[str, Any], picture: Path) -> Lens:
-    """Intrinsics of a frame; without a size they are those of the picture itself."""
+    """Return the intrinsics of a frame; if the file gives no size, it is read from the picture."""
     name = of.get("camera_model", "OPENCV_FISHEYE" if of.get("is_fisheye") is True else "OPENCV")
     if not isinstance(name, str) or name not in _MODELS:
         raise FormatError(f"{where}: camera_model", show(name), f"one of {', '.join(_MODELS)}")
@@ -138,7 +140,7 @@ def _lens(where: str, of: Mapping[str, Any], picture: Path) -> Lens:
     else:
         width, height = _size(where, picture)
     fx, fy = _focal(where, of, "x", width), _focal(where, of, "y", height)
-    fx = fy if fx is None else fx  # one for both where there is only one
+    fx = fy if fx is None else fx  # a single focal length holds for both axes
     fy = fx if fy is None else fy
     if fx is None or fy is None:
         raise FormatError(where, "no fl_x and no camera_angle_x", "one of them")
@@ -151,7 +153,7 @@ def _lens(where: str, of: Mapping[str, Any], picture: Path) -> Lens:
 
 
 def _model(name: str, bent: list[float]) -> tuple[str, list[float]]:
-    """The simplest of COLMAP's models with all the coefficients that are not 0, and those of it."""
+    """Return the simplest COLMAP model that has all nonzero coefficients, and its coefficients."""
     if name == "OPENCV_FISHEYE":
         return name, bent
     if any(bent[4:]):
@@ -160,7 +162,7 @@ def _model(name: str, bent: list[float]) -> tuple[str, list[float]]:
 
 
 def _focal(where: str, of: Mapping[str, Any], axis: str, side: float) -> float | None:
-    """A focal length [pixel], as such or as an angle; None where there is neither."""
+    """Return a focal length [pixel], given directly or as a field of view, or None."""
     if of.get(f"fl_{axis}") is not None:
         return _number(f"{where}: fl_{axis}", of[f"fl_{axis}"])
     if of.get(f"camera_angle_{axis}") is None:
@@ -172,7 +174,7 @@ def _focal(where: str, of: Mapping[str, Any], axis: str, side: float) -> float |
 
 
 def _size(where: str, picture: Path) -> tuple[float, float]:
-    """Sides of a picture [pixel], by its first bytes; names may lack ".png"."""
+    """Read the size of a picture [pixel] from its header; names may lack ".png"."""
     from PIL import Image
 
     try:
@@ -187,7 +189,7 @@ def _size(where: str, picture: Path) -> tuple[float, float]:
 
 
 def _number(where: str, value: Any) -> float:
-    """A number of JSON that is one."""
+    """Return `value` if it is a finite JSON number."""
     if type(value) not in (int, float) or not abs(value) < _LARGEST:
         raise FormatError(where, show(value), "a finite number")
     return float(value)

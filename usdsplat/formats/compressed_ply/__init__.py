@@ -1,10 +1,10 @@
-"""PlayCanvas's compressed PLY: chunks of 256 splats, each coded within the bounds of its chunk.
+"""PlayCanvas's compressed PLY: chunks of 256 splats, quantised within the bounds of the chunk.
 
-16 bytes a splat, 61 with harmonics of degree 3. Splats are written along the Z-order curve, so that
-chunks are small. Lossy: see `ERROR_BOUNDS`; identities and velocities have no place there.
+16 bytes a splat, 61 with harmonics of degree 3. Splats are written in Morton order, so that chunks
+are small. Lossy: see `ERROR_BOUNDS`. Ids and velocities are not stored.
 
-Source: splat-transform and SuperSplat, which write it up to degree 3. Element `chunk` holds bounds,
-`vertex` four words of 32 bits, `sh` a byte for each coefficient: `compressed_ply_codec`.
+Source: splat-transform and SuperSplat, which write degrees up to 3. Element `chunk` holds bounds,
+`vertex` four 32-bit words, `sh` one byte per coefficient: see `codec`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from usdsplat.formats.ply.table import Block, Table, open_table
 SUFFIXES: tuple[str, ...] = (".compressed.ply",)
 FRAME = "rdf"
 MAX_DEGREE = 3
-"""Readers of others know no higher, though there would be room."""
+"""Other readers support no higher degree, although the format could hold it."""
 
 ERROR_BOUNDS = {
     "positions": "1/2046 of the chunk's extent",
@@ -61,13 +61,13 @@ _BOUNDS = tuple(
 """Properties of element chunk, in the order of the codec's bounds."""
 
 _FILE_ROWS = 1024 * CHUNK
-"""Splats that are read or written at a time."""
+"""Number of splats read or written at a time."""
 _WORK_ROWS = 32 * CHUNK
-"""Splats that a thread decodes or codes at a time: they stay in its cache."""
+"""Number of splats that a thread decodes or encodes at a time: they fit its cache."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that starts with `head` is a PLY file with packed splats."""
+    """Return whether a file that starts with `head` is a PLY file with packed splats."""
     header = head.partition(b"end_header")[0]
     return header.startswith(b"ply") and b"element chunk" in header and b"packed_" in header
 
@@ -76,8 +76,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read packed splats.
 
     Raises:
-        FormatError: If elements or properties are missing or do not fit each other, or a bound is
-            not finite.
+        FormatError: If elements or properties are missing or inconsistent, or a bound is not
+            finite.
     """
     header = read_header(path)
     source = str(path)
@@ -109,7 +109,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
 
 def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
-    """Write packed splats along the Z-order curve.
+    """Write packed splats in Morton order.
 
     Args:
         cloud: Splats; logarithms of scales are clamped to +-20 and harmonics above degree 0 to +-4.
@@ -117,10 +117,10 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
         how: Whether the header notes that the splats are meant for the antialiased projection.
 
     Returns:
-        What that costs, field by field, as a `Capture` has it.
+        Error bounds, in the form of `Capture.error_bounds`.
 
     Raises:
-        OutputError: If nothing can be written there.
+        OutputError: If the target cannot be written.
     """
     order = morton.order(cloud.positions)
     rest = 3 * (cloud.sh.shape[1] - 1)
@@ -146,7 +146,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
 
 
 def _require(source: str, table: Table, names: tuple[str, ...], code: str, element: str) -> None:
-    """Check that a table has the properties `names`, all of type `code`."""
+    """Raise an error unless a table has the properties `names`, all of type `code`."""
     for name in names:
         if table.types.get(name) != code:
             found = f"no {np.dtype(code).name} property {name} in element {element}"
@@ -154,10 +154,10 @@ def _require(source: str, table: Table, names: tuple[str, ...], code: str, eleme
 
 
 def _bounds(source: str, chunk: Table, count: int) -> F32:
-    """Bounds of all chunks as the codec has them; colours range over 0 to 1 unless they say.
+    """Return the bounds of all chunks in the codec's form; colours default to 0 to 1.
 
     Raises:
-        FormatError: If there are too few or too many, one is missing or not finite.
+        FormatError: If the number of chunks is wrong, or a bound is missing or not finite.
     """
     expected = -(-count // CHUNK)
     if chunk.count != expected:
@@ -166,7 +166,7 @@ def _bounds(source: str, chunk: Table, count: int) -> F32:
     bounds = np.empty((expected, len(_BOUNDS)), np.float32)
     for column, name in enumerate(_BOUNDS):
         if name in chunk.types:
-            with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            with np.errstate(over="ignore", invalid="ignore"):  # rejected below
                 bounds[:, column] = stored[name]
         elif name[-1] in "rgb" and "min_r" not in chunk.types:
             bounds[:, column] = name.startswith("max")
@@ -181,14 +181,14 @@ def _bounds(source: str, chunk: Table, count: int) -> F32:
 
 
 def _fill(builder: CloudBuilder, rows: slice, block: Block, ranges: F32, codes: U8 | None) -> None:
-    """Decode the splats of some whole chunks on all processors.
+    """Decode the splats of consecutive chunks on all processors.
 
     Args:
         builder: Filled at `rows`.
-        rows: Of the splats.
-        block: Their rows of element vertex.
-        ranges: From their first chunk on.
-        codes: Of their harmonics, shape (n, 3, k); None without.
+        rows: Rows of the splats.
+        block: Rows of element vertex of these splats.
+        ranges: Ranges of the chunks, from the first of these splats on.
+        codes: Codes of their harmonics, shape (n, 3, k); None without harmonics.
     """
 
     def work(part: slice) -> None:
@@ -203,15 +203,15 @@ def _fill(builder: CloudBuilder, rows: slice, block: Block, ranges: F32, codes: 
 
 
 def _bytes(block: Block, count: int) -> U8:
-    """The `count` codes in rows of element sh, by channel first, shape (n, 3, count / 3)."""
+    """Return the `count` harmonics codes of each row, channel first, shape (n, 3, count / 3)."""
     wanted = [(f"f_rest_{i}", "|u1") for i in range(count)]
-    if block.dtype.descr != wanted:  # text, in another order, or with more in a row
+    if block.dtype.descr != wanted:  # text, another order, or further properties
         block = block[[name for name, _ in wanted]].astype(wanted)
     return block.view(np.uint8).reshape(len(block), 3, -1)
 
 
 def _header(count: int, rest: int, how: WriteOptions) -> bytes:
-    """Of a file of `count` splats with `rest` coefficients each above degree 0."""
+    """Return the header of a file of `count` splats with `rest` coefficients above degree 0."""
     lines = ["ply", "format binary_little_endian 1.0", "comment Generated by usdsplat"]
     if how.antialiased:
         lines.append("comment SplatRenderMode: mip")
@@ -223,14 +223,14 @@ def _header(count: int, rest: int, how: WriteOptions) -> bytes:
 
 
 def _encode(cloud: SplatCloud, order: Rows, words: U32, bounds: F32, codes: U8) -> None:
-    """Code the splats `order` of whole chunks on all processors.
+    """Encode the splats `order`, which form whole chunks, on all processors.
 
     Args:
         cloud: All splats.
-        order: Those to code, shape (n,).
-        words: Filled with their rows of element vertex, shape (n, 4).
-        bounds: Filled with those of their chunks, from the first one on.
-        codes: Filled with their rows of element sh, shape (n, k).
+        order: Indices of the splats to encode, shape (n,).
+        words: Filled with the rows of element vertex, shape (n, 4).
+        bounds: Filled with the bounds of the chunks, from the first one on.
+        codes: Filled with the rows of element sh, shape (n, k).
     """
 
     def work(part: slice) -> None:

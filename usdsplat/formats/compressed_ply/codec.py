@@ -1,11 +1,10 @@
-"""The numbers of a compressed PLY: words of 32 bits within the bounds of a chunk, and bytes.
+"""Encode and decode the numbers of a compressed PLY.
 
-Everything here is arrays in, arrays out; `compressed_ply` knows the file. Arrays of splats start at
-the first splat of a chunk. Nine components of a splat are coded within bounds: position, logarithm
-of the scale, colour, three each; all nine go through each step together, which is what it is fast
-by.
+This module maps arrays to arrays; `compressed_ply` knows the file. Arrays of splats start at the
+first splat of a chunk. Nine components of a splat are quantised within bounds: position, logarithm
+of the scale and colour, three each. All nine go through each step together, which makes it fast.
 
-Source: splat-transform and SuperSplat, as the constants below say.
+Source: splat-transform and SuperSplat, which use the constants below.
 """
 
 from __future__ import annotations
@@ -24,64 +23,64 @@ U32 = npt.NDArray[np.uint32]
 Rows = npt.NDArray[np.intp]
 
 CHUNK = 256
-"""Splats that share bounds."""
+"""Number of splats in a chunk."""
 
 LOG_SCALE_LIMIT = 20.0
-"""Logarithms of scales are kept within +- this, which gives a scale of 0 a logarithm as well."""
+"""Limit of the magnitude of logarithms of scales, so that a scale of 0 has a logarithm."""
 
 _POSITION, _SCALE, _COLOR = slice(0, 3), slice(3, 6), slice(6, 9)
 _WORDS = ((_POSITION, 0), (_SCALE, 2), (_COLOR, 3))
-"""Components, and the word that holds their codes."""
+"""Slices of components, and the index of the word that holds their codes."""
 _TOPS = np.array([2047, 1023, 2047, 2047, 1023, 2047, 255, 255, 255], np.int32)[:, None]
 _SHIFTS = np.array([21, 11, 0, 21, 11, 0, 24, 16, 8], np.int32)[:, None]
-"""Of the components: highest code, and place in the word."""
+"""Highest code of each component, and its bit position in the word."""
 
 _ROTATION_TOP = 1023
 _ROTATION_SHIFTS = np.array([20, 10, 0], np.int32)[:, None]
 _ROTATION_END = np.float32(math.sqrt(0.5))
 _ROTATION_STEP = np.float32(math.sqrt(2) / _ROTATION_TOP)
-"""Of the components that are stored: highest code, places in the word, and what codes mean."""
+"""Highest code of a stored quaternion component, bit positions, and the value range."""
 
 _HARMONICS_STEP = 8 / 256
 _HARMONICS_END = 4.0
 
 _TAME = 1e37
-"""Between bounds of this size rounding makes nothing infinite."""
+"""Limit of the magnitude of bounds below which rounding cannot overflow float32."""
 
 
 def ranges_of(bounds: F32) -> F32:
-    """Bounds as `decode_words` needs them.
+    """Return bounds in the form that `decode_words` takes.
 
     Args:
-        bounds: Chunk, attribute (position, logarithm of scale, colour), end, axis or channel:
-            finite, shape (c, 3, 2, 3).
+        bounds: Finite bounds, shape (c, 3, 2, 3): by chunk, by attribute (position, logarithm of
+            scale, colour), lower and upper, by axis or channel.
 
     Returns:
-        Lower bound and distance of two codes, of each component, in each chunk: shape (2, 9, c).
+        Lower bound and step between codes, of each component, in each chunk: shape (2, 9, c).
         Colours are coefficients of degree 0.
     """
     out = bounds.transpose(2, 1, 3, 0).reshape(2, 9, -1).astype(np.float64)
     out[:, _COLOR] = rgb_to_dc(out[:, _COLOR])
     out[1] -= out[0]
     out[1] /= _TOPS
-    with np.errstate(over="ignore"):  # named when a splat is settled
+    with np.errstate(over="ignore"):  # `settle` reports infinities
         return out.astype(np.float32)
 
 
 def decode_words(builder: CloudBuilder, rows: slice, words: I32, ranges: F32) -> None:
-    """Decode all but the harmonics of some splats, and settle them.
+    """Decode some splats, except for their harmonics, and settle them.
 
     Args:
-        builder: Filled at `rows`; harmonics are there already.
+        builder: Filled at `rows`; the harmonics above degree 0 are already decoded.
         rows: Of the splats.
-        words: Position, rotation, scale and colour, shape (4, n); the bits are what counts.
-        ranges: Of their chunks, as `ranges_of` gives them, shape (2, 9, c).
+        words: Position, rotation, scale and colour words, shape (4, n), read as unsigned bits.
+        ranges: Result of `ranges_of` for their chunks, shape (2, 9, c).
 
     Raises:
         FormatError: If a number is infinite.
     """
     values = _within(ranges, words)
-    with np.errstate(over="ignore"):  # settling names what is infinite
+    with np.errstate(over="ignore"):  # `settle` reports infinities
         np.exp(values[_SCALE], out=values[_SCALE])
     for axis in range(3):
         builder.positions[rows, axis] = values[axis]
@@ -89,26 +88,26 @@ def decode_words(builder: CloudBuilder, rows: slice, words: I32, ranges: F32) ->
         builder.sh[rows, 0, axis] = values[6 + axis]
     np.multiply(words[3] & 255, np.float32(1 / 255), out=builder.opacities[rows])
     is_unit = _decode_rotations(builder.rotations[rows], words[1])
-    # Codes between such bounds are finite, all but what exp makes of them: most need no settling.
+    # Within these bounds only exp can overflow, so most splats need no settling.
     is_finite = np.abs(ranges).max() < _TAME and np.isfinite(values[_SCALE].max())
     if not (is_unit and is_finite):
         builder.settle(rows)
 
 
 def decode_harmonics(out: F32, codes: U8) -> None:
-    """Fill the harmonics above degree 0 of some splats, and those of degree 0 with nonsense.
+    """Decode the harmonics above degree 0 of some splats; overwrites those of degree 0.
 
-    The outermost codes mean +-4, the others the middle of their interval.
+    The lowest and highest code mean -4 and +4, the others the middle of their interval.
 
     Args:
         out: Coefficients, shape (n, k + 1, 3), contiguous.
-        codes: Channel by channel, shape (n, 3, k).
+        codes: Codes, channel by channel, shape (n, 3, k).
     """
     wanted = np.empty(out.shape, np.uint8)
     wanted[:, 0] = 1
     for channel in range(3):
         wanted[:, 1:, channel] = codes[:, channel]
-    flat = out.reshape(-1)  # a view: its loops are longer
+    flat = out.reshape(-1)  # a contiguous view makes NumPy's inner loops longer
     np.multiply(wanted.reshape(-1), np.float32(_HARMONICS_STEP), out=flat)
     flat += np.float32(_HARMONICS_STEP / 2 - _HARMONICS_END)
     if wanted.min() == 0 or wanted.max() == 255:
@@ -117,18 +116,18 @@ def decode_harmonics(out: F32, codes: U8) -> None:
 
 
 def encode(cloud: SplatCloud, rows: Rows) -> tuple[U32, F32, U8]:
-    """Code some splats of `cloud`.
+    """Encode some splats of `cloud`.
 
     Args:
         cloud: Finite; an opacity may be 0 or 1, a scale 0.
-        rows: Splats, chunk by chunk; the last chunk may be shorter.
+        rows: Indices of the splats, chunk by chunk; the last chunk may be shorter.
 
     Returns:
-        Position, rotation, scale and colour, shape (n, 4); bounds in the form that `ranges_of`
-        takes, shape (ceil(n / 256), 3, 2, 3); harmonics above degree 0 channel by channel, those
-        beyond +-4 clamped, shape (n, k).
+        Position, rotation, scale and colour words, shape (n, 4); bounds in the form that
+        `ranges_of` takes, shape (ceil(n / 256), 3, 2, 3); codes of the harmonics above degree 0,
+        channel by channel and clamped to +-4, shape (n, k).
     """
-    # A last chunk is filled up with its own last splat, which leaves its bounds alone.
+    # The last chunk is padded with its own last splat, which does not change its bounds.
     padded = np.concatenate([rows, np.full(-len(rows) % CHUNK, rows[-1])])
     sh = cloud.sh.take(padded, axis=0).reshape(len(padded), -1)
     values = np.empty((9, len(padded)), np.float32)
@@ -147,7 +146,7 @@ def encode(cloud: SplatCloud, rows: Rows) -> tuple[U32, F32, U8]:
 
 
 def _within(ranges: F32, words: I32) -> F32:
-    """Values of the nine components within their ranges, shape (9, n)."""
+    """Return the values of the nine components within their ranges, shape (9, n)."""
     count = words.shape[1]
     whole = count // CHUNK
     codes = np.empty((9, count), np.int32)
@@ -156,7 +155,7 @@ def _within(ranges: F32, words: I32) -> F32:
     codes &= _TOPS
     values = codes.astype(np.float32)
     low, step = ranges[..., None]
-    with np.errstate(over="ignore", invalid="ignore"):  # named when a splat is settled
+    with np.errstate(over="ignore", invalid="ignore"):  # `settle` reports infinities
         chunks = values[:, : whole * CHUNK].reshape(9, whole, CHUNK)  # a view
         chunks *= step[:, :whole]
         chunks += low[:, :whole]
@@ -167,11 +166,11 @@ def _within(ranges: F32, words: I32) -> F32:
 
 
 def _encode_within(words: U32, values: F32) -> F32:
-    """Code nine components, shape (9, n) of whole chunks; gives their bounds."""
+    """Encode nine components of whole chunks, shape (9, n), and return the bounds."""
     chunks = values.reshape(9, -1, CHUNK)
     lower, upper = chunks.min(axis=2), chunks.max(axis=2)
     span = upper.astype(np.float64) - lower
-    # A flat chunk has no span: all of it is code 0.
+    # A chunk without extent along a component has code 0 there.
     slope = np.minimum(_TOPS / np.where(span > 0, span, np.inf), np.finfo(np.float32).max)
     chunks -= lower[..., None]
     chunks *= slope.astype(np.float32)[..., None]
@@ -184,10 +183,10 @@ def _encode_within(words: U32, values: F32) -> F32:
 
 
 def _decode_rotations(out: F32, words: I32) -> bool:
-    """Fill `out`, shape (n, 4), with rotations whose largest component is not stored.
+    """Decode rotations, whose largest component is not stored, into `out`, shape (n, 4).
 
     Returns:
-        Whether their length is 1; three components may say that it is more.
+        Whether all have length 1: three stored components may already exceed it.
     """
     largest = words >> 30 & 3
     stored = (words >> _ROTATION_SHIFTS & _ROTATION_TOP).astype(np.float32)
@@ -205,13 +204,13 @@ def _decode_rotations(out: F32, words: I32) -> bool:
 
 
 def _encode_rotations(quaternions: F32) -> U32:
-    """Words whose upper two bits count the component that is largest in magnitude."""
+    """Encode rotations; the upper two bits of a word are the index of the largest component."""
     w, x, y, z = np.ascontiguousarray(quaternions.T)
     is_x, is_z = np.abs(x) > np.abs(w), np.abs(z) > np.abs(y)
     front, back = np.where(is_x, x, w), np.where(is_z, z, y)
     in_back = np.abs(back) > np.abs(front)
     largest = np.where(in_back, is_z + np.int32(2), is_x)
-    # Of q and -q the one whose largest component is positive.
+    # q and -q are the same rotation: encode the one whose largest component is positive.
     slope = np.where(np.where(in_back, back, front) < 0, -1 / _ROTATION_STEP, 1 / _ROTATION_STEP)
     rest = np.stack(
         [
@@ -227,10 +226,11 @@ def _encode_rotations(quaternions: F32) -> U32:
 
 
 def _encode_harmonics(sh: F32) -> U8:
-    """Codes of the coefficients above degree 0, channel by channel; overwrites `sh`."""
+    """Encode the coefficients above degree 0, channel by channel; overwrites `sh`."""
     sh *= np.float32(1 / _HARMONICS_STEP)
     sh += np.float32(_HARMONICS_END / _HARMONICS_STEP)
-    codes = sh.clip(0, 255, out=sh).astype(np.uint8)  # cuts off: codes stand for middles
+    # Truncates, because codes stand for interval middles.
+    codes = sh.clip(0, 255, out=sh).astype(np.uint8)
     above = codes.shape[1] // 3 - 1
     out = np.empty((len(codes), 3, above), np.uint8)
     for channel in range(3):

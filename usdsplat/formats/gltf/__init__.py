@@ -1,7 +1,7 @@
-"""glTF 2.0 as text with splats in it: `KHR_gaussian_splatting`, plain or with SPZ inside.
+"""Read glTF 2.0 text files with splats: `KHR_gaussian_splatting`, plain or with SPZ inside.
 
-Read only; buffers lie in files beside it or in its own text. See `gltf.parts` for what splats may
-look like, `glb` for the one file that holds everything, which can be written too.
+Read only. Buffers are separate files in the same folder, or data URIs. `gltf.parts` describes the
+supported layouts; `glb` is the binary form, which can also be written.
 
 Source: Khronos, glTF 2.0 specification and extension KHR_gaussian_splatting.
 """
@@ -19,7 +19,8 @@ SUFFIXES: tuple[str, ...] = (".gltf",)
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that starts with `head` is a JSON object that calls itself a glTF asset."""
+    """Return whether a file that starts with `head` is a JSON object that calls itself a glTF
+    asset."""
     return head.lstrip()[:1] == b"{" and b'"asset"' in head and b'"version"' in head
 
 
@@ -27,8 +28,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read all splats of the default scene.
 
     Raises:
-        FormatError: If the document is damaged or names what is not there, if a buffer lies outside
-            its folder, or if it shows no splats.
+        FormatError: If the document is damaged or refers to something missing, if a buffer lies
+            outside the document's folder, or if the scene shows no splats.
     """
     size = path.stat().st_size
     if size > TEXT_LIMIT:

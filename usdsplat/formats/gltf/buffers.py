@@ -1,4 +1,4 @@
-"""The bytes that a glTF document refers to: in the file itself, in files beside it, in its text."""
+"""Read the buffers of a glTF document: in the .glb, in files beside it, or in data URIs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DATA_URI = "data:"
 
 @dataclass(frozen=True, slots=True)
 class BufferSpec:
-    """What the document says about a buffer."""
+    """A buffer as the document describes it."""
 
     uri: str | None
     """A file beside the document or a data URI; None for the binary chunk of a .glb."""
@@ -30,7 +30,7 @@ class BufferSpec:
 
 @dataclass(frozen=True, slots=True)
 class BinaryChunk:
-    """Where the binary chunk of a .glb lies in the file."""
+    """Location of the binary chunk in a .glb file."""
 
     start: int
     size: int
@@ -40,12 +40,12 @@ class BinaryChunk:
 @dataclass(frozen=True, slots=True)
 class _Opened:
     read: Callable[[int, int], bytes]
-    """Of bytes from an offset."""
+    """Function (offset, size) -> bytes."""
     size: int
 
 
 class Buffers:
-    """Buffers of one document, opened when they are first asked for; any thread may read."""
+    """The buffers of a document, opened on first use; any thread may read."""
 
     def __init__(
         self, path: Path, specs: Sequence[BufferSpec], chunk: BinaryChunk | None, files: ExitStack
@@ -57,13 +57,14 @@ class Buffers:
         self._opened: dict[int, _Opened] = {}
         self._lock = threading.Lock()
         self.paths: list[Path] = [path]
-        """Files that were read, the document first."""
+        """Files that were read, starting with the document."""
 
     def size(self, index: int) -> int:
-        """Bytes of buffer `index` as the document counts them.
+        """Return the declared size of buffer `index` [byte]; opens it.
 
         Raises:
-            FormatError: If there is no such buffer, or it cannot be opened, or holds fewer.
+            FormatError: If the buffer does not exist, cannot be opened, or is shorter than
+            declared.
         """
         where = f"{self._path}: buffer {index}"
         if index >= len(self._specs):
@@ -77,10 +78,10 @@ class Buffers:
         return spec.size
 
     def read(self, index: int, offset: int, size: int) -> bytes:
-        """Bytes of a buffer whose size was asked before and is not exceeded.
+        """Read bytes of a buffer. The caller has called `size` for it, and the range lies within.
 
         Raises:
-            FormatError: If the file became shorter meanwhile.
+            FormatError: If the file was truncated in the meantime.
         """
         with self._lock:
             data = self._opened[index].read(offset, size)
@@ -100,7 +101,7 @@ class Buffers:
         beside = _beside(where, self._path.parent, spec.uri)
         try:
             state = beside.stat()
-            if not stat.S_ISREG(state.st_mode):  # a pipe would wait, a device never end
+            if not stat.S_ISREG(state.st_mode):  # opening a pipe may block, a device has no end
                 raise FormatError(where, "neither file nor folder", "a file beside the document")
             opened = _in_file(self._enter(beside), 0, state.st_size)
         except OSError as error:
@@ -118,7 +119,7 @@ class Buffers:
 def open_buffers(
     path: Path, specs: Sequence[BufferSpec], chunk: BinaryChunk | None = None
 ) -> Iterator[Buffers]:
-    """Buffers of the document at `path`, whose files are closed afterwards."""
+    """Open the buffers of the document at `path`; files are closed on exit."""
     with ExitStack() as files:
         yield Buffers(path, specs, chunk, files)
 
@@ -142,10 +143,10 @@ def _decoded(where: str, uri: str) -> bytes:
 
 
 def _beside(where: str, folder: Path, uri: str) -> Path:
-    """The file that a relative reference names, if it cannot lead out of the folder."""
+    """Return the file that a relative URI names; raise an error if it may leave the folder."""
     name = unquote(uri)
     parts = name.split("/")
-    # A colon starts a scheme or names a drive; what cannot be encoded names no file.
+    # A colon may start a URI scheme or name a drive; unprintable names cannot be files.
     stray = any(sign in name for sign in "\\:\0?#") or not name.isprintable()
     if stray or any(part in ("", ".", "..") for part in parts):
         raise FormatError(where, f"uri {uri[:60]!r}", "a file in the folder of the document")

@@ -1,6 +1,6 @@
-"""What a glTF document says about splats: JSON in, checked primitives and where they stand out.
+"""Parse a glTF document: JSON in, checked primitives with their transformations out.
 
-Nothing here reads a buffer; sizes are compared with what the document itself counts.
+No buffer is read here; sizes are checked against what the document declares.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _TEXT_LIMIT = 1 << 22
 """[byte] of JSON without data URIs."""
 _MOST_NODES = 1 << 13
 _MOST_PLACED = 1 << 10
-"""Primitives with splats that a scene may show, each as often as it does."""
+"""Maximum number of splat primitives in a scene; one shown twice counts twice."""
 _LARGEST = 1e15
-"""No number of a node's transformation may exceed it."""
+"""Maximum magnitude of a number in a node's transformation."""
 _MOST = 1 << 53
-"""Whole numbers that JSON of every kind can say."""
+"""Largest range of whole numbers that every JSON implementation represents exactly."""
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
-"""componentType -> dtype; no attribute may have 32-bit integers."""
+"""componentType -> dtype; vertex attributes may not be 32-bit integers."""
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 _DATA_STRING = re.compile(rb'"data:[^"\\]*"')
@@ -41,30 +41,30 @@ _DATA_STRING = re.compile(rb'"data:[^"\\]*"')
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A run of bytes in a buffer."""
+    """A buffer view: a range of bytes in a buffer."""
 
     buffer: int
     offset: int
     size: int
     """[byte]"""
     stride: int | None
-    """Bytes from one element to the next; None if they touch."""
+    """Bytes from one element to the next; None if they are adjacent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accessor:
-    """Elements of one attribute: vectors of a number type."""
+    """The elements of one attribute: vectors of numbers."""
 
     where: str
     """Names it in errors."""
     view: View
-    """From the first byte of the first element to the last of the last."""
+    """The bytes from the first element to the end of the last."""
     dtype: np.dtype[Any]
     width: int
-    """Numbers of an element."""
+    """Numbers in an element."""
     count: int
     normalized: bool
-    """Whether whole numbers stand for fractions of the largest."""
+    """Whether integers are normalised to 0..1 or -1..1."""
 
     @property
     def stride(self) -> int:
@@ -74,12 +74,12 @@ class Accessor:
 
 @dataclass(frozen=True, slots=True)
 class Primitive:
-    """Splats of one mesh primitive."""
+    """The splats of one mesh primitive."""
 
     where: str
     """Names it in errors."""
     attributes: Mapping[str, Accessor]
-    """By semantic; none if an SPZ file holds the splats."""
+    """Accessors by semantic; empty if an SPZ file holds the splats."""
     spz: View | None
     color_space: str
     kernel: str
@@ -87,18 +87,18 @@ class Primitive:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A primitive where a node of the scene puts it."""
+    """A primitive with the transformation of the node that shows it."""
 
     primitive: Primitive
     matrix: F64
-    """To the scene, column vectors, shape (4, 4), finite."""
+    """Primitive to scene, column vectors, shape (4, 4), finite."""
 
 
 class Document:
-    """A parsed document; `source` names it in errors.
+    """A parsed glTF document; `source` names it in error messages.
 
     Raises:
-        FormatError: If it is not glTF 2.0, or requires extensions that nobody here knows.
+        FormatError: If it is not glTF 2.0, or requires unsupported extensions.
     """
 
     def __init__(self, source: str, text: bytes) -> None:
@@ -109,7 +109,7 @@ class Document:
             kept.append(found.group()[1:-1].decode("ascii", "replace"))
             return b'"%s%d"' % (DATA_URI.encode(), len(kept) - 1)
 
-        # Data URIs may be long, and JSON of that length would fill memory as something else.
+        # Data URIs may be long; limiting the rest of the JSON bounds the memory of parsing it.
         text = _DATA_STRING.sub(put_by, text)
         if len(text) > _TEXT_LIMIT:
             raise FormatError(source, f"{len(text)} bytes of JSON", f"at most {_TEXT_LIMIT}")
@@ -117,11 +117,11 @@ class Document:
         self._root = parse_object(source, text)
         self._meshes: dict[int, tuple[list[Primitive], int]] = {}
         self.others = 0
-        """Placed primitives that hold no splats."""
+        """Number of placed primitives without splats."""
         self._check()
 
     def buffers(self) -> list[BufferSpec]:
-        """Every buffer.
+        """Return the buffers.
 
         Raises:
             FormatError: If one has no size.
@@ -140,11 +140,11 @@ class Document:
         return specs
 
     def placed(self) -> list[Placed]:
-        """Splats of the default scene, each time that a node shows them.
+        """Return the splat primitives of the default scene, once for each node that shows them.
 
         Raises:
-            FormatError: If nodes form no tree or too large a one, or something that they lead to is
-                missing or impossible.
+            FormatError: If nodes form no tree or too large a one, or refer to something missing or
+                invalid.
         """
         nodes, found = self._list("nodes"), []
         scene = np.eye(4)
@@ -196,10 +196,10 @@ class Document:
         return _indices(f"{where} {index}: nodes", scene.get("nodes", []), nodes)
 
     def _mesh(self, where: str, value: Any) -> list[Primitive]:
-        """Splats of a mesh; other primitives are counted only."""
+        """Return the splat primitives of a mesh; the others are only counted."""
         meshes = self._list("meshes")
         index = whole(f"{where}: mesh", value, 0, len(meshes) - 1)
-        if index not in self._meshes:  # many nodes may show the primitives of one
+        if index not in self._meshes:  # several nodes may share a mesh
             where = f"{self._source}: mesh {index}"
             items = a_list(
                 f"{where}: primitives", an_object(where, meshes[index]).get("primitives")
@@ -212,7 +212,7 @@ class Document:
         return splats
 
     def _primitive(self, where: str, value: Any) -> Primitive | None:
-        """A primitive, if it holds splats."""
+        """Return a primitive if it holds splats, else None."""
         item = an_object(where, value)
         extensions = an_object(f"{where}: extensions", item.get("extensions", {}))
         if EXTENSION not in extensions:
@@ -237,7 +237,7 @@ class Document:
         return Primitive(where, attributes, spz, words["colorSpace"], words["kernel"])
 
     def _accessor(self, where: str, value: Any) -> Accessor:
-        """An accessor whose elements lie in its view."""
+        """Return an accessor, after checking that its elements lie in its view."""
         accessors = self._list("accessors")
         item = an_object(where, accessors[whole(where, value, 0, len(accessors) - 1)])
         if "sparse" in item:
@@ -263,7 +263,7 @@ class Document:
         return Accessor(where, part, dtype, width, count, item.get("normalized") is True)
 
     def _view(self, where: str, value: Any) -> View:
-        """A buffer view that lies in its buffer."""
+        """Return a buffer view, after checking that it lies in its buffer."""
         views = self._list("bufferViews")
         item = an_object(where, views[whole(where, value, 0, len(views) - 1)])
         buffers = self._list("buffers")
@@ -279,16 +279,16 @@ class Document:
 
 
 _USUAL = {"colorSpace": "srgb_rec709_display", "kernel": "ellipse"}
-"""Properties of the extension -> what older drafts left unsaid."""
+"""Properties of the extension -> defaults, for older drafts without them."""
 
 
 def _indices(where: str, value: Any, count: int) -> list[int]:
-    """A list of indices below `count`."""
+    """Return a list of indices below `count`."""
     return [whole(where, item, 0, count - 1) for item in a_list(where, value)]
 
 
 def _matrix(where: str, node: Mapping[str, Any], outer: F64) -> F64:
-    """To the scene, for what stands in a node."""
+    """Return the matrix from a node's own space to the scene."""
     if "matrix" in node:
         columns = numbers(f"{where}: matrix", node["matrix"], 16, largest=_LARGEST)
         own = columns.reshape(4, 4).T
@@ -311,6 +311,6 @@ def _matrix(where: str, node: Mapping[str, Any], outer: F64) -> F64:
 
 
 def _vector(where: str, node: Mapping[str, Any], key: str, usual: tuple[float, ...]) -> F64:
-    """Numbers of a node's property, or `usual` where it has none."""
+    """Return the numbers of a node's property, or `usual` if it is absent."""
     value = node.get(key, list(usual))
     return numbers(f"{where}: {key}", value, len(usual), largest=_LARGEST)

@@ -1,8 +1,8 @@
-"""GLB: glTF 2.0 with splats in one binary file, as `KHR_gaussian_splatting` says.
+"""GLB: binary glTF 2.0 with splats in `KHR_gaussian_splatting`.
 
-Reads what `gltf.parts` says. Writes float attributes, one after the other, with a colour for
-viewers that know points only: lossless but for identities, velocities and whether the splats are
-antialiased, for which glTF has no words, and degree 4, which the extension does not have.
+Reads the layouts that `gltf.parts` describes. Writes float attributes one after the other, and a
+colour for viewers that support points only. Lossless except for ids, velocities and the antialiased
+flag, which glTF cannot hold, and degree 4, which the extension does not define.
 
 Source: Khronos, glTF 2.0 specification and extension KHR_gaussian_splatting. Axes are glTF's own.
 """
@@ -39,12 +39,13 @@ SUFFIXES: tuple[str, ...] = (".glb",)
 
 MAGIC = b"glTF"
 MAX_DEGREE = 3
-"""Of the harmonics that the extension has names for."""
+"""Highest degree of harmonics that the extension defines."""
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
 _LARGEST = (1 << 32) - (1 << 20)
-"""Bytes of data: 32 bits count those and the text before them, far shorter than the rest."""
+"""Maximum size of the binary chunk [byte]: the 32-bit file length also counts the JSON, which is
+far shorter than the remainder."""
 _FLOAT, _BYTE = 5126, 5121
 _VERTICES = 34962
 _POINTS = 0
@@ -55,7 +56,7 @@ __all__ = ["FRAME", "MAX_DEGREE", "SUFFIXES", "read", "recognises", "write"]
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that starts with `head` is binary glTF."""
+    """Return whether a file that starts with `head` is binary glTF."""
     return head.startswith(MAGIC)
 
 
@@ -63,8 +64,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read all splats of the default scene.
 
     Raises:
-        FormatError: If a chunk is longer than the file, the document is damaged or names what is
-            not there, or if it shows no splats.
+        FormatError: If a chunk is longer than the file, the document is damaged or refers to
+            something missing, or the scene shows no splats.
     """
     source, present = str(path), path.stat().st_size
     with path.open("rb") as file:
@@ -98,16 +99,16 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     """Write `cloud` as one primitive.
 
     Args:
-        cloud: At least one splat, all finite, harmonics up to degree 3, in glTF's frame.
+        cloud: At least one splat, all finite, harmonics up to degree 3, in glTF's axes.
         path: Target, replaced when the file is complete.
-        how: Its frame must be glTF's, if it is known.
+        how: Its `frame` must be glTF's or None.
 
     Returns:
-        What that costs, field by field, as a `Capture` has it.
+        Error bounds, in the form of `Capture.error_bounds`.
 
     Raises:
-        UsageError: If the cloud is none such.
-        OutputError: If nothing can be written there, or a .glb cannot hold as much.
+        UsageError: If the cloud does not meet these conditions.
+        OutputError: If the target cannot be written, or the data exceeds the size limit of a .glb.
     """
     attributes = _attributes(cloud)
     ends = list(accumulate(attribute.size * len(cloud) for attribute in attributes))
@@ -141,13 +142,13 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
 
 @dataclass(frozen=True, slots=True)
 class _Attribute:
-    """One attribute of all splats."""
+    """An attribute of all splats."""
 
     name: str
     width: int
-    """Numbers of an element."""
+    """Numbers in an element."""
     rows: Callable[[slice], npt.NDArray[Any]]
-    """Elements of some splats, shape (rows, width): float32, or bytes for a colour."""
+    """Function that returns elements, shape (rows, width): float32, or uint8 for the colour."""
 
     @property
     def is_color(self) -> bool:
@@ -155,12 +156,12 @@ class _Attribute:
 
     @property
     def size(self) -> int:
-        """Bytes of an element."""
+        """Size of an element [byte]."""
         return self.width * (1 if self.is_color else 4)
 
 
 def _attributes(cloud: SplatCloud) -> list[_Attribute]:
-    """Everything that is written, in the order of the file."""
+    """Return all attributes to write, in the order of the file."""
     rows: dict[str, Callable[[slice], npt.NDArray[Any]]] = {
         "positions": lambda rows: cloud.positions[rows],
         "rotations": lambda rows: cloud.rotations[rows][:, [1, 2, 3, 0]],
@@ -180,7 +181,7 @@ def _coefficient(cloud: SplatCloud, index: int, rows: slice) -> F32:
 
 
 def _colors(cloud: SplatCloud, rows: slice) -> npt.NDArray[np.uint8]:
-    """What viewers show that know points only: degree 0 and opacity in bytes."""
+    """Return colours for viewers that support points only: degree 0 and opacity as bytes."""
     rgb = dc_to_rgb(cloud.sh[rows, 0])
     return quantize(np.column_stack([rgb, cloud.opacities[rows]]), 0, 1, 255).astype(np.uint8)
 
@@ -188,7 +189,8 @@ def _colors(cloud: SplatCloud, rows: slice) -> npt.NDArray[np.uint8]:
 def _document(
     cloud: SplatCloud, attributes: Sequence[_Attribute], ends: Sequence[int]
 ) -> dict[str, Any]:
-    """The JSON of a scene that shows one primitive; `ends` are those of the attributes."""
+    """Return the JSON of a scene with one primitive; `ends` are the end offsets of the
+    attributes."""
     sizes = [attribute.size * len(cloud) for attribute in attributes]
     views = [
         {"buffer": 0, "byteOffset": end - size, "byteLength": size, "target": _VERTICES}
@@ -203,7 +205,7 @@ def _document(
         }
         for index, attribute in enumerate(attributes)
     ]
-    accessors[0] |= {edge: _edge(cloud, edge) for edge in ("min", "max")}  # glTF demands them
+    accessors[0] |= {edge: _edge(cloud, edge) for edge in ("min", "max")}  # glTF requires them
     accessors[-1]["normalized"] = True
     splats = {
         "kernel": "ellipse",
@@ -230,12 +232,12 @@ def _document(
 
 
 def _edge(cloud: SplatCloud, edge: str) -> list[float]:
-    """The least or greatest coordinate on each axis."""
+    """Return the minimum or maximum position on each axis."""
     return [float(value) for value in getattr(cloud.positions, edge)(axis=0)]
 
 
 def _check(cloud: SplatCloud, path: Path, how: WriteOptions) -> None:
-    """Refuse what glTF cannot hold."""
+    """Raise an error if glTF cannot hold the cloud."""
     where = str(path)
     if how.frame not in (None, FRAME):
         raise UsageError(where, f"frame {how.frame!r}", f"{FRAME!r}: glTF fixes its axes")

@@ -1,8 +1,8 @@
-"""Splats of one glTF primitive, opened and checked, ready to be decoded into a cloud.
+"""Decode the splats of one glTF primitive into a cloud.
 
-Source: Khronos, KHR_gaussian_splatting as ratified in 2026, whose scales are linear; earlier drafts
-held their logarithms, which is assumed where a scale is negative. The draft
-KHR_gaussian_splatting_compression_spz_2 takes coordinates as "luf" into SPZ's own frame and out.
+Source: Khronos, KHR_gaussian_splatting as ratified in 2026, with linear scales. Earlier drafts
+stored logarithms, which are assumed if a scale is negative. The draft
+KHR_gaussian_splatting_compression_spz_2 converts between axes "luf" and SPZ's own.
 """
 
 from __future__ import annotations
@@ -35,40 +35,41 @@ SEMANTICS = {
     "scales": (f"{EXTENSION}:SCALE", 3),
     "opacities": (f"{EXTENSION}:OPACITY", 1),
 }
-"""Field of the cloud -> name of its attribute and numbers of an element."""
+"""Field of the cloud -> (name of its attribute, numbers in an element)."""
 
 Told = Callable[[int], None]
-"""Told how many rows are done."""
+"""Callback that receives the number of finished rows."""
 
 _FIELDS = ("positions", "scales", "rotations", "opacities", "sh")
-_SPZ_FRAME = "rub"  # the library's own; an SPZ file may name another
+# Default of the SPZ library; a file may state another.
+_SPZ_FRAME = "rub"
 
 
 def coefficient_name(index: int) -> str:
-    """Attribute of coefficient `index` of the harmonics, degree 0 included."""
+    """Return the attribute name of coefficient `index` of the harmonics, degree 0 included."""
     degree = math.isqrt(index)
     return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{index - degree * degree}"
 
 
 class Part(ABC):
-    """Splats of a primitive that may be shown several times."""
+    """The splats of a primitive, which may be shown several times."""
 
     count: int
     degree: int
     error_bounds: Mapping[str, str]
-    """As those of a `Capture`."""
+    """As in `Capture.error_bounds`."""
     notes: Counter[str]
-    """What a careful reader would want to be told, and of how many."""
+    """Note -> number of splats or primitives that it applies to."""
 
     @abstractmethod
     def fill(self, builder: CloudBuilder, start: int, matrix: F64, told: Told) -> None:
-        """Decode all splats into the rows from `start`, carried through an affine map.
+        """Decode all splats into the rows from `start`, transformed by an affine map.
 
         Args:
-            builder: Room for them.
-            start: First row of theirs.
-            matrix: To the scene, column vectors, shape (4, 4).
-            told: Called with the number of rows that are done.
+            builder: Cloud under construction, with room for these splats.
+            start: First row to fill.
+            matrix: Primitive to scene, column vectors, shape (4, 4).
+            told: Receives the number of finished rows.
 
         Raises:
             FormatError: If the data is damaged or a number is not finite.
@@ -79,8 +80,8 @@ def open_part(primitive: Primitive, buffers: Buffers) -> Part:
     """Open a primitive.
 
     Raises:
-        FormatError: If attributes are missing or of other counts or types than splats need, or if
-            the buffers hold less than the document says.
+        FormatError: If attributes are missing or have a wrong count or type, or if the buffers are
+            shorter than the document says.
     """
     if primitive.spz is not None:
         return _Packed(primitive.where, primitive.spz, buffers)
@@ -88,7 +89,7 @@ def open_part(primitive: Primitive, buffers: Buffers) -> Part:
 
 
 class _Attributes(Part):
-    """An accessor for every attribute."""
+    """A primitive with one accessor per attribute."""
 
     def __init__(self, primitive: Primitive, buffers: Buffers) -> None:
         self._buffers = buffers
@@ -140,7 +141,7 @@ class _Attributes(Part):
         in_parallel(self.count, work, told=told)
 
     def _accessor(self, primitive: Primitive, name: str, width: int) -> Accessor:
-        """An accessor whose bytes are there."""
+        """Return an accessor, after checking that its buffer is complete."""
         accessor = primitive.attributes.get(name)
         if accessor is None:
             raise FormatError(primitive.where, f"no attribute {name}", "one")
@@ -151,7 +152,7 @@ class _Attributes(Part):
         return accessor
 
     def _read(self, accessor: Accessor, first: int, size: int) -> F32:
-        """Some elements as numbers, shape (size, width)."""
+        """Read elements as float32, shape (size, width)."""
         element = accessor.dtype.itemsize * accessor.width
         offset = accessor.view.offset + first * accessor.stride
         span = (size - 1) * accessor.stride + element
@@ -161,13 +162,13 @@ class _Attributes(Part):
         values = codes.astype(np.float32)
         if accessor.normalized and accessor.dtype.kind != "f":
             values /= np.iinfo(accessor.dtype).max
-            np.maximum(values, -1, out=values)  # the most negative code has no positive partner
+            np.maximum(values, -1, out=values)  # the most negative code maps below -1
         return values
 
     def _activate(self, builder: CloudBuilder, rows: slice) -> None:
-        """Undo what drafts and sloppy writers do."""
+        """Undo logarithms of draft versions, and clamp opacities out of range."""
         if self._logarithms:
-            with np.errstate(over="ignore", invalid="ignore"):  # settling refuses what is infinite
+            with np.errstate(over="ignore", invalid="ignore"):  # `settle` reports infinities
                 np.exp(builder.scales[rows], out=builder.scales[rows])
         opacities = builder.opacities[rows]
         beyond = int(np.count_nonzero((opacities < 0) | (opacities > 1)))
@@ -182,7 +183,7 @@ class _Attributes(Part):
 
 
 class _Packed(Part):
-    """An SPZ file in a buffer view."""
+    """A primitive whose splats are an SPZ file in a buffer view."""
 
     def __init__(self, where: str, view: View, buffers: Buffers) -> None:
         self._where = where
@@ -191,7 +192,8 @@ class _Packed(Part):
         buffers.size(view.buffer)
         data = self._data()
         header = open_container(where, io.BytesIO(data), len(data)).header
-        # Half of what an SPZ file may claim, for its cloud is in memory beside the one of them all.
+        # Half the limit of a separate SPZ file, because the decoded SPZ cloud and the whole scene's
+        # cloud are in memory together.
         most = max(TRUSTED_COUNT // 2, len(data) // BYTES_PER_SPLAT)
         if header.count > most:
             found = f"{header.count} splats in {len(data)} bytes"
@@ -226,19 +228,19 @@ class _Packed(Part):
 
 
 def _ordered(field: str, values: F32) -> F32:
-    """Elements of an attribute as the cloud's field has them."""
+    """Return the elements of an attribute in the cloud's order and shape."""
     if field == "rotations":
         return values[:, [3, 0, 1, 2]]
     return values[:, 0] if field == "opacities" else values
 
 
 def _bound(accessor: Accessor) -> str:
-    """Rounding of whole numbers."""
+    """Return the rounding error of an integer attribute."""
     return f"1/{2 * np.iinfo(accessor.dtype).max}" if accessor.normalized else "1/2"
 
 
 def _carry(builder: CloudBuilder, rows: slice, matrix: F64) -> None:
-    """Carry rows that are filled, and not settled yet, through an affine map."""
+    """Transform rows that are filled but not settled yet by an affine map."""
     if np.array_equal(matrix, np.eye(4)):
         return
     cloud = SplatCloud(**{field: getattr(builder, field)[rows] for field in _FIELDS})
@@ -247,8 +249,8 @@ def _carry(builder: CloudBuilder, rows: slice, matrix: F64) -> None:
         values = getattr(cloud, field.name)
         if values is not None:
             sound &= np.isfinite(values).reshape(len(cloud), -1).all(axis=1)
-    kept = edit.take(cloud, sound)  # what is not sound stays as it is: settling names or drops it
-    with np.errstate(all="ignore"):  # settling refuses what is infinite now
+    kept = edit.take(cloud, sound)  # `settle` reports or drops the others
+    with np.errstate(all="ignore"):  # `settle` reports infinities
         moved = edit.transform(
             replace(kept, rotations=quaternion.normalize(kept.rotations)), matrix
         )

@@ -1,4 +1,4 @@
-"""All splats that the scene of a glTF document shows, as one capture."""
+"""Read all splats of a glTF scene as one capture."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from usdsplat.formats.inflate import check_count
 from usdsplat.formats.options import ReadOptions
 
 FRAME = "rub"
-"""As glTF says: y is up, and a camera that nobody turned looks along -z."""
+"""Axes of glTF: y is up, and a camera without rotation looks along -z."""
 
 TEXT_LIMIT = 1 << 27
-"""[byte] of a document, data URIs included: longer ones keep their data in files."""
+"""Maximum size of the JSON [byte], data URIs included; larger data belongs in separate files."""
 
 SRGB = "srgb_rec709_display"
 
 _COLOR_SPACES = {SRGB: "srgb_rec709_scene", "lin_rec709_display": "lin_rec709_scene"}
-"""The extension's words -> USD's, which differ in the image state alone."""
+"""Colour spaces of the extension -> USD's, which differ in the image state alone."""
 
 
 def read_splats(path: Path, text: bytes, chunk: BinaryChunk | None, how: ReadOptions) -> Capture:
-    """Read every splat of the default scene, each as often as nodes show it.
+    """Read the splats of the default scene, once for each node that shows them.
 
     Args:
-        path: The document, or the .glb that holds it.
-        text: Its JSON.
-        chunk: Binary chunk of a .glb.
-        how: As readers are asked.
+        path: The .gltf or .glb file.
+        text: Its JSON text.
+        chunk: Location of the binary chunk of a .glb.
+        how: Options of the reader.
 
     Raises:
-        FormatError: If the document is none, names what is not there, or shows no splats.
+        FormatError: If the document is invalid, refers to something missing, or shows no splats.
     """
     source = str(path)
     document = Document(source, text)
@@ -82,7 +82,7 @@ def read_splats(path: Path, text: bytes, chunk: BinaryChunk | None, how: ReadOpt
 
 
 def _color_space(source: str, placed: Sequence[Placed]) -> str:
-    """USD's name of the one space that all splats are in."""
+    """Return USD's name of the colour space, which all splats must share."""
     said = sorted({item.primitive.color_space for item in placed})
     if len(said) > 1:
         found = f"splats in {len(said)} colour spaces, {said[0][:40]!r} and {said[1][:40]!r}"
@@ -91,7 +91,7 @@ def _color_space(source: str, placed: Sequence[Placed]) -> str:
 
 
 def _remarks(document: Document, placed: Sequence[Placed]) -> list[str]:
-    """What is not as this reader knows it."""
+    """Return notes on parts of the document that are unknown or left out."""
     remarks = []
     said = placed[0].primitive.color_space
     if said not in _COLOR_SPACES:

@@ -1,10 +1,10 @@
-"""mkkellogg's .ksplat 0.1, read only: floats, or 16 bits around the centres of buckets.
+"""Read mkkellogg's .ksplat 0.1: floats, or 16-bit positions around the centres of buckets.
 
-44, 24 or 24 bytes a splat at levels 0, 1 and 2; 140, 72 or 48 with harmonics of degree 2. Lossy:
-see the error bounds of the `Capture`.
+Read only. 44, 24 or 24 bytes a splat at levels 0, 1 and 2; 140, 72 or 48 with harmonics of degree
+2. Lossy: see the error bounds of the `Capture`.
 
-Source: mkkellogg/GaussianSplats3D 0.4.7, the only writer. Its viewer ignores degree 3; here the
-band follows the two others. Sections of a lower degree than the highest have no harmonics above.
+Source: mkkellogg/GaussianSplats3D 0.4.7, the only writer. Its viewer ignores degree 3; here that
+band is read after the two others. Sections may differ in degree: missing coefficients are 0.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ SUFFIXES: tuple[str, ...] = (".ksplat",)
 
 _VERSION = b"\x00\x01\x00\x00"
 _USED = 44
-"""Bytes of the header that mean something; the others are 0."""
+"""Number of header bytes that have a meaning; the others are 0."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether `head` starts with version 0.1 and a header that is empty where it should be."""
+    """Return whether `head` has version 0.1 and zeros in the unused part of the header."""
     return head.startswith(_VERSION) and head[_USED:HEADER_BYTES] == bytes(HEADER_BYTES - _USED)
 
 
@@ -46,8 +46,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read the splats of all sections.
 
     Raises:
-        FormatError: If counts do not fit each other or the file, a number is not finite or a scale
-            is negative.
+        FormatError: If counts are inconsistent or exceed the file, a number is not finite, or a
+            scale is negative.
     """
     source, size = str(path), path.stat().st_size
     with path.open("rb") as file:
@@ -77,10 +77,10 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
 
 def _records(source: str, file: BinaryIO, section: Section, rows: slice) -> npt.NDArray[np.void]:
-    """The next records of a section."""
+    """Read the next records of a section."""
     count = rows.stop - rows.start
     data = file.read(count * section.record.itemsize)
-    if len(data) < count * section.record.itemsize:  # somebody cut the file since
+    if len(data) < count * section.record.itemsize:  # the file was truncated in the meantime
         raise FormatError(source, f"an end before splat {rows.stop}", f"{section.count} splats")
     return np.frombuffer(data, section.record)
 
@@ -93,7 +93,7 @@ def _decode(
     section: Section,
     header: KsplatHeader,
 ) -> None:
-    """Fill `rows`, which are those of the section from `first` on."""
+    """Decode records into `rows`; `first` is the index of the first one in its section."""
     if section.buckets is None:
         builder.positions[rows] = records["position"]
     else:
@@ -105,7 +105,7 @@ def _decode(
     builder.opacities[rows] = rgba[:, 3]
     builder.sh[rows, 1:] = 0
     codes = records["sh"]
-    with np.errstate(over="ignore", invalid="ignore"):  # settling names what is not finite
+    with np.errstate(over="ignore", invalid="ignore"):  # `settle` reports infinities and NaN
         span = np.float32(header.highest) - np.float32(header.lowest)
         values = codes * (span / 255) + np.float32(header.lowest) if header.level == 2 else codes
     for band in range(1, section.degree + 1):
@@ -115,15 +115,15 @@ def _decode(
 
 
 def _around(buckets: Buckets, first: int, codes: npt.NDArray[np.uint16]) -> F32:
-    """Positions of the splats of a section from `first` on."""
+    """Return the positions of the splats of a section from index `first` on."""
     place = np.arange(first, first + len(codes))
     centres = buckets.centres[np.searchsorted(buckets.ends, place, side="right")]
-    with np.errstate(over="ignore", invalid="ignore"):  # settling names what is not finite
+    with np.errstate(over="ignore", invalid="ignore"):  # `settle` reports infinities and NaN
         return ((codes - float(buckets.top)) * buckets.step + centres).astype(np.float32)
 
 
 def _error_bounds(header: KsplatHeader, sections: tuple[Section, ...]) -> dict[str, str]:
-    """Of the one writer, which cuts fractions off instead of rounding."""
+    """Return the error bounds of the only writer, which truncates instead of rounding."""
     colors = "degree 0: 0.014 within +-1.77"
     bounds = {"opacities": "1/255", "sh": colors}
     if header.level == 0:

@@ -1,6 +1,6 @@
-"""Where things are in a .ksplat file: its header, and sections one behind the other.
+"""Read the header and the section headers of a .ksplat file.
 
-Every count is compared with the size of the file before anything is made of its size.
+Every count is checked against the size of the file before memory is allocated for it.
 
 Source: `SplatBuffer` of mkkellogg/GaussianSplats3D 0.4.7.
 """
@@ -38,7 +38,7 @@ _SECTION = np.dtype(
 _CENTRE_BYTES = 12
 _MAX_DEGREE = 3
 _TYPES = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))
-"""Level -> types of a centre; of scales and rotations; of harmonics."""
+"""Types by level: of positions; of scales and rotations; of harmonics."""
 
 _DEFAULT_TOP = 32767
 _DEFAULT_HARMONICS = 1.5
@@ -46,50 +46,50 @@ _DEFAULT_HARMONICS = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KsplatHeader:
-    """What holds for the whole file."""
+    """The header of a .ksplat file."""
 
     level: int
-    """0: floats; 1: centres of 16 bits and half precision; 2: harmonics of 8 bits besides."""
+    """0: floats; 1: 16-bit positions, half-precision values; 2: as 1, with 8-bit harmonics."""
     count: int
     sections: int
     first_section: int
-    """Offset of the data of the first one [byte]."""
+    """Offset of the data of the first section [byte]."""
     lowest: float
-    """Harmonic that byte 0 stands for at level 2."""
+    """Value of harmonics code 0 at level 2."""
     highest: float
-    """Harmonic that byte 255 stands for at level 2."""
+    """Value of harmonics code 255 at level 2."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Buckets:
-    """Groups of neighbouring splats whose centres are coded around one point."""
+    """Groups of neighbouring splats whose positions are coded relative to a common centre."""
 
     centres: F32
-    """Shape (b, 3)."""
+    """Centres [scene unit], shape (b, 3)."""
     ends: npt.NDArray[np.int64]
-    """Splats of the section in all buckets up to each one, shape (b,), ascending."""
+    """Number of splats in all buckets up to and including each one, shape (b,), ascending."""
     top: int
-    """Code of the point; twice as much is half a block beyond it."""
+    """Code of the bucket centre; twice as much is half a block beyond it."""
     step: float
-    """Distance of two codes [scene unit]."""
+    """Distance between adjacent codes [scene unit]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Section:
-    """Splats that are stored in one way."""
+    """A section: splats that are stored in one way."""
 
     count: int
     degree: int
     record: np.dtype[np.void]
-    """Of a splat: position, scale, rotation (w, x, y, z), rgba, and harmonics if there are any."""
+    """Layout of a splat: position, scale, rotation (w, x, y, z), rgba, harmonics if any."""
     offset: int
-    """Of the first splat [byte]."""
+    """Offset of the first splat [byte]."""
     buckets: Buckets | None
     """None at level 0."""
 
 
 def read_ksplat_header(source: str, file: BinaryIO, size: int) -> KsplatHeader:
-    """The header of a file of `size` bytes, which has room for its sections' headers.
+    """Read the header of a file of `size` bytes and check that its section headers fit.
 
     Raises:
         FormatError: If the version or the level is not known, or the file too short.
@@ -121,14 +121,14 @@ def read_ksplat_header(source: str, file: BinaryIO, size: int) -> KsplatHeader:
 def read_sections(
     source: str, file: BinaryIO, size: int, header: KsplatHeader
 ) -> tuple[Section, ...]:
-    """All sections of a file of `size` bytes, none of which reaches beyond its end.
+    """Read the sections of a file of `size` bytes; none reaches beyond its end.
 
     Raises:
-        FormatError: Naming the section whose numbers do not fit each other or the file.
+        FormatError: If the numbers of a section are inconsistent or exceed the file.
     """
     file.seek(HEADER_BYTES)
     stored = np.frombuffer(file.read(header.sections * _SECTION.itemsize), _SECTION)
-    if len(stored) < header.sections:  # somebody cut the file since
+    if len(stored) < header.sections:  # the file was truncated in the meantime
         raise FormatError(source, f"{len(stored)} sections", str(header.sections))
     sections = []
     start = header.first_section
@@ -145,7 +145,7 @@ def read_sections(
 def _section(
     where: str, file: BinaryIO, size: int, row: np.void, level: int, start: int
 ) -> tuple[Section, int]:
-    """The section whose data starts at `start`, and where the next one starts."""
+    """Return the section whose data starts at `start`, and the start of the next one."""
     degree, count, room = int(row["degree"]), int(row["splats"]), int(row["room"])
     if degree > _MAX_DEGREE:
         raise FormatError(where, f"harmonics of degree {degree}", f"degree 0 to {_MAX_DEGREE}")
@@ -162,7 +162,7 @@ def _section(
 
 
 def _record(level: int, degree: int) -> np.dtype[np.void]:
-    """How a splat is stored."""
+    """Return the layout of a splat."""
     place, shape, harmonics = _TYPES[level]
     fields = [
         ("position", place, 3),
@@ -174,7 +174,7 @@ def _record(level: int, degree: int) -> np.dtype[np.void]:
 
 
 def _buckets(where: str, file: BinaryIO, row: np.void, start: int) -> Buckets:
-    """The buckets of a section that is known to fit the file."""
+    """Read the buckets of a section that is known to fit the file."""
     full, partial, count = int(row["full"]), int(row["partial"]), int(row["buckets"])
     if full + partial != count or (count and row["bucket_bytes"] != _CENTRE_BYTES):
         found = f"{full} full and {partial} partial buckets of {row['bucket_bytes']} bytes"

@@ -1,4 +1,4 @@
-"""Named columns of a PLY block, gathered into a float32 array in the order that is wanted."""
+"""Gather named columns of a PLY block into a float32 array."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SH_COLUMNS = {0: 0, 9: 1, 24: 2, 45: 3, 72: 4}
 
 
 class Columns:
-    """Copies the properties `names` of blocks of one dtype, in that order.
+    """Copier of the properties `names`, in that order, from blocks of one dtype.
 
-    Files store all float32 as a rule; then a row is picked apart by one indexed copy, which is also
-    what undoes the channel-major order of the harmonics.
+    Files usually store float32 only. Then one indexed copy gathers the columns of a row, which also
+    undoes the channel-major order of the harmonics.
     """
 
     def __init__(self, dtype: np.dtype[np.void], names: Sequence[str]) -> None:
@@ -35,21 +35,21 @@ class Columns:
         table = out.reshape(len(block), -1)
         if self._alike:
             rows = block.view(np.float32).reshape(len(block), -1)
-            # Not the default mode: that one fills a copy first, so as to leave `out` on an error.
+            # The default mode would fill a copy first, to keep `out` unchanged on an error.
             np.take(rows, self._indices, axis=1, out=table, mode="clip")
             return
-        with np.errstate(over="ignore", invalid="ignore"):  # refused with its name later
+        with np.errstate(over="ignore", invalid="ignore"):  # `settle` reports infinities and NaN
             for column, name in enumerate(self._names):
                 table[:, column] = block[name]
 
 
 def harmonics(source: str, types: dict[str, str]) -> tuple[int, tuple[str, ...]]:
-    """Degree, and the `f_rest_` properties by coefficient first, channel second.
+    """Return the degree, and the `f_rest_` properties by coefficient, then by channel.
 
-    The file counts them channel first: property number = channel * coefficients + coefficient.
+    The file orders them by channel first: number = channel * coefficients + coefficient.
 
     Raises:
-        FormatError: If their number is that of no degree, or one is missing.
+        FormatError: If their number matches no degree, or one is missing.
     """
     count = sum(name.startswith("f_rest_") for name in types)
     missing = [f"f_rest_{i}" for i in range(count) if f"f_rest_{i}" not in types]

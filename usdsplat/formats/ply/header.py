@@ -1,4 +1,4 @@
-"""The header of a PLY file: elements, their properties, and where the data begins.
+"""Parse the header of a PLY file: elements, properties, and the offset of the data.
 
 Source: Turk 1994, "The PLY Polygon File Format", with the dialects that captures use: type names
 like `float32` and `half`, CRLF and CR line ends.
@@ -13,9 +13,9 @@ from pathlib import Path
 from usdsplat.core.errors import FormatError
 
 HEADER_LIMIT = 1 << 16
-"""Bytes within which a header must end: degree 4 needs 3000, a lie may go on for ever."""
-
-_MAX_DIGITS = 18  # of a count, so that products stay within Python's and the file system's sense
+"""Maximum length of a header [byte]: degree 4 needs 3000, a corrupt one may have no end."""
+# Of a count: a file offset has 63 bits.
+_MAX_DIGITS = 18
 _ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">", b"ascii": ""}
 _TYPES = {
     "char": "i1",
@@ -41,49 +41,50 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """One `element` line and its properties."""
+    """An `element` line and its properties."""
 
     name: str
     count: int
-    """Rows that the header claims; nobody has checked that they exist."""
+    """Number of rows that the header claims, unchecked."""
     types: dict[str, str]
     """Property -> NumPy type code without byte order, in file order; "" for a list."""
 
     @property
     def has_list(self) -> bool:
-        """Whether some property is a list, so that rows have no fixed size."""
+        """Whether a property is a list, so that rows have no fixed size."""
         return "" in self.types.values()
 
     @property
     def row_bytes(self) -> int:
-        """Bytes of a binary row without lists."""
+        """Size of a binary row without lists [byte]."""
         return sum(int(code[1:]) for code in self.types.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """A whole header."""
+    """A parsed PLY header."""
 
     byte_order: str
     """"<" or ">"; "" when the data is text."""
     comments: tuple[str, ...]
     elements: tuple[Element, ...]
     size: int
-    """Bytes before the data."""
+    """Offset of the data [byte]."""
 
     def element(self, name: str) -> Element | None:
-        """The element called `name`, None if there is none."""
+        """Return the element called `name`, or None."""
         return next((element for element in self.elements if element.name == name), None)
 
     @property
     def is_antialiased(self) -> bool:
-        """What a comment says of splats: `SplatRenderMode: mip` is Brush's, others Postshot's."""
+        """Whether a comment states that the splats are antialiased: `SplatRenderMode: mip` is
+        Brush's, the others are Postshot's."""
         said = {" ".join(re.split(r"[\s:=]+", comment.lower())) for comment in self.comments}
         return bool(said & {"splatrendermode mip", "antialiased 1", "postshot.anti_aliasing 1"})
 
     @property
     def data_kind(self) -> str:
-        """How the data is stored, for people."""
+        """Encoding of the data, for display."""
         kinds = {"<": "binary little endian", ">": "binary big endian", "": "ascii"}
         return kinds[self.byte_order]
 
@@ -134,12 +135,12 @@ def parse_header(source: str, head: bytes) -> Header:
 
 
 def _lines(source: str, head: bytes) -> tuple[list[bytes], int]:
-    """Lines between `ply` and `end_header`, and where the data begins."""
+    """Return the lines between `ply` and `end_header`, and the offset of the data."""
     first = re.match(rb"ply *([\r\n]{1,2})", head)
     if not first:
         raise FormatError(source, f"{_show(head[:4])} at the start", "a line 'ply'")
-    # CRLF lines end in LF as well. Lines that end in CR alone must be told apart from those: the
-    # first byte of the data could pass for the LF of the last one.
+    # CRLF lines end in LF as well. A file whose lines end in CR alone must be recognised by its
+    # first line: the first byte of the data may look like the LF of a CRLF.
     end = b"\r" if first[1] in (b"\r", b"\r\r") else b"\n"
     lines: list[bytes] = []
     start = head.index(end) + 1
@@ -153,7 +154,7 @@ def _lines(source: str, head: bytes) -> tuple[list[bytes], int]:
 
 
 def _element(source: str, words: list[bytes], properties: list[list[bytes]]) -> Element:
-    """What an `element NAME COUNT` line and the `property` lines under it declare."""
+    """Return the element that an `element NAME COUNT` line and its `property` lines declare."""
     name, count = words[1].decode("utf-8", "replace"), words[2]
     if not count.isdigit() or len(count) > _MAX_DIGITS:
         found = f"{_show(count)} as the count of element {name}"
@@ -172,5 +173,5 @@ def _element(source: str, words: list[bytes], properties: list[list[bytes]]) -> 
 
 
 def _show(text: bytes) -> str:
-    """Bytes of a file as they may stand in a sentence."""
+    """Return bytes of a file, shortened for an error message."""
     return repr(text[:40].decode("latin-1"))

@@ -1,7 +1,7 @@
-"""Plain point clouds: a PLY file with positions, maybe colours, and nothing of splats.
+"""Read plain point clouds: PLY files with positions and optional colours, without splats.
 
-Each point becomes an opaque ball half as wide (sigma) as the way to its nearest neighbour, so that
-neighbours meet at one sigma and a sampled surface closes.
+Each point becomes an opaque sphere whose sigma is half the distance to its nearest neighbour.
+Neighbours then meet at one sigma, and a sampled surface closes.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from usdsplat.formats.ply.header import Header
 from usdsplat.formats.ply.table import Table
 
 LONE_SIGMA = 0.01
-"""[scene unit] of points that have no neighbour elsewhere."""
+"""Sigma of a point without any neighbour [scene unit]."""
 LONGEST = 4.0
-"""Cap on a distance, in medians: a stray point is no balloon."""
+"""Maximum neighbour distance, in medians: keeps isolated points small."""
 
 _POSITIONS = ("x", "y", "z")
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-_SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours that one order parts, another keeps
+_SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours far apart in one order are close in another
 _REACH = 4
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 def read_points(path: Path, header: Header, table: Table, how: ReadOptions) -> Capture:
-    """Read points; integer colours span their type, float ones 0 to 1, none is a middle grey.
+    """Read points; integer colours span their type, float ones 0 to 1, the default is mid grey.
 
     Raises:
         FormatError: If a position or colour is not finite.
@@ -72,11 +72,11 @@ def read_points(path: Path, header: Header, table: Table, how: ReadOptions) -> C
 
 
 def neighbour_distances(positions: F32) -> F32:
-    """About how far the nearest neighbour of each point is.
+    """Estimate the distance of each point to its nearest neighbour.
 
-    Neighbours are looked for along three Morton orders only, so a distance is never too short and
-    seldom much too long. Points on the same spot do not count. No distance is longer than `LONGEST`
-    medians; points without any neighbour get the median.
+    Only points close in one of three Morton orders are compared, so a distance is never too short
+    and rarely much too long. Points at the same position do not count. Distances are limited to
+    `LONGEST` medians. Points without any neighbour get the median.
 
     Args:
         positions: Finite points, shape (n, 3).
@@ -97,7 +97,7 @@ def neighbour_distances(positions: F32) -> F32:
 
 
 def _shorten(best: F64, positions: F32, order: npt.NDArray[np.intp]) -> None:
-    """Lower `best` to the distances of points that are close to each other in `order`."""
+    """Lower `best` to the distances between points that are close to each other in `order`."""
     ordered = positions[order].astype(np.float64)
     for step in range(1, _REACH + 1):
         gaps = ordered[step:] - ordered[:-step]
@@ -108,5 +108,5 @@ def _shorten(best: F64, positions: F32, order: npt.NDArray[np.intp]) -> None:
 
 
 def _top(code: str) -> float:
-    """Value of a colour property of this type that stands for 1."""
+    """Return the value of a colour property of this type that represents 1."""
     return float(np.iinfo(code).max) if code[0] in "iu" else 1.0

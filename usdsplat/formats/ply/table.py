@@ -1,6 +1,6 @@
-"""Rows of one element of a PLY file, a block at a time, whatever the encoding of the data.
+"""Read the rows of one element of a PLY file in blocks, in any encoding.
 
-What the header claims is compared with the size of the file before anything is read.
+The counts of the header are checked against the size of the file before anything is read.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from usdsplat.formats.ply.header import Element, Header
 Block = npt.NDArray[np.void]
 
 BLOCK_BYTES = 1 << 20
-"""Of a block in the file: small enough to stay in the cache while it is decoded."""
+"""Size of a block in the file [byte]: fits the cache while it is decoded."""
 
 _LINE_LIMIT = 1 << 16
 
 
 def open_table(path: Path, header: Header, name: str) -> Table:
-    """The element called `name`, whose rows the file is long enough to hold.
+    """Open the element called `name`, after checking that the file can hold its rows.
 
     Raises:
-        FormatError: If the element is missing, has list properties, stands behind one whose size is
-            unknown, or if the file is too short.
+        FormatError: If the element is missing, has list properties, follows an element of unknown
+            size, or if the file is too short.
     """
     element = header.element(name)
     if element is None:
@@ -44,10 +44,10 @@ def open_table(path: Path, header: Header, name: str) -> Table:
 
 
 class Table(ABC):
-    """Rows of one element, of fixed size."""
+    """The rows of an element, which have a fixed size."""
 
     dtype: np.dtype[np.void]
-    """Of the blocks: one field per property, native byte order."""
+    """Type of the blocks: one field per property, native byte order."""
 
     def __init__(self, path: Path, header: Header, element: Element) -> None:
         self._path = path
@@ -66,20 +66,20 @@ class Table(ABC):
 
     @abstractmethod
     def _smallest(self) -> int:
-        """Bytes behind the header that the rows, and those before them, take at least."""
+        """Return the minimum size of the data up to the end of these rows [byte]."""
 
     @abstractmethod
     def _pieces(self, rows: int) -> Generator[Block]:
-        """Blocks of `rows` rows, the last one shorter."""
+        """Yield blocks of `rows` rows, the last one shorter."""
 
     def blocks(self, rows: int | None = None) -> Iterator[tuple[slice, Block]]:
-        """Yield (slice of rows, block); a block is valid until the next one is asked for.
+        """Yield (slice of rows, block); a block is valid until the next one is requested.
 
         Args:
             rows: Rows per block; `rows_per_block` by default.
 
         Raises:
-            FormatError: If the rows end early after all, or hold no numbers.
+            FormatError: If the rows end early, or contain text that is not a number.
         """
         start = 0
         with closing(self._pieces(rows or self.rows_per_block)) as pieces:
@@ -88,34 +88,36 @@ class Table(ABC):
                 start += len(block)
 
     def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
-        """Do `work` on (slice of rows, block), for all rows; a block is valid until it returns.
+        """Call `work` with (slice of rows, block) for all rows.
 
-        Rows of a fixed size are read and worked on in threads.
+        A block is valid until the call of `work` returns.
+
+        Rows of a fixed size are read and processed in threads.
 
         Args:
             work: May be called by several threads at once.
-            told: Called with the number of rows that are done, by the caller's own thread.
+            told: Receives the number of finished rows, in the caller's thread.
 
         Raises:
             FormatError: As for `blocks`.
-            Exception: What `work` raised first, in the order of the rows.
+            Exception: The first that `work` raised, in the order of the rows.
         """
         for rows, block in self.blocks():
             work(rows, block)
             told(rows.stop)
 
     def remarks(self) -> tuple[str, ...]:
-        """What is odd about the file's length, a sentence or none."""
+        """Return a note if the file is longer than its header says, else nothing."""
         total = self._header.size
         for element in self._header.elements:
             if element.has_list or not self._header.byte_order:
-                return ()  # unknown without reading all of it
+                return ()  # the length is unknown without reading all of it
             total += element.count * element.row_bytes
         surplus = self._path.stat().st_size - total
         return (f"ignored {surplus} bytes behind the last element",) if surplus > 0 else ()
 
     def whole(self) -> Block:
-        """All rows at once, for small elements."""
+        """Read all rows at once, for small elements."""
         if not self.count:
             return np.empty(0, self.dtype)
         return next(iter(self.blocks(self.count)))[1]
@@ -126,7 +128,7 @@ class Table(ABC):
 
 
 class BinaryTable(Table):
-    """Rows as the machine stores numbers, in either byte order."""
+    """Binary rows, in either byte order."""
 
     def __init__(self, path: Path, header: Header, element: Element) -> None:
         for earlier in header.elements[: header.elements.index(element)]:
@@ -145,7 +147,8 @@ class BinaryTable(Table):
         return sum(earlier.count * earlier.row_bytes for earlier in self._before)
 
     def visit(self, work: Callable[[slice, Block], None], told: Callable[[int], None]) -> None:
-        buffers: list[Block] = []  # of threads that are between two blocks
+        # Idle buffers, taken and returned by threads.
+        buffers: list[Block] = []
 
         def read_and_work(rows: slice) -> None:
             buffer = buffers.pop() if buffers else self._buffer(self.rows_per_block)
@@ -165,23 +168,23 @@ class BinaryTable(Table):
         return np.empty(min(rows, self.count), self._stored)
 
     def _read(self, file: FileIO, rows: slice, buffer: Block) -> Block:
-        """Some rows, in `buffer` if it can be."""
+        """Read some rows, into `buffer` if the byte order allows."""
         block = buffer[: rows.stop - rows.start]
         file.seek(self._header.size + self._offset() + rows.start * self._stored.itemsize)
         if file.readinto(block.view(np.uint8).data) < block.nbytes:
-            raise self._short(rows.start)  # somebody cut the file since
+            raise self._short(rows.start)  # the file was truncated in the meantime
         return block.astype(self.dtype, copy=False)
 
 
 class TextTable(Table):
-    """Rows as lines of decimal numbers; float64 holds every type of PLY exactly."""
+    """Text rows, one line of decimal numbers each; float64 holds every PLY type exactly."""
 
     def __init__(self, path: Path, header: Header, element: Element) -> None:
         self.dtype = np.dtype([(name, "f8") for name in element.types])
         super().__init__(path, header, element)
 
     def _smallest(self) -> int:
-        # A digit and what parts it from the next; the last line may lack its end.
+        # A number takes a digit and a separator; the last line may lack its end.
         numbers = sum(e.count * len(e.types) for e in (*self._before, self._element))
         return max(0, 2 * numbers - 1)
 
@@ -197,7 +200,7 @@ class TextTable(Table):
             yield self._parse(piece, start)
 
     def _lines(self) -> Iterator[bytes]:
-        """Lines of the data that are not blank."""
+        """Yield the lines of the data that are not blank."""
         with self._path.open("rb") as file:
             file.seek(self._header.size)
             while line := file.readline(_LINE_LIMIT):

@@ -1,10 +1,11 @@
 """PlayCanvas's SOG, versions 1 and 2: lossless WebP images of codes, one pixel per splat.
 
-A zip archive, or a folder with `meta.json`. 16-bit positions on a logarithmic scale, 8-bit codes
-into tables for the rest, harmonics from a palette. Lossy: see `ERROR_BOUNDS`. Version 2 is written.
+A zip archive, or a folder with `meta.json`. Positions are 16-bit codes on a logarithmic scale, the
+other attributes 8-bit codes into tables, harmonics come from a palette. Lossy: see `ERROR_BOUNDS`.
+Version 2 is written.
 
-Source: PlayCanvas, "The SOG Format"; for version 1 the reader of splat-transform. The document says
-"rub"; the files that its tools write hold the axes of the capture they came from.
+Source: PlayCanvas, "The SOG Format"; for version 1 the reader of splat-transform. The document
+specifies axes "rub", but files of PlayCanvas's tools keep the axes of their source.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from usdsplat.formats.sog.meta import META
 SUFFIXES: tuple[str, ...] = (".sog", f"/{META}")
 FRAME = "rdf"
 MAX_DEGREE = 3
-"""Readers of others know no higher, though there would be room."""
+"""Other readers support no higher degree, although the format could hold it."""
 
 ERROR_BOUNDS = {
     "positions": "1/65535 of the range of sign(x) ln(1 + |x|)",
@@ -37,7 +38,7 @@ ERROR_BOUNDS = {
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether `path` is a zip file, `meta.json`, or a folder that holds one."""
+    """Return whether `path` is a zip file, `meta.json`, or a folder that holds one."""
     is_folder = path.is_dir() and (path / META).is_file()
     return is_folder or path.name.lower() == META or head.startswith(b"PK\x03\x04")
 
@@ -46,8 +47,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read splats.
 
     Raises:
-        FormatError: If a file is missing or damaged, an image has another size than the splats or
-            the palette need, or `meta.json` has impossible values.
+        FormatError: If a file is missing or damaged, the size of an image does not match the splats
+            or the palette, or `meta.json` has invalid values.
     """
     with open_sog(path) as files:
         sog = survey(files)
@@ -74,18 +75,18 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
 
 def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
-    """Write version 2; identities, velocities and the order of the splats are lost.
+    """Write version 2, without ids and velocities; the splats are reordered.
 
     Args:
-        cloud: Finite splats; a scale of 0 becomes exp(-20), for a table holds no logarithm of it.
+        cloud: Finite splats; a scale of 0 becomes exp(-20), because 0 has no logarithm.
         path: A file, or `meta.json` in a folder that is new, empty or holds a SOG.
-        how: Whether the file says that the splats are meant for the antialiased projection.
+        how: Whether the file marks the splats as meant for the antialiased projection.
 
     Returns:
-        What that costs, field by field, as a `Capture` has it.
+        Error bounds, in the form of `Capture.error_bounds`.
 
     Raises:
-        OutputError: If nothing can be written there.
+        OutputError: If the target cannot be written.
     """
     encoded = encode(
         str(path),

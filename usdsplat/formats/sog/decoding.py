@@ -1,4 +1,4 @@
-"""Pixels of a SOG's images to splats."""
+"""Decode the pixels of a SOG's images into splats."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from usdsplat.formats.sog.meta import (
 )
 
 _IMAGE_OVERHEAD = 1 << 16
-_PIXEL_BYTES = 5  # a lossless image that cannot be packed takes 4 and a little
+_PIXEL_BYTES = 5  # an incompressible lossless image takes slightly more than 4
 _SPARE_PIXELS = 1 << 16
 _PALETTE_ROWS = 1024
-_BLOCK = 1 << 16  # splats decoded at a time: with fewer, threads wait for each other
-
+# Splats decoded at a time: with fewer, threads wait for each other.
+_BLOCK = 1 << 16
 _IMAGES = {
     "means": ("means", "upper"),
     "scales": ("scales",),
@@ -39,33 +39,33 @@ _IMAGES = {
     "sh0": ("sh0",),
     "shN": ("palette", "labels"),
 }
-"""Section -> what its images hold; all but the palette have a pixel per splat."""
+"""Section -> contents of its images; all but the palette have a pixel per splat."""
 
 _SMALL = dequantize(np.arange(256), -SMALL_LIMIT, SMALL_LIMIT, 255)
-"""Component of a rotation by code."""
+"""Quaternion component by code."""
 _PLACES = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
-"""Where w, x, y and z stand, by the largest of them, among the three others and it."""
+"""Positions of w, x, y and z among (three stored components, the largest), by the largest."""
 
 Codes = npt.NDArray[np.uint8]
 
 
 Range = tuple[int, int]
-"""Splats from the first number up to the second."""
+"""Splats from the first index up to, excluding, the second."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sog:
-    """A SOG whose word on itself is read, and none of its splats."""
+    """A SOG file with parsed metadata; splats are not decoded yet."""
 
     files: SogFiles
     meta: Meta
     degree: int
-    """Of its harmonics."""
+    """Degree of its harmonics."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Tables:
-    """What codes stand for."""
+    """Values by code."""
 
     positions: F32
     """By code and axis, shape (65536, 3)."""
@@ -76,19 +76,19 @@ class _Tables:
     opacities: F32
     """By code, shape (256,)."""
     palette: F32
-    """Harmonics by label, those of degree 0 empty, shape (labels, coefficients, 3)."""
+    """Harmonics by label, shape (labels, coefficients, 3); degree 0 is unused."""
 
     def are_finite(self) -> bool:
-        """Whether they hold no infinity, in use or not."""
+        """Return whether all entries, used or not, are finite."""
         held = (self.positions, self.scales, self.dc, self.opacities, self.palette)
         return all(bool(np.isfinite(table).all()) for table in held)
 
 
 def survey(files: SogFiles) -> Sog:
-    """Read `meta.json`, and of the palette what tells its degree.
+    """Read `meta.json`, and the degree of the harmonics from the size of the palette.
 
     Raises:
-        FormatError: If it has impossible values, or promises more splats than the files can hold.
+        FormatError: If it has invalid values, or claims more splats than the files can hold.
     """
     meta = parse_meta(files.source, files.read(META, META_LIMIT))
     check_count(files.source, meta.count, files.total_bytes)
@@ -99,18 +99,19 @@ def survey(files: SogFiles) -> Sog:
 def decode(
     sog: Sog, ranges: Sequence[Range], builder: CloudBuilder, row: int, told: Callable[[int], None]
 ) -> None:
-    """Decode splats of a SOG into rows of a cloud, and settle these.
+    """Decode splats of a SOG into rows of a cloud, and settle them.
 
     Args:
-        sog: What `survey` found.
+        sog: Result of `survey`.
         ranges: The splats, one range or more.
-        builder: Arrays of a degree that is no less; what is above this one's becomes 0.
+        builder: Cloud under construction, of at least the same degree; higher coefficients become
+            0.
         row: The row that the first splat fills.
-        told: Called with the number of the row that is next.
+        told: Receives the number of the next row.
 
     Raises:
-        FormatError: If an image is missing or damaged or has another size than the splats need, a
-            table is not as long as it should be, or a number is not finite.
+        FormatError: If an image is missing, damaged or of the wrong size, a table has the wrong
+            length, or a number is not finite.
     """
     images = _read_images(sog)
     tables = _read_tables(sog, images.pop("palette", None))
@@ -120,7 +121,8 @@ def decode(
     else:
         chosen = np.concatenate([np.arange(*each) for each in ranges])
     images = {name: codes[chosen] for name, codes in images.items()}
-    is_settled = tables.are_finite()  # nothing else can come of them, and rotations are units
+    # Then all values are finite; rotations are unit.
+    is_settled = tables.are_finite()
 
     def work(rows: slice) -> None:
         filled = slice(row + rows.start, row + rows.stop)
@@ -134,9 +136,9 @@ def decode(
 
 
 def _read_images(sog: Sog) -> dict[str, Codes]:
-    """Codes of every splat by section, shape (count, 4); the high bytes of means are "upper".
+    """Read the codes of every splat by section, shape (count, 4); high bytes of means are "upper".
 
-    Those of the "palette" have a row for each of its pixels.
+    Codes of the "palette" have a row for each of its pixels.
     """
     found = {}
     for name, section in sog.meta.sections.items():
@@ -152,7 +154,7 @@ def _read_images(sog: Sog) -> dict[str, Codes]:
 
 
 def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
-    """An image of `count` pixels or little more, still packed, after the words that name it."""
+    """Return (name for errors, WebP data) of an image of at least `count` pixels."""
     most = 2 * count + _SPARE_PIXELS
     data = files.read(name, _PIXEL_BYTES * most + _IMAGE_OVERHEAD)
     where = f"{files.source}: {name}"
@@ -163,7 +165,7 @@ def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
 
 
 def _read_tables(sog: Sog, palette: Codes | None) -> _Tables:
-    """Ranges and tables of `meta.json`, and what the codes of the palette stand for."""
+    """Return the values of all codes, from the ranges and tables of `meta.json`."""
     sections = sog.meta.sections
     means, scales, dc = (sections[name] for name in ("means", "scales", "sh0"))
     if sog.meta.version == 1:
@@ -174,7 +176,7 @@ def _read_tables(sog: Sog, palette: Codes | None) -> _Tables:
         opacities = np.arange(256) / 255
     lower, upper = means.numbers("mins", 3), means.numbers("maxs", 3)
     logarithms = lower + (upper - lower) * (np.arange(1 << 16)[:, None] / 65535)
-    with np.errstate(over="ignore"):  # settling refuses what is infinite and in use
+    with np.errstate(over="ignore"):  # `settle` reports infinities that are used
         return _Tables(
             positions=np.copysign(np.expm1(np.abs(logarithms)), logarithms).astype(np.float32),
             scales=np.exp(size_table).astype(np.float32),
@@ -185,20 +187,21 @@ def _read_tables(sog: Sog, palette: Codes | None) -> _Tables:
 
 
 def _codebook(section: Section) -> F64:
-    """Version 2: one table of 256 numbers for three channels, shape (256, 3)."""
+    """Return the values of version 2: one table of 256 for three channels, shape (256, 3)."""
     return np.repeat(section.numbers("codebook", 256)[:, None], 3, axis=1)
 
 
 def _lerps(section: Section, channels: int) -> F64:
-    """Version 1: a range for each channel, shape (256, channels)."""
+    """Return the values of version 1: a range for each channel, shape (256, channels)."""
     lower, upper = (section.numbers(key, channels) for key in ("mins", "maxs"))
     t = np.arange(256)[:, None] / 255
     return lower * (1 - t) + upper * t
 
 
 def _packed_palette(files: SogFiles, meta: Meta) -> tuple[str, bytes, int]:
-    """The image of the palette, still packed, after the words that name it; and the degree of its
-    harmonics, by its width, which version 2 confirms."""
+    """Return (name for errors, WebP data, degree of the harmonics) of the palette.
+
+    The degree follows from its width; in version 2 it must match "bands"."""
     section = meta.sections["shN"]
     where = f"{files.source}: {section.files[0]}"
     largest = PALETTE_COLUMNS * _PALETTE_ROWS * (coefficient_count(MAX_DEGREE) - 1)
@@ -215,7 +218,7 @@ def _packed_palette(files: SogFiles, meta: Meta) -> tuple[str, bytes, int]:
 
 
 def _palette(sog: Sog, codes: Codes | None) -> F32:
-    """Harmonics that labels stand for, shape (labels, coefficients, 3)."""
+    """Return the harmonics by label, shape (labels, coefficients, 3)."""
     if codes is None:
         return np.empty((0, 1, 3), np.float32)
     section = sog.meta.sections["shN"]
@@ -231,7 +234,7 @@ def _palette(sog: Sog, codes: Codes | None) -> F32:
 
 
 def _check_labels(source: str, images: dict[str, Codes], tables: _Tables) -> None:
-    """Refuse splats whose harmonics the palette lacks."""
+    """Raise an error if a splat refers to a missing palette entry."""
     if "labels" in images:
         beyond = np.flatnonzero(_labels(images["labels"]) >= len(tables.palette))
         if len(beyond):
@@ -241,7 +244,7 @@ def _check_labels(source: str, images: dict[str, Codes], tables: _Tables) -> Non
 
 
 def _labels(image: Codes) -> npt.NDArray[np.uint16]:
-    """Palette entries, low byte in red and high byte in green."""
+    """Return palette indices: low byte in red, high byte in green."""
     return image[:, 0] + image[:, 1] * np.uint16(256)
 
 
@@ -265,14 +268,15 @@ def _decode(builder: CloudBuilder, rows: slice, codes: dict[str, Codes], tables:
 
 
 def _look_up(table: F32, codes: npt.NDArray[np.unsignedinteger], out: F32) -> None:
-    """Write into `out`, by row, the entries of each channel, of which `table` has a column."""
+    """Look up `codes` of three channels in the columns of `table` and write them to `out`."""
     for channel in range(3):
         out[:, channel] = table[:, channel].take(codes[:, channel])
 
 
 def _rotations(codes: Codes) -> F32:
-    """Unit quaternions of three components and, in alpha, which one is missing; anything else there
-    is the identity."""
+    """Return unit quaternions from three components and the index of the largest in alpha.
+
+    Any other alpha value gives the identity."""
     tagged = codes[:, 3] >= ROTATION_TAG
     largest = codes[:, 3] - np.uint8(ROTATION_TAG)
     parts = _SMALL.take(codes)
@@ -282,7 +286,7 @@ def _rotations(codes: Codes) -> F32:
     small = parts[:, :3]
     squared = np.einsum("ni,ni->n", small, small)
     parts[:, 3] = np.sqrt(np.maximum(1 - squared, 0))
-    if squared.max(initial=0) > 1:  # no encoder writes that
+    if squared.max(initial=0) > 1:  # not written by any encoder
         small /= np.sqrt(np.maximum(squared, 1))[:, None]
     flat = _PLACES.take(largest, axis=0) + np.arange(0, parts.size, 4)[:, None]
     return parts.reshape(-1).take(flat)

@@ -1,7 +1,7 @@
-"""Splats as the images and the `meta.json` of a SOG, version 2.
+"""Encode splats as the images and the `meta.json` of SOG version 2.
 
-Source: PlayCanvas, "The SOG Format". Splats go along a Z-order curve, so that pixels resemble their
-neighbours and pack well.
+Source: PlayCanvas, "The SOG Format". Splats are in Morton order, so that neighbouring pixels are
+similar and compress well.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from usdsplat.formats.sog.meta import PALETTE_COLUMNS, ROTATION_TAG
 Codes = npt.NDArray[np.uint8]
 
 SMALLEST_LOGARITHM = -20.0
-"""Of a scale: a table of numbers holds no logarithm of 0."""
+"""Smallest logarithm of a scale: 0 has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EncodedSog:
-    """A SOG that has no place yet."""
+    """An encoded SOG that is not written yet."""
 
     images: Mapping[str, bytes]
-    """WebP files by their usual names."""
+    """WebP data by their default file names."""
     sections: Mapping[str, Any]
-    """What `meta.json` says of them; each image is named under "files" of one section."""
+    """Contents of `meta.json`; each image is named under "files" of one section."""
 
     def meta(self, names: Mapping[str, str]) -> bytes:
-        """The text of `meta.json` where images have other names: usual name -> that one."""
+        """Return the text of `meta.json`; `names` maps default image names to actual ones."""
         named = {
             key: value | {"files": [names.get(name, name) for name in value["files"]]}
             if isinstance(value, dict) and "files" in value
@@ -55,13 +55,13 @@ def encode(
     """Encode splats.
 
     Args:
-        target: Named in errors.
-        cloud: Finite splats; identities and velocities have no place in the files.
-        antialiased: Whether they are meant for the antialiased projection.
-        told: Called with the number of splats that are done, now and then.
+        target: Name of the target in error messages.
+        cloud: Finite splats; ids and velocities are not stored.
+        antialiased: Whether the splats are meant for the antialiased projection.
+        told: Receives the number of finished splats from time to time.
 
     Raises:
-        OutputError: If there are more splats than an image has pixels.
+        OutputError: If there are more splats than an image can have pixels.
     """
     if len(cloud) > webp.LONGEST_SIDE**2:
         raise OutputError(target, f"{len(cloud)} splats", f"at most {webp.LONGEST_SIDE**2}")
@@ -77,7 +77,8 @@ def encode(
         "sh0": _colors(cloud.sh[order, 0], cloud.opacities[order], images),
     }
     if antialiased:
-        sections |= {"antialias": True, "model": "antialiased"}  # as the document, as its tool say
+        # The specification's key and the tool's.
+        sections |= {"antialias": True, "model": "antialiased"}
     if cloud.sh_degree:
         sections["shN"] = _harmonics(cloud, order, images, told)
     with threads() as workers:
@@ -87,7 +88,7 @@ def encode(
 
 
 def _means(positions: F32, images: dict[str, Codes]) -> dict[str, Any]:
-    """16 bits for each axis of sign(x) ln(1 + |x|), low bytes and high bytes apart."""
+    """Encode positions: 16 bits per axis of sign(x) ln(1 + |x|), low and high bytes apart."""
     places = positions.astype(np.float64)
     logarithms = np.copysign(np.log1p(np.abs(places)), places)
     lower, upper = np.zeros(3), np.zeros(3)
@@ -101,20 +102,20 @@ def _means(positions: F32, images: dict[str, Codes]) -> dict[str, Any]:
 
 
 def _scales(scales: F32, images: dict[str, Codes]) -> dict[str, Any]:
-    """Logarithms by a table."""
+    """Encode logarithms of scales by a table."""
     smallest = np.float32(np.exp(SMALLEST_LOGARITHM))
     return _by_table("scales.webp", np.log(np.maximum(scales, smallest)), images)
 
 
 def _rotations(rotations: F32, images: dict[str, Codes]) -> dict[str, Any]:
-    """Three components, and in alpha which one is missing."""
+    """Encode three components of rotations, and the index of the largest in alpha."""
     largest, codes = encode_smallest_three(rotations, top=255)
     images["quats.webp"] = _image(codes, ROTATION_TAG + largest)
     return {"files": ["quats.webp"]}
 
 
 def _colors(dc: F32, opacities: F32, images: dict[str, Codes]) -> dict[str, Any]:
-    """Degree 0 by a table, and opacity in alpha."""
+    """Encode degree 0 by a table, and opacity in alpha."""
     return _by_table("sh0.webp", dc, images, alpha=quantize(opacities, 0, 1, 255))
 
 
@@ -124,7 +125,7 @@ def _harmonics(
     images: dict[str, Codes],
     told: Callable[[int], None],
 ) -> dict[str, Any]:
-    """Labels of a palette, and the palette by a table, 64 entries a row."""
+    """Encode harmonics as labels of a palette, and the palette by a table, 64 entries a row."""
     labels, entries = palette.palette(cloud.sh[:, 1:], told)
     table = codebook.codebook(entries)
     rows = max(-(-len(entries) // PALETTE_COLUMNS), 1)
@@ -146,14 +147,14 @@ def _harmonics(
 def _by_table(
     name: str, values: F32, images: dict[str, Codes], alpha: npt.NDArray[Any] | int = 255
 ) -> dict[str, Any]:
-    """An image of places in a table that is made for these numbers."""
+    """Encode values as an image of indices into a table fitted to them."""
     table = codebook.codebook(values)
     images[name] = _image(codebook.encode(values, table), alpha)
     return {"codebook": table.tolist(), "files": [name]}
 
 
 def _image(codes: npt.NDArray[Any], alpha: npt.NDArray[Any] | int = 255) -> Codes:
-    """Up to three channels and alpha, a pixel for each row, as a nearly square image."""
+    """Return up to three channels and alpha as a nearly square image, a pixel for each row."""
     width, height = webp.size_for(len(codes))
     pixels = np.zeros((height * width, 4), np.uint8)
     pixels[:, 3] = 255

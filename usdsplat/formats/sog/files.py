@@ -1,4 +1,4 @@
-"""Named files of a SOG, in a zip archive or a folder, read without trusting names or sizes."""
+"""Read the files of a SOG from a zip archive or a folder, with untrusted names and sizes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from pathlib import Path
 from usdsplat.core.errors import FormatError
 from usdsplat.formats.sog.meta import META
 
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others unpack into memory as they like
+# Other methods may unpack any amount into memory.
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, EOFError, OSError),  # OSError: offsets before the start
     *(ValueError, OverflowError, RuntimeError),  # RuntimeError: methods that zipfile does not know
@@ -22,18 +23,18 @@ _ENCRYPTED = 0x1
 
 
 class SogFiles(ABC):
-    """The files of one SOG; `source` names it in errors."""
+    """The files of a SOG; `source` names it in error messages."""
 
     def __init__(self, source: str, total_bytes: int) -> None:
         self.source = source
         self.total_bytes = total_bytes
-        """Of the archive, or of all files of the folder."""
+        """Size of the archive, or of all files of the folder [byte]."""
 
     def read(self, name: str, limit: int) -> bytes:
-        """Content of the file `name`, of at most `limit` bytes.
+        """Read the file `name`, of at most `limit` bytes.
 
         Raises:
-            FormatError: If the name leads elsewhere, or the file is missing, longer or damaged.
+            FormatError: If the name contains a folder, or the file is missing, too long or damaged.
         """
         if "/" in name or "\\" in name or ":" in name or "\0" in name or name in ("", ".", ".."):
             raise FormatError(self.source, f"file name {name[:60]!r}", "a name without folders")
@@ -44,15 +45,15 @@ class SogFiles(ABC):
 
     @abstractmethod
     def paths(self, names: Iterable[str]) -> tuple[Path, ...]:
-        """The files on disk that hold these files of the SOG, each once."""
+        """Return the files on disk that hold these files of the SOG, each once."""
 
     @abstractmethod
     def _read(self, name: str, most: int) -> bytes:
-        """Up to `most` bytes of a file whose name is harmless."""
+        """Read up to `most` bytes of a file whose name is checked."""
 
 
 class _Folder(SogFiles):
-    """Files beside each other on disk."""
+    """A SOG in a folder."""
 
     def __init__(self, folder: Path) -> None:
         sizes = [entry.stat().st_size for entry in folder.iterdir() if entry.is_file()]
@@ -64,14 +65,14 @@ class _Folder(SogFiles):
 
     def _read(self, name: str, most: int) -> bytes:
         path = self._folder / name
-        if not os.path.isfile(path):  # unlike Path's, it takes names too long for a disk
+        if not os.path.isfile(path):  # unlike Path.is_file, accepts names of any length
             raise FormatError(self.source, f"no file {name[:60]!r}", "one in the folder")
         with path.open("rb") as file:
             return file.read(most)
 
 
 class _Archive(SogFiles):
-    """Entries of a zip file, by name; nothing is ever extracted to disk."""
+    """A SOG in a zip file; nothing is extracted to disk."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         super().__init__(str(path), path.stat().st_size)
@@ -96,7 +97,7 @@ class _Archive(SogFiles):
 
 @contextmanager
 def open_sog(path: Path) -> Iterator[SogFiles]:
-    """Open an archive, a folder, or the folder around its `meta.json`.
+    """Open an archive, a folder, or the folder of a `meta.json`.
 
     Raises:
         FormatError: If the archive is damaged.
@@ -112,7 +113,7 @@ def open_sog(path: Path) -> Iterator[SogFiles]:
 
 @contextmanager
 def _damage_as_format_error(source: str) -> Iterator[None]:
-    """What zipfile raises on archives that are none, as a sentence."""
+    """Convert the exceptions that zipfile raises on damaged archives to FormatError."""
     try:
         yield
     except _DAMAGE as error:

@@ -1,7 +1,7 @@
-"""Streamed SOG: `lod-meta.json` beside many SOGs, which hold a capture at several levels of detail.
+"""Read streamed SOG: `lod-meta.json` and many SOG files that hold several levels of detail.
 
-One level is read, whole: 0 is the finest. Nothing is unpacked until every file of the level has
-told its number of splats.
+One whole level is read; 0 is the finest. No splats are decoded until the metadata of every file of
+the level has been read.
 
 Source: splat-transform, which writes and reads it.
 """
@@ -29,17 +29,16 @@ HAS_LEVELS = True
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether `path` is `lod-meta.json`, or a folder that holds one."""
+    """Return whether `path` is `lod-meta.json`, or a folder that holds one."""
     is_folder = path.is_dir() and (path / LOD_META).is_file()
     return is_folder or path.name.lower() == LOD_META
 
 
 def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
-    """Read the level `how.lod`; a SOG of the surroundings is left out, and a note says so.
+    """Read the level `how.lod`; the environment SOG is left out, and a note says so.
 
     Raises:
-        FormatError: If a file is missing or damaged, lies about what it holds, or has less than
-            `lod-meta.json` says.
+        FormatError: If a file is missing or damaged, or contradicts `lod-meta.json`.
         UsageError: If there is no such level.
     """
     path = path / LOD_META if path.is_dir() else path
@@ -79,7 +78,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
-    """One file of the level, surveyed."""
+    """Metadata of one file of the level."""
 
     name: str
     ranges: tuple[Range, ...]
@@ -90,7 +89,7 @@ class _Unit:
 
 
 def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
-    """Ask every file of a level what it holds before memory is taken for any."""
+    """Read the metadata of every file of a level, before memory is allocated."""
     units = []
     splats = total_bytes = 0
     for name, ranges in zip(meta.files[level], meta.ranges[level], strict=True):
@@ -115,16 +114,16 @@ def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
 
 @contextmanager
 def _opened(path: Path, name: str) -> Iterator[Sog]:
-    """A SOG beside `lod-meta.json`, open and surveyed."""
+    """Open and survey a SOG beside `lod-meta.json`."""
     file = path.parent / name
-    if not os.path.isfile(file):  # unlike Path's, it takes names too long for a disk
+    if not os.path.isfile(file):  # unlike Path.is_file, accepts names of any length
         raise FormatError(str(path), f"no file {name[:60]!r}", "one in its folder")
     with open_sog(file) as files:
         yield survey(files)
 
 
 def _remarks(meta: LodMeta, level: int) -> list[str]:
-    """What a caller may want to ask for instead."""
+    """Return notes on the other levels and the environment."""
     notes = []
     if len(meta.counts) > 1:
         others = ", ".join(str(count) for count in meta.counts)

@@ -1,9 +1,9 @@
-"""`lod-meta.json` of a streamed SOG: which files hold which splats of which level.
+"""Parse `lod-meta.json` of a streamed SOG: the files and ranges of splats of each level.
 
-A tree of boxes; each leaf names, for each level of detail, one range of splats of one SOG. The
-ranges of a level are that level of the capture.
+The file holds a tree of boxes. Each leaf names, for each level of detail, one range of splats of
+one SOG. The ranges of a level together are the capture at that level.
 
-Source: splat-transform's writer. Its files before version 1 say no `version` and no `counts`.
+Source: splat-transform's writer. Files before version 1 lack `version` and `counts`.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from usdsplat.formats.sog.meta import META
 
 LOD_META = "lod-meta.json"
 LOD_META_LIMIT = 1 << 23
-"""Bytes of it that are read: some 50,000 leaves."""
+"""Maximum size of the file [byte]: some 50,000 leaves."""
 
 _MOST = 1 << 32
 
 
 @dataclass(frozen=True, slots=True)
 class LodMeta:
-    """What `lod-meta.json` says."""
+    """The contents of `lod-meta.json`."""
 
     counts: tuple[int, ...]
-    """Splats of each level, the finest first."""
+    """Number of splats of each level, the finest first."""
     files: tuple[tuple[str, ...], ...]
-    """Of each level, the SOGs that hold it: paths from the folder of `lod-meta.json`."""
+    """SOGs of each level: paths relative to the folder of `lod-meta.json`."""
     ranges: tuple[tuple[tuple[Range, ...], ...], ...]
-    """Of each level, of each of these files, what belongs to it, in order and apart."""
+    """Ranges of splats of each of these files, ascending and disjoint."""
     environment: str | None
-    """A SOG of what is far away, if there is one."""
+    """SOG of the distant environment, if there is one."""
 
 
 def parse_lod_meta(where: str, text: bytes) -> LodMeta:
     """Parse and check `lod-meta.json`; `where` names it in errors.
 
     Raises:
-        FormatError: If it is not JSON, or lacks something, or something has an impossible value:
-            a name that leads elsewhere, splats that are in two places of a level.
+        FormatError: If it is not JSON, or a value is missing or invalid: a name outside the folder,
+            or a splat that occurs twice in a level.
     """
     meta = parse_object(where, text)
     whole(f"{where}: version", meta.get("version", 1), 1, 1)
@@ -67,7 +67,7 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
 
 
 def _names(where: str, value: Any) -> list[str]:
-    """Paths of the files, each of them once."""
+    """Return the paths of the files, without duplicates."""
     names = [_name(f"{where}: filenames", name) for name in a_list(f"{where}: filenames", value)]
     if len(set(names)) < len(names):
         raise FormatError(f"{where}: filenames", "a name twice", "each once")
@@ -75,7 +75,7 @@ def _names(where: str, value: Any) -> list[str]:
 
 
 def _name(where: str, name: Any) -> str:
-    """The path of a SOG in the folder or below it."""
+    """Return the path of a SOG in the folder or below it."""
     parts = name.split("/") if isinstance(name, str) else [""]
     harmless = not any(part in ("", ".", "..") or set(part) & set("\\:\0") for part in parts)
     if not harmless or not (parts[-1] == META or parts[-1].lower().endswith(".sog")):
@@ -86,9 +86,9 @@ def _name(where: str, name: Any) -> str:
 def _references(
     where: str, tree: Any, levels: int, files: int
 ) -> Iterator[tuple[int, int, int, int]]:
-    """(level, file, first splat, the one after the last) of every leaf, in the tree's order."""
+    """Yield (level, file, first splat, last splat + 1) of every leaf, in the tree's order."""
     waiting = [tree]
-    while waiting:  # a loop, for trees may be deeper than Python's stack
+    while waiting:  # no recursion: trees may be deeper than Python's stack
         node = waiting.pop()
         lods, children = (
             (node.get("lods", {}), node.get("children", []))
@@ -110,7 +110,7 @@ def _references(
 
 
 def _joined(where: str, name: str, ranges: list[Range]) -> tuple[Range, ...]:
-    """The ranges in order, neighbours made one."""
+    """Return the ranges in order, with adjacent ones joined."""
     joined: list[Range] = []
     for first, last in sorted(ranges):
         if joined and first < joined[-1][1]:

@@ -1,7 +1,7 @@
-"""`meta.json` of a SOG: JSON of any shape in, checked numbers out.
+"""Parse `meta.json` of a SOG into checked numbers.
 
-Version 2 says `version`, `count` and codebooks; version 1 says none of these but the shape of
-`means`, and ranges where version 2 has codebooks.
+Version 2 has `version`, `count` and codebooks. Version 1 has the shape of `means` instead of the
+first two, and ranges instead of codebooks.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from usdsplat.formats.json_values import numbers, parse_object, show, whole
 
 META = "meta.json"
 META_LIMIT = 1 << 20
-"""Bytes of it that are read."""
+"""Maximum size of the file [byte]."""
 
 PALETTE_COLUMNS = 64
-"""Entries of the palette of harmonics in a row of its image."""
+"""Number of entries of the harmonics palette in a row of its image."""
 ROTATION_TAG = 252
-"""Alpha of a rotation: this and the index of the largest component."""
+"""Alpha of a rotation is this plus the index of the largest component."""
 
 _LARGEST = 1e300
 
@@ -31,45 +31,45 @@ _SECTIONS = {"means": 2, "scales": 1, "quats": 1, "sh0": 1, "shN": 2}
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One attribute: the images that hold its codes and the numbers that decode them."""
+    """An attribute: its images of codes and the numbers that decode them."""
 
     where: str
-    """Names the section in errors."""
+    """Name of the section in error messages."""
     files: tuple[str, ...]
     values: Mapping[str, Any]
 
     def numbers(self, key: str, length: int) -> F64:
-        """The `length` finite numbers under `key`; a single one may stand without a list.
+        """Return the `length` finite numbers under `key`; a single one need not be in a list.
 
         Raises:
-            FormatError: If there are none such.
+            FormatError: If they are missing or invalid.
         """
         value = self.values.get(key)
         items = [value] if length == 1 and not isinstance(value, list) else value
         return numbers(f"{self.where}.{key}", items, length, largest=_LARGEST)
 
     def whole_number(self, key: str, least: int, most: int) -> int:
-        """The whole number under `key`.
+        """Return the whole number under `key`.
 
         Raises:
-            FormatError: If it is none, or outside `least` to `most`.
+            FormatError: If it is not a whole number, or outside `least` to `most`.
         """
         return whole(f"{self.where}.{key}", self.values.get(key), least, most)
 
 
 @dataclass(frozen=True, slots=True)
 class Meta:
-    """What `meta.json` says."""
+    """The contents of `meta.json`."""
 
     version: int
     count: int
     antialiased: bool
     sections: Mapping[str, Section]
-    """By name; shN only where there are harmonics above degree 0."""
+    """Sections by name; shN only if there are harmonics above degree 0."""
 
     @property
     def files(self) -> list[str]:
-        """Names of the SOG's files, `meta.json` the first."""
+        """Names of the SOG's files, starting with `meta.json`."""
         return [META, *(name for section in self.sections.values() for name in section.files)]
 
 
@@ -77,7 +77,7 @@ def parse_meta(source: str, text: bytes) -> Meta:
     """Parse and check `meta.json`; `source` names the SOG in errors.
 
     Raises:
-        FormatError: If it is not JSON, or lacks something, or something has an impossible value.
+        FormatError: If it is not JSON, or a value is missing or invalid.
     """
     where = f"{source}: meta.json"
     meta = parse_object(where, text)
@@ -100,7 +100,7 @@ def parse_meta(source: str, text: bytes) -> Meta:
 
 
 def _section(where: str, value: Any, count: int) -> Section:
-    """The section under a name, if it is an object with that many file names."""
+    """Return a section, after checking that it has `count` file names."""
     files = value.get("files") if isinstance(value, dict) else None
     if not isinstance(files, list) or [type(name) for name in files] != [str] * count:
         raise FormatError(where, show(value), f"an object with {count} file names")

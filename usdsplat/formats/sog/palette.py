@@ -1,8 +1,9 @@
-"""Vector quantisation: a palette of rows that stand for many rows, in two levels.
+"""Vector quantisation in two levels: find a palette of rows that represents many rows.
 
-Rows are parted into groups by k-means, then each group into cells of its own. A row meets the
-centres of its group only, which costs the root of what one level would, for a little more error.
-Equal rows go through it as one that weighs more: a capture may have any number without harmonics.
+K-means divides the rows into groups, then each group into cells. A row is compared with the centres
+of its group only, which costs the square root of a single level, for a slightly larger error. Equal
+rows are merged into one row with a weight, because a capture may contain many splats without
+harmonics.
 
 Source: Linde, Buzo & Gray 1980, "An algorithm for vector quantizer design"; two levels as Gersho &
 Gray 1992, "Vector Quantization and Signal Compression", chapter 12.
@@ -20,32 +21,34 @@ from usdsplat.core.cloud import F32, F64
 from usdsplat.formats.cloud_builder import in_parallel, threads
 
 LARGEST = 1 << 16
-"""Rows of a palette whose labels have 16 bits."""
+"""Maximum number of rows of a palette: labels have 16 bits."""
 
 _ROUNDS = 6
-_SAMPLES = 64  # rows for each centre that groups are found from
-_NEGLIGIBLE = 1e-3  # share of the errors that is not worth the search for more centres
-_BLOCK = 2048  # rows whose distances are looked at together
-_TILE = 32  # rows of one product
-_ALONE = 1 << 18  # multiplications up to which BLAS wakes no threads: they get in the way of ours
+_SAMPLES = 64  # rows per group centre that the groups are computed from
+_NEGLIGIBLE = 1e-3  # fraction of the error below which no more centres are searched
+_BLOCK = 2048  # rows whose distances are computed together
+_TILE = 32  # rows of one matrix product
+# Products up to this size stay single-threaded in BLAS; its threads would compete with ours.
+_ALONE = 1 << 18
 
 Labels = npt.NDArray[np.intp]
 
 
 def size_for(count: int) -> int:
-    """Rows of the palette for so many: the power of two that is not above, at most 65536."""
+    """Return the palette size for `count` rows: the largest power of two not above, at most
+    65536."""
     return min(LARGEST, 1 << (count.bit_length() - 1)) if count else 0
 
 
 def palette(rows: F32, told: Callable[[int], None]) -> tuple[npt.NDArray[np.uint16], F32]:
-    """Find a palette and who takes which of its rows.
+    """Compute a palette and the label of each row.
 
     Args:
-        rows: Finite, of any length, shape (n, ...); it may be a view.
-        told: Called with the number of rows that have found their place.
+        rows: Finite values, shape (n, ...); may be a view.
+        told: Receives the number of rows that have their label.
 
     Returns:
-        Labels, shape (n,), and the palette, shape (`size_for(n)`, values of a row) or shorter.
+        Labels, shape (n,), and the palette, shape (at most `size_for(n)`, values of a row).
     """
     count = len(rows)
     width = math.prod(rows.shape[1:])
@@ -61,15 +64,16 @@ def palette(rows: F32, told: Callable[[int], None]) -> tuple[npt.NDArray[np.uint
 
 
 def _kinds(rows: F32) -> tuple[Labels, Labels, F32]:
-    """Where each kind of row stands first, which kind each row is, and how many are of a kind.
+    """Return the first index of each distinct row, the distinct row of each row, and the counts.
 
-    Where all differ, each row is the kind of its own number.
+    If all rows differ, row i is distinct row i.
     """
     factors = np.random.default_rng(0).integers(1 << 63, size=math.prod(rows.shape[1:]), dtype="u8")
-    marks = np.empty(len(rows), np.uint64)  # two kinds in 2^64 share one
+    # Hashes; two distinct rows collide with probability 2^-64.
+    marks = np.empty(len(rows), np.uint64)
 
     def mark(block: slice) -> None:
-        numbers = rows[block].reshape(-1, len(factors)) + np.float32(0)  # -0 is 0
+        numbers = rows[block].reshape(-1, len(factors)) + np.float32(0)  # maps -0 to 0
         bits = numbers.view(np.uint32)
         marks[block] = np.einsum("ij,j->i", bits, factors, dtype=np.uint64, casting="same_kind")
 
@@ -85,7 +89,7 @@ def _kinds(rows: F32) -> tuple[Labels, Labels, F32]:
 def _quantized(
     rows: F32, weights: F32, size: int, told: Callable[[int], None]
 ) -> tuple[npt.NDArray[np.uint16], F32]:
-    """Labels and a palette of at most `size` rows, for more rows than that."""
+    """Return labels and a palette of at most `size` rows, for more rows than that."""
     count = len(rows)
     width = math.prod(rows.shape[1:])
     rng = np.random.default_rng(0)
@@ -126,10 +130,12 @@ def _quantized(
 
 
 def _shares(counts: Labels, errors: F64, size: int) -> Labels:
-    """Centres for each group, at most `size` in all: one, and of the others by the errors of its
-    rows, for many alike need few; but no more than its rows."""
+    """Return the number of centres of each group, at most `size` in all.
+
+    Each group gets one, and more in proportion to the error of its rows, but no more than it has
+    rows."""
     shares = np.minimum(counts, 1)
-    for _ in range(_ROUNDS):  # what a group has no rows for goes to the others
+    for _ in range(_ROUNDS):  # centres that a group cannot use go to the others
         claims = np.cumsum(np.where(shares < counts, errors, 0))
         if not claims[-1] > _NEGLIGIBLE * errors.sum():
             break
@@ -139,7 +145,8 @@ def _shares(counts: Labels, errors: F64, size: int) -> Labels:
 
 
 def _kmeans(points: F32, weights: F32, count: int, rng: np.random.Generator) -> F32:
-    """At most `count` centres of points, shape (centres, width); they start as some of these."""
+    """Return at most `count` k-means centres, shape (centres, width), initialised with some
+    points."""
     if count >= len(points):
         return points
     centres = points[np.sort(rng.permutation(len(points))[:count])]
@@ -151,20 +158,20 @@ def _kmeans(points: F32, weights: F32, count: int, rng: np.random.Generator) -> 
         sums = np.add.reduceat(points[order] * heavy, starts, axis=0)
         centres[taken] = sums / np.add.reduceat(heavy, starts, axis=0)
         idle = np.setdiff1d(np.arange(len(centres)), taken, assume_unique=True)
-        if len(idle):  # they go to the points that fare worst
+        if len(idle):  # move unused centres to the points of largest error
             worst = np.argsort(_errors(points, centres[nearest], weights))[-len(idle) :]
             centres[idle] = points[worst]
     return centres
 
 
 def _errors(points: F32, centres: F32, weights: F32) -> F32:
-    """Squared distance of each point from its centre, as often as the point counts."""
+    """Return the weighted squared distance of each point from its centre."""
     off = points - centres
     return np.einsum("ij,ij->i", off, off) * weights
 
 
 def _nearest(points: F32, centres: F32) -> Labels:
-    """Row of the centre nearest to each point."""
+    """Return the index of the centre nearest to each point."""
     half = np.einsum("ij,ij->i", centres, centres) / 2
     across = np.ascontiguousarray(centres.T)
     columns = max(_ALONE // (_TILE * max(points.shape[1], 1)), 1)

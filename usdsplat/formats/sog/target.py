@@ -1,4 +1,4 @@
-"""Where a SOG is written: a zip archive, or a folder, whole or not at all."""
+"""Write a SOG to a zip archive or a folder, completely or not at all."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from usdsplat.formats.sog.meta import META, META_LIMIT, parse_meta
 
 
 def write_archive(path: Path, sog: EncodedSog) -> None:
-    """Write a zip file; nothing in it is deflated, for images are packed already.
+    """Write a zip file without compression, because the images are compressed already.
 
     Raises:
-        OutputError: If nothing can be written there.
+        OutputError: If the target cannot be written.
     """
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive,
     ):
         for name, data in {META: sog.meta({}), **sog.images}.items():
-            archive.writestr(zipfile.ZipInfo(name), data)  # of no date: equal splats, equal files
+            # No date, so that equal splats give equal files.
+            archive.writestr(zipfile.ZipInfo(name), data)
 
 
 def write_folder(meta: Path, sog: EncodedSog) -> None:
-    """Write into the folder of `meta`, which is new, empty or holds a SOG.
+    """Write into the folder of `meta`, which must be new, empty or hold a SOG.
 
-    The images come first, under names that nothing there has; then `meta.json` takes the place of
-    its older self and names them; then those that it named before go. So a reader finds the old
-    SOG or the new one at any time.
+    The images are written first, under unused names. Then the new `meta.json`, which names them,
+    replaces the old one. Then the images that the old one named are deleted. A reader therefore
+    finds the old or the new SOG complete at any time.
 
     Raises:
-        OutputError: If the folder has other files but no SOG, or nothing can be written there.
+        OutputError: If the folder has other files but no SOG, or cannot be written.
     """
     folder = Path(os.path.realpath(meta.parent))
     old = _images_of(str(meta), folder)
@@ -60,12 +61,12 @@ def write_folder(meta: Path, sog: EncodedSog) -> None:
             raise OutputError(str(meta), found, "a folder that can be written") from error
         raise
     for name in old:
-        with suppress(OSError):  # the new one is whole
+        with suppress(OSError):  # the new SOG is complete without the deletion
             (folder / name).unlink()
 
 
 def _images_of(target: str, folder: Path) -> list[str]:
-    """Images that the SOG in a folder names, none if it is new or empty."""
+    """Return the images of the SOG in a folder, none if it is new or empty."""
     expected = "a new or an empty folder, or one that holds a SOG"
     if not folder.exists():
         return []
@@ -85,7 +86,7 @@ def _images_of(target: str, folder: Path) -> list[str]:
 
 
 def _free_name(folder: Path, name: str) -> str:
-    """`name`, or with a number in it if the folder has that already."""
+    """Return `name`, with a number inserted if the folder already has such a file."""
     path = Path(name)
     number = 0
     while (folder / name).exists():

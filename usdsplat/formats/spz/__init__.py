@@ -1,11 +1,11 @@
-"""Niantic's SPZ, versions 1 to 4: fixed point and bytes, attribute by attribute.
+"""Niantic's SPZ, versions 1 to 4: fixed-point numbers and bytes, attribute by attribute.
 
 19 bytes a splat, 64 with harmonics of degree 3, before gzip or zstd. Lossy: see the error bounds of
 the `Capture`.
 
-Source: nianticlabs/spz, the library that defines the format. Its own frame is "rub", but its tools,
-and others, pack PLY files without turning them, so most files in the wild hold "rdf"
-(nianticlabs/spz issue 84). Where the file does not say, "rdf" is assumed and a note says so.
+Source: nianticlabs/spz, the library that defines the format. Its own axes are "rub", but its tools
+and others pack PLY files without converting them, so most files hold "rdf" (nianticlabs/spz issue
+84). If the file does not state its axes, "rdf" is assumed and noted.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ SUFFIXES: tuple[str, ...] = (".spz",)
 FRAME = "rdf"
 
 _WAITING = 16
-"""Blocks of codes that may wait to be decoded."""
+"""Maximum number of blocks waiting to be decoded."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether a file that starts with `head` is SPZ, or gzip, which no other format is."""
+    """Return whether a file that starts with `head` is SPZ, or gzip, which no other format uses."""
     return head.startswith((MAGIC, GZIP_MAGIC))
 
 
@@ -66,21 +66,21 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read splats of any version.
 
     Raises:
-        FormatError: If the header asks for what cannot be, if data is missing, damaged or more than
-            the header says, or if a half-precision position is not finite.
+        FormatError: If the header is invalid, data is missing, damaged or longer than the header
+            says, or a half-precision position is not finite.
     """
     with path.open("rb") as file:
         return replace(unpack(str(path), file, path.stat().st_size, how), files=(path,))
 
 
 def unpack(source: str, file: BinaryIO, size: int, how: ReadOptions = READ_OPTIONS) -> Capture:
-    """Read `size` bytes of any version that start where `file` stands.
+    """Read a capture of any version from `size` bytes at the current position of `file`.
 
     Args:
-        source: Names the data in errors.
-        file: Can be read and searched.
-        size: How much of it there is.
-        how: What else is asked of the reader.
+        source: Name of the data in error messages.
+        file: A readable, seekable file.
+        size: Length of the data [byte].
+        how: Options of the reader.
 
     Returns:
         A capture without `files`.
@@ -107,22 +107,22 @@ def unpack(source: str, file: BinaryIO, size: int, how: ReadOptions = READ_OPTIO
 
 
 def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> Mapping[str, str]:
-    """Write `cloud` in `how.spz_version`; identities and velocities have no place there.
+    """Write `cloud` in `how.spz_version`, without ids and velocities.
 
-    Positions get as many bits after the point as the farthest splat leaves them, so that none wraps
-    around; `spz.encoding` says what is clamped.
+    Positions get the largest number of fractional bits with which the farthest splat does not
+    overflow. `spz.encoding` describes what is clamped.
 
     Args:
         cloud: Finite splats.
         path: Target, replaced when the file is complete.
-        how: Version, projection flag, and the frame, which becomes an extension record if known.
+        how: Version, antialiased flag, and axes, which become an extension record if known.
 
     Returns:
-        What that costs, field by field, as a `Capture` has it.
+        Error bounds, in the form of `Capture.error_bounds`.
 
     Raises:
-        OutputError: If a coordinate is past 8 388 607, or if nothing can be written there.
-        UsageError: If there is no such version, or SPZ has no word for the frame.
+        OutputError: If a coordinate exceeds 8 388 607, or the target cannot be written.
+        UsageError: If the version is unknown, or SPZ cannot express the axes.
     """
     if how.spz_version not in SPZ_VERSIONS:
         known = " or ".join(map(str, SPZ_VERSIONS))
@@ -149,7 +149,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
 
 
 def _error_bounds(header: SpzHeader) -> dict[str, str]:
-    """Rounding of the library's encoder."""
+    """Return the rounding errors of the library's encoder."""
     half = header.version == 1
     derived = header.version < 3
     return {
@@ -162,7 +162,7 @@ def _error_bounds(header: SpzHeader) -> dict[str, str]:
 
 
 def _encoded(cloud: SplatCloud, header: SpzHeader) -> list[Codes]:
-    """Bytes of every attribute, a row for each splat, in the order of the file."""
+    """Return the codes of every attribute, a row for each splat, in the order of the file."""
     planes = {name: np.empty((len(cloud), size), np.uint8) for name, size in header.sizes().items()}
 
     def work(rows: slice) -> None:
@@ -174,13 +174,14 @@ def _encoded(cloud: SplatCloud, header: SpzHeader) -> list[Codes]:
 
 
 def _fill(source: str, container: SpzContainer, how: ReadOptions) -> CloudBuilder:
-    """Unpack attribute after attribute; threads decode while the last, the largest, is unpacked."""
+    """Unpack the attributes; threads decode while the last and largest one is unpacked."""
     header = container.header
     *names, last = header.sizes()
     planes = {
         name: np.frombuffer(b"".join(container.attribute(name, BLOCK)), np.uint8) for name in names
     }
-    builder = CloudBuilder(source, header.count, header.degree, how)  # that much has arrived
+    # Allocated only now: the data for this count exists.
+    builder = CloudBuilder(source, header.count, header.degree, how)
 
     def work(rows: slice, piece: bytes) -> None:
         block = {name: plane.reshape(header.count, -1)[rows] for name, plane in planes.items()}

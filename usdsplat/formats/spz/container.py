@@ -1,7 +1,7 @@
-"""How an SPZ file holds its attributes: header, compressed bytes of each, extensions.
+"""Read the containers of SPZ: header, compressed attributes, extensions.
 
-Versions 1 to 3 are one gzip stream; version 4 has a plain header, extensions and table of contents,
-and a zstd frame for each attribute.
+Versions 1 to 3 are one gzip stream. Version 4 has an uncompressed header, extensions and table of
+contents, and a zstd frame for each attribute.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ GZIP_MAGIC = b"\x1f\x8b"
 MAX_FRACTIONAL_BITS = 24
 
 HEADER4_SIZE = 32
-"""Of version 4: the bytes of `SpzHeader`, where the table of contents is, zeros."""
+"""Size of version 4's header [byte]: `SpzHeader`, offset of the table of contents, zeros."""
 TABLE_OFFSET = struct.Struct("<I")
 TABLE_ENTRY = struct.Struct("<QQ")
-"""Packed and unpacked size of a frame."""
+"""Compressed and uncompressed size of a frame [byte]."""
 ANTIALIASED, HAS_EXTENSIONS = 1, 2
-"""Flags."""
+"""Bits of `SpzHeader.flags`."""
 
 _HEADER = struct.Struct("<4sIIBBBB")
 
 
 @dataclass(frozen=True, slots=True)
 class SpzHeader:
-    """The 16 bytes that all versions begin with."""
+    """The 16-byte header of all versions."""
 
     magic: bytes
     version: int
@@ -56,11 +56,11 @@ class SpzHeader:
         return bool(self.flags & HAS_EXTENSIONS)
 
     def pack(self) -> bytes:
-        """The 16 bytes."""
+        """Return the 16 bytes."""
         return _HEADER.pack(*astuple(self))
 
     def sizes(self) -> dict[str, int]:
-        """Attribute -> bytes per splat, in the order of the file."""
+        """Return bytes per splat by attribute, in the order of the file."""
         sizes = {
             "positions": 6 if self.version == 1 else 9,
             "alphas": 1,
@@ -74,7 +74,7 @@ class SpzHeader:
 
 
 class SpzContainer(ABC):
-    """An opened file; its attributes are asked for once each, in order, to their end."""
+    """An opened SPZ file; attributes must be read once each, in order, to their end."""
 
     def __init__(self, source: str, header: bytes, file_bytes: int) -> None:
         self._source = source
@@ -83,22 +83,22 @@ class SpzContainer(ABC):
 
     @abstractmethod
     def attribute(self, name: str, rows: int) -> Iterator[bytes]:
-        """Bytes of an attribute of every splat, `rows` splats at a time.
+        """Yield the bytes of an attribute, `rows` splats at a time.
 
         Raises:
-            FormatError: If there are fewer or more than the header says, or damaged ones.
+            FormatError: If there are fewer or more than the header says, or they are damaged.
         """
 
     @abstractmethod
     def extensions(self) -> bytes:
-        """Extension records; to be asked for behind the last attribute.
+        """Return the extension records; call this after the last attribute is read.
 
         Raises:
-            FormatError: If anything else follows it.
+            FormatError: If other data follows the last attribute.
         """
 
     def _check(self, file_bytes: int) -> None:
-        """Refuse a header that says what cannot be."""
+        """Raise an error for an invalid header."""
         header, source = self.header, self._source
         if header.magic != MAGIC:
             raise FormatError(source, f"magic {header.magic!r}", f"{MAGIC!r} of SPZ")
@@ -113,10 +113,10 @@ class SpzContainer(ABC):
 
 
 def open_container(source: str, file: BinaryIO, file_bytes: int) -> SpzContainer:
-    """Open a file of either kind at its start; `source` names it in errors.
+    """Open an SPZ file of any version; `source` names it in error messages.
 
     Raises:
-        FormatError: If the header is missing or says what cannot be.
+        FormatError: If the header is missing or invalid.
     """
     magic = file.read(len(MAGIC))
     file.seek(0)
@@ -128,7 +128,7 @@ def open_container(source: str, file: BinaryIO, file_bytes: int) -> SpzContainer
 
 
 class _GzipStream(SpzContainer):
-    """Versions 1 to 3."""
+    """A file of version 1 to 3."""
 
     def __init__(self, source: str, file: BinaryIO, file_bytes: int) -> None:
         self._stream = Gunzip(source, file)
@@ -150,7 +150,7 @@ class _GzipStream(SpzContainer):
 
 
 class _Frames(SpzContainer):
-    """Version 4."""
+    """A file of version 4."""
 
     def __init__(self, source: str, file: BinaryIO, file_bytes: int) -> None:
         head = file.read(HEADER4_SIZE)
@@ -188,7 +188,7 @@ class _Frames(SpzContainer):
         return self._records if self.header.has_extensions else b""
 
     def _take(self, size: int, what: str) -> bytes:
-        """The next `size` bytes of the file, if it has as many."""
+        """Read the next `size` bytes of the file; raise an error if there are fewer."""
         if size > self._left:
             raise FormatError(self._source, f"{self._left} bytes left for {what}", str(size))
         self._left -= size

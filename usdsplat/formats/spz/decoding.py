@@ -1,4 +1,4 @@
-"""What the bytes of an SPZ file stand for, attribute by attribute; `spz.encoding` is the inverse.
+"""Decode the attributes of an SPZ file; `spz.encoding` is the inverse.
 
 Source: nianticlabs/spz, `src/cc/load-spz.cc`.
 """
@@ -22,18 +22,20 @@ _DC = ((np.arange(256) / 255 - 0.5) / 0.15).astype(np.float32)
 
 _magnitudes = np.arange(512) / (511 * np.sqrt(2))
 _COMPONENTS = np.concatenate([_magnitudes, -_magnitudes]).astype(np.float32)
-"""Of a quaternion: a sign above nine bits of magnitude."""
+"""Quaternion component by code: a sign bit above nine bits of magnitude."""
 
 
 def decode(builder: CloudBuilder, header: SpzHeader, name: str, rows: slice, codes: Codes) -> None:
-    """Fill some splats of the attribute `name`; all but half positions are finite and settled.
+    """Decode an attribute of some splats.
+
+    All values are finite and settled, except for the half-precision positions of version 1.
 
     Args:
-        builder: Takes the values.
-        header: Of the file.
-        name: Of the attribute, as `SpzHeader.sizes` has it.
-        rows: Which splats.
-        codes: Their bytes, a row for each splat.
+        builder: Cloud under construction.
+        header: Header of the file.
+        name: Name of the attribute, as in `SpzHeader.sizes`.
+        rows: Rows of the splats.
+        codes: Codes of the splats, a row for each splat.
     """
     match name:
         case "positions" if header.version == 1:
@@ -53,31 +55,32 @@ def decode(builder: CloudBuilder, header: SpzHeader, name: str, rows: slice, cod
             builder.rotations[rows, 0] = xyzw[:, 3]
             builder.rotations[rows, 1:] = xyzw[:, :3]
         case "harmonics":
-            signed = (codes ^ 128).view(np.int8)  # is codes - 128
+            signed = (codes ^ 128).view(np.int8)  # equals codes - 128
             out = builder.sh[rows, 1:].reshape(codes.shape)  # a view
             np.multiply(signed, np.float32(1 / 128), out=out, dtype=np.float32)
 
 
 def _fixed_point(out: F32, codes: Codes, fractional_bits: int) -> None:
-    """Signed 24-bit numbers, little endian, three a row."""
+    """Decode signed 24-bit little-endian numbers, three a row."""
     words = np.zeros((out.size, 4), np.uint8)
     of_number = codes.reshape(-1, 3)
-    for place in range(3):  # one strided copy for each is faster than copies of three bytes
+    for place in range(3):  # a strided copy per byte is faster than copies of three bytes
         words[:, place + 1] = of_number[:, place]
-    signed = words.view("<i4")[:, 0] >> 8  # from the upper bytes, so that the sign comes along
+    signed = words.view("<i4")[:, 0] >> 8  # shifted down from the upper bytes to extend the sign
     step = np.float32(2.0**-fractional_bits)
     np.multiply(signed, step, out=out.reshape(-1), dtype=np.float32, casting="same_kind")
 
 
 def _derived_w(codes: Codes) -> F32:
-    """Rotations of versions 1 and 2: x, y, z in bytes, and w >= 0 from the length."""
+    """Decode rotations of versions 1 and 2: x, y, z in bytes, w >= 0 from the unit length."""
     xyz = codes.astype(np.float64) / 127.5 - 1
     w = np.sqrt(np.maximum(0, 1 - np.einsum("ni,ni->n", xyz, xyz)))
     return normalize(np.column_stack([w, xyz])).astype(np.float32)
 
 
 def _smallest_three(words: npt.NDArray[np.uint32]) -> F32:
-    """Rotations of version 3 on: index of the largest in (x, y, z, w), three signed magnitudes."""
+    """Decode rotations of version 3 on: index of the largest in (x, y, z, w), three signed
+    values."""
     rest = np.empty((3, len(words)), np.float32)
     for component, shift in zip(rest, (20, 10, 0), strict=True):
         np.take(_COMPONENTS, words >> shift & 1023, out=component, mode="clip")

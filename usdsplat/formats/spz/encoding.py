@@ -1,8 +1,8 @@
-"""The bytes that stand for splats in an SPZ file, attribute by attribute.
+"""Encode splats as the attributes of an SPZ file.
 
-What is out of range is clamped: scales to exp(-10) to exp(5.94), coefficients of degree 0 to +-3.33
-and those above to -1 to 0.992. Harmonics keep as many bits as the library keeps, 5 in degree 1 and
-4 above, rounded to the nearest: that is what makes files small.
+Values out of range are clamped: scales to exp(-10) to exp(5.94), coefficients of degree 0 to +-3.33
+and those above to -1 to 0.992. Harmonics keep as many bits as in the library, 5 in degree 1 and 4
+above, rounded to nearest, which makes files small.
 
 Source: nianticlabs/spz, `src/cc/load-spz.cc`.
 """
@@ -19,19 +19,19 @@ from usdsplat.formats.spz.container import MAX_FRACTIONAL_BITS
 Codes = npt.NDArray[np.uint8]
 
 LARGEST_STEP = (1 << 23) - 1
-"""Greatest magnitude of a coordinate, in steps."""
+"""Largest magnitude of a coordinate, in steps."""
 
 _STEP_DEGREE_1 = 1 << 3
 _STEP_ABOVE = 1 << 4
 _DEGREE_1 = 9
-"""Numbers of degree 1 that a splat has."""
+"""Number of coefficients of degree 1 of a splat, all channels."""
 
 
 def finest_bits(positions: F32) -> int | None:
-    """Most bits after the point, 0 to 24, with which no coordinate leaves its 24 bits.
+    """Return the largest number of fractional bits, 0 to 24, with which no coordinate overflows.
 
-    Positions then err by at most 2^-(bits + 1): as much as a float does, as far out as the farthest
-    splat. None if even whole numbers do not fit, or if a coordinate is not finite.
+    The error of a position is then at most 2^-(bits + 1). Returns None if even whole numbers
+    overflow, or if a coordinate is not finite.
     """
     reach = max(float(positions.max(initial=0)), -float(positions.min(initial=0)))
     for bits in range(MAX_FRACTIONAL_BITS, -1, -1):
@@ -41,10 +41,10 @@ def finest_bits(positions: F32) -> int | None:
 
 
 def encode(cloud: SplatCloud, name: str, rows: slice, fractional_bits: int) -> Codes:
-    """Bytes of the attribute `name` (`SpzHeader.sizes` of version 3 on) of some splats.
+    """Return the codes of the attribute `name` (`SpzHeader.sizes` of version 3 on).
 
     Returns:
-        A row for each splat.
+        Codes, a row for each splat.
     """
     match name:
         case "positions":
@@ -54,7 +54,7 @@ def encode(cloud: SplatCloud, name: str, rows: slice, fractional_bits: int) -> C
         case "colors":
             return _bytes(cloud.sh[rows, 0] * np.float32(0.15 * 255) + np.float32(127.5))
         case "scales":
-            with np.errstate(divide="ignore"):  # flat ones become the thinnest that there are
+            with np.errstate(divide="ignore"):  # a scale of 0 becomes the smallest code
                 return _bytes(np.log(cloud.scales[rows]) * np.float32(16) + np.float32(160))
         case "rotations":
             words = _smallest_three(cloud.rotations[rows])
@@ -64,23 +64,23 @@ def encode(cloud: SplatCloud, name: str, rows: slice, fractional_bits: int) -> C
 
 
 def _bytes(values: F32) -> Codes:
-    """The nearest of 0 to 255."""
+    """Round to the nearest of 0 to 255."""
     np.rint(values, out=values)
     return np.clip(values, 0, 255, out=values).astype(np.uint8)
 
 
 def _fixed_point(positions: F32, fractional_bits: int) -> Codes:
-    """Signed 24-bit numbers, little endian, three a row."""
+    """Encode signed 24-bit little-endian numbers, three a row."""
     steps = np.rint(positions * np.float32(2.0**fractional_bits)).astype("<i4")
     of_number = steps.reshape(-1, 1).view(np.uint8)
     codes = np.empty((positions.size, 3), np.uint8)
-    for place in range(3):  # one strided copy for each is faster than copies of three bytes
+    for place in range(3):  # a strided copy per byte is faster than copies of three bytes
         codes[:, place] = of_number[:, place]
     return codes.reshape(-1, 9)
 
 
 def _smallest_three(rotations: F32) -> npt.NDArray[np.uint32]:
-    """Index of the largest in (x, y, z, w), and of the others, in order, sign and nine bits."""
+    """Encode the index of the largest in (x, y, z, w), and sign and nine bits of the others."""
     largest, rest = split_largest(rotations[:, [1, 2, 3, 0]])
     magnitudes = np.minimum(np.rint(np.abs(rest) * np.float32(511 * np.sqrt(2))), 511)
     codes = magnitudes.astype("<u4") | np.signbit(rest).astype("<u4") << 9
@@ -89,7 +89,7 @@ def _smallest_three(rotations: F32) -> npt.NDArray[np.uint32]:
 
 
 def _harmonics(values: F32) -> Codes:
-    """Codes 128 v + 128, rounded to those that are kept of them."""
+    """Return codes 128 v + 128, rounded to the bits that are kept."""
     codes = np.empty(values.shape, np.uint8)
     for columns, step in (
         (slice(0, _DEGREE_1), _STEP_DEGREE_1),

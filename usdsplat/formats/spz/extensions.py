@@ -1,4 +1,4 @@
-"""Extension records of SPZ files: what a vendor adds beside the splats.
+"""Read and write the extension records of SPZ files.
 
 Source: nianticlabs/spz, `extensions/`; records are {u32 type, u32 length, payload}.
 """
@@ -10,18 +10,18 @@ import struct
 from usdsplat.core.errors import FormatError, UsageError
 
 EXTENSION_LIMIT = 1 << 16
-"""Bytes that all records of a file may take: those that exist take 30."""
+"""Maximum size of all records [byte]; the known ones take 30."""
 
 COORDINATE_SYSTEM = 0xADBE0003
-"""Adobe's record that says where the axes point, u32."""
+"""Adobe's record of the directions of the axes, u32."""
 
 _SAFE_ORBIT_CAMERA = 0xADBE0002
-"""Adobe's limits of an orbiting camera: elevation from and to [radian], least distance, f32."""
+"""Adobe's limits of an orbit camera: minimum and maximum elevation [radian], radius, f32."""
 
 _RECORD = struct.Struct("<II")
 _ORBIT = struct.Struct("<3f")
 _INDEX = struct.Struct("<I")
-_DEFAULT_FRAME = "rub"  # what the library reads "unspecified" as
+_DEFAULT_FRAME = "rub"  # the library's meaning of "unspecified"
 _FRAMES = (
     *(_DEFAULT_FRAME, "ldb", "rdb", "lub", "rub", "ldf", "rdf", "luf", "ruf"),
     *("lfd", "rfd", "lfu", "rfu", "lbd", "rbd", "lbu", "rbu"),
@@ -50,10 +50,10 @@ def parse_extensions(source: str, block: bytes) -> dict[int, bytes]:
 
 
 def stated_frame(source: str, records: dict[int, bytes]) -> str | None:
-    """Frame that the coordinate system record names (`core.axes`); None if there is no record.
+    """Return the axes of the coordinate system record (`core.axes`), or None without a record.
 
     Raises:
-        FormatError: If the record names none that exists.
+        FormatError: If the record names unknown axes.
     """
     payload = records.get(COORDINATE_SYSTEM)
     if payload is None:
@@ -66,10 +66,10 @@ def stated_frame(source: str, records: dict[int, bytes]) -> str | None:
 
 
 def frame_record(frame: str) -> bytes:
-    """The record that says where the axes point.
+    """Return the record that states the directions of the axes.
 
     Raises:
-        UsageError: If SPZ has no word for `frame`.
+        UsageError: If SPZ cannot express `frame`.
     """
     stated = _FRAMES[1:]
     if frame not in stated:
@@ -79,7 +79,7 @@ def frame_record(frame: str) -> bytes:
 
 
 def remarks(records: dict[int, bytes]) -> tuple[str, ...]:
-    """A sentence for each record that a cloud of splats has no place for."""
+    """Return a note for each record that has no counterpart in a cloud."""
     return tuple(
         f"ignored extension {kind:#010x}, {_meaning(kind, payload)}"
         for kind, payload in records.items()

@@ -1,8 +1,9 @@
-"""The bytes of an SPZ file around its attributes, written: gzip for version 3, zstd for version 4.
+"""Write SPZ containers: gzip for version 3, zstd for version 4.
 
-Codes of splats repeat little, but use few of the 256 bytes: Huffman codes do nearly all that can be
-done. So version 3 is deflated without a search for longer matches, which is several times as
-fast as zlib's default and within 5 % of its size, and version 4 with a short search.
+Codes of splats rarely repeat in sequences, but they use few of the 256 byte values, so Huffman
+coding achieves nearly all of the possible compression. Version 3 is therefore deflated without a
+search for longer matches, which is several times as fast as zlib's default and within 5 % of its
+size. Version 4 uses a short search.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from usdsplat.formats.spz.container import HEADER4_SIZE, TABLE_ENTRY, TABLE_OFFS
 from usdsplat.formats.spz.decoding import Codes
 
 Tick = Callable[[int, int], None]
-"""Told (pieces written, pieces in all)."""
+"""Callback that receives (pieces written, number of pieces)."""
 
 _PIECE = 1 << 20
-"""Bytes that are deflated at a time: the cut between pieces costs five."""
+"""Bytes that are deflated at a time; a cut between pieces costs five bytes."""
 _MEMBER_HEAD = b"\x1f\x8b\x08\0\0\0\0\0\0\xff"
-"""Of gzip: deflated, no name, no date, so that equal clouds give equal files."""
+"""Gzip header: deflate, no name and no date, so that equal clouds give equal files."""
 _FINAL_BLOCK = b"\x03\0"
-"""An empty block of deflate that says it is the last."""
+"""An empty deflate block with the final flag."""
 _ZSTD_LEVEL = 5
-"""About 4 % above the size at level 12, in a fifth of the time."""
+"""Compression level: files are about 4 % larger than at level 12, in a fifth of the time."""
 
 
 def write_gzip(
@@ -74,7 +75,7 @@ def write_frames(
     def compress(plane: Codes) -> bytes:
         return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plane.data)
 
-    with threads() as workers:  # the last one, the harmonics, takes longest: it goes first
+    with threads() as workers:  # in reverse: the last attribute, the harmonics, takes longest
         frames = []
         for done, frame in enumerate(workers.map(compress, planes[::-1]), 1):
             frames.append(frame)
@@ -91,6 +92,6 @@ def write_frames(
 
 
 def _deflate(piece: memoryview) -> bytes:
-    """Raw deflate that ends at a byte and can be followed by more."""
+    """Deflate a piece so that it ends on a byte boundary and can be followed by more."""
     stream = zlib.compressobj(1, zlib.DEFLATED, -zlib.MAX_WBITS, 9, zlib.Z_RLE)
     return stream.compress(piece) + stream.flush(zlib.Z_SYNC_FLUSH)

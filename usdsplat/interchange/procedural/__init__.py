@@ -1,8 +1,8 @@
-"""A capture of our own making: nobody's scan, no download, the same on every machine.
+"""A procedural capture: no scan or download is needed, and it is the same on every machine.
 
 `capture()` models a still life (`shell`, `plinth`, `tiles`, `meadow`), covers it with splats
-(`patch`) and bakes the light of an afternoon into harmonics (`light`), so that its colours depend
-on the view as a scan's do.
+(`patch`) and bakes afternoon light into harmonics (`light`), so that its colours depend on the view
+as in a scan.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""From patches to a cloud: what each splat sends toward every eye, as harmonics.
+"""Light patches and convert them to a cloud with view-dependent colour.
 
-A capture holds display-referred colour, so radiance is tone mapped and encoded first and projected
-on the harmonics then, as training does.
+A capture holds display-referred colour. Radiance is therefore tone mapped and encoded before it is
+projected on the harmonics, as in training.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _BRIGHTEST, _TABLE_SIZE = 16.0, 1 << 13
 
 
 def bake(patches: Sequence[Patch]) -> SplatCloud:
-    """Light the patches together and make them one cloud, harmonics of degree 3."""
+    """Light the patches together and return them as one cloud with harmonics of degree 3."""
     positions = _joined([patch.positions for patch in patches])
     normals = _joined([patch.normals for patch in patches])
     sizes = _joined([np.sort(patch.sigmas, axis=1)[:, 1] for patch in patches])
@@ -56,18 +56,18 @@ def bake(patches: Sequence[Patch]) -> SplatCloud:
 
 
 def display(linear: Floats) -> F32:
-    """Filmic tone curve, then sRGB's, by table over the square root: each channel in [0, 1]."""
+    """Apply a filmic tone curve and sRGB's curve, by table: each channel in [0, 1]."""
     index = np.sqrt(np.clip(linear, 0, _BRIGHTEST)) * (_TABLE_SIZE / math.sqrt(_BRIGHTEST))
     return _display_table()[index.astype(np.intp)]
 
 
 def _joined(parts: Sequence[Floats]) -> F32:
-    """One float32 array."""
+    """Concatenate to one float32 array."""
     return np.concatenate(parts).astype(np.float32)
 
 
 def _harmonics(patch: Patch, sun: F32, sky: F32, openness: F32) -> F32:
-    """Coefficients of one patch, shape (n, 16, 3)."""
+    """Return the coefficients of a patch, shape (n, 16, 3)."""
     out = np.zeros((len(patch), sh.coefficient_count(DEGREE), 3), np.float32)
     diffuse = _diffuse(patch, sun, sky)
     if patch.finish.gloss == 0:
@@ -82,7 +82,7 @@ def _harmonics(patch: Patch, sun: F32, sky: F32, openness: F32) -> F32:
 
 
 def _diffuse(patch: Patch, sun: F32, sky: F32) -> F32:
-    """Linear colour that is the same from everywhere, shape (n, 3)."""
+    """Return linear colour without view dependence, shape (n, 3)."""
     if patch.is_strand:  # a thin cylinder gathers by the sine to its tangent
         facing = 0.62 * np.sqrt(1 - np.minimum((patch.axes[:, :, 0] @ SUN) ** 2, 1))
     else:
@@ -93,7 +93,7 @@ def _diffuse(patch: Patch, sun: F32, sky: F32) -> F32:
 
 
 def _view_dependent(patch: Patch, rows: slice, toward_eye: F32, sun: F32, openness: F32) -> F32:
-    """Linear radiance added toward each fitted direction, shape (n, directions, 3)."""
+    """Return the view-dependent linear radiance in each direction, shape (n, directions, 3)."""
     finish = patch.finish
     toward_sun, sun_color = SUN.astype(np.float32), SUN_COLOR.astype(np.float32)
     cosine, mirrored, sparkle = (_cylinder if patch.is_strand else _mirror)(patch, rows, toward_eye)
@@ -115,9 +115,9 @@ def _view_dependent(patch: Patch, rows: slice, toward_eye: F32, sun: F32, openne
 
 
 def _mirror(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
-    """Cosine to the normal (n, d), mirrored directions (n, d, 3), highlight of the sun (n, d).
+    """Return cosine to the normal (n, d), mirrored directions (n, d, 3), sun highlight (n, d).
 
-    All are smooth over the whole sphere, back side included, so that the fit does not ring.
+    All are smooth over the whole sphere, including the back, to avoid ringing of the fit.
     """
     normals = patch.normals[rows].astype(np.float32)
     cosine = normals @ toward_eye.T
@@ -127,7 +127,7 @@ def _mirror(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
 
 
 def _cylinder(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
-    """The same for strands, whose normals point all ways around: the sun's highlight is a cone.
+    """Return the same for strands, whose normals point all around: the highlight is a cone.
 
     Source: Marschner et al. 2003, "Light Scattering from Human Hair Fibers", the R lobe.
     """
@@ -143,7 +143,7 @@ def _cylinder(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32
 
 
 def _film(grazing: F32, thickness: F32) -> F32:
-    """Interference colours of a thin film over nacre, shape (n, d, 3).
+    """Return interference colours of a thin film over nacre, shape (n, d, 3).
 
     Source: Born & Wolf, "Principles of Optics", 7.6: two beams, path 2 d cos(theta) in the film.
     """
@@ -154,7 +154,7 @@ def _film(grazing: F32, thickness: F32) -> F32:
 
 @functools.cache
 def _display_table() -> F32:
-    """Display values over the square root of linear radiance.
+    """Return display values by the square root of linear radiance.
 
     Source: Narkowicz 2015, "ACES Filmic Tone Mapping Curve"; IEC 61966-2-1 for the encoding.
     """
@@ -165,7 +165,7 @@ def _display_table() -> F32:
 
 @functools.cache
 def _fit() -> tuple[F32, F32]:
-    """Directions toward the eye (d, 3) and the smoothed least-squares projection (16, d)."""
+    """Return directions toward the eye (d, 3) and the smoothed least-squares projection (16, d)."""
     toward_eye = spread(_FIT_DIRECTIONS)
     values = sh.basis(-toward_eye, DEGREE)  # harmonics take the direction from the eye
     degree = np.sqrt(np.arange(values.shape[1])).astype(int)

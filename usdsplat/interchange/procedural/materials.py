@@ -1,4 +1,4 @@
-"""What things are made of: how each material answers the light, and the colours that recur."""
+"""Materials of the still life and recurring colours."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finish:
-    """How a material answers the light beyond its own colour."""
+    """Optical properties of a material other than its colour."""
 
     specular: Color = (0.04, 0.04, 0.04)
     """Reflectance at normal incidence [0..1]."""
     gloss: float = 0.0
-    """Weight of the mirrored surroundings [0..1]; 0 looks the same from everywhere."""
+    """Weight of mirrored surroundings [0..1]; 0 has no view dependence."""
     sharpness: float = 8.0
     """Concentration of the sun's highlight; degree 3 resolves about 10."""
     film: float = 0.0
     """Weight of thin-film colours in the reflection [0..1]."""
     translucency: float = 0.0
-    """Share of the light that comes through from behind [0..1]."""
+    """Fraction of light transmitted from behind [0..1]."""
     opacity: float = 0.98
 
 
@@ -36,4 +36,4 @@ LEAF = Finish(specular=(0.03, 0.035, 0.02), gloss=0.3, sharpness=5, translucency
 PETAL = Finish(gloss=0.15, sharpness=4, translucency=0.4, opacity=0.9)
 
 GILT: Color = (0.13, 0.07, 0.02)
-"""Body colour of gold; the rest is reflection."""
+"""Diffuse colour of gold; the rest is reflection."""

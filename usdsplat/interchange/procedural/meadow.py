@@ -1,4 +1,4 @@
-"""The meadow around the pavement: soil, blades of grass, flowers."""
+"""Model the meadow around the pavement: soil, grass, flowers."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _DOTS = 7
 
 
 def soil(spacing: float) -> Patch:
-    """Earth and moss under the grass."""
+    """Model earth and moss under the grass."""
     found = sweep(turned(np.array([(OUTER, -0.002), (INNER, -0.002)])), spacing * 2.4)
     moss = noise(found.positions, scale=0.1, seed=34)
     return found.paint(mix((0.060, 0.048, 0.024), (0.060, 0.110, 0.025), 0.5 + 0.7 * moss), EARTH)
 
 
 def grass(blades: int, seed: int) -> Patch:
-    """Bent blades of four splats each, in tufts."""
+    """Model bent blades of four splats each, in tufts."""
     rng = np.random.default_rng(seed)
     root = _roots(blades, rng)
     tuft = noise(root, scale=0.13, seed=seed)
@@ -62,7 +62,7 @@ def grass(blades: int, seed: int) -> Patch:
 
 
 def flowers(count: int, seed: int) -> list[Patch]:
-    """Poppies, daisies and cornflowers: flat petals on stems, with a dotted heart."""
+    """Model poppies, daisies and cornflowers: flat petals on stems, with a dotted heart."""
     rng = np.random.default_rng([seed, 1])
     root = _roots(count, rng)
     height = rng.uniform(0.05, 0.085, (count, 1))
@@ -75,7 +75,7 @@ def flowers(count: int, seed: int) -> list[Patch]:
 
 
 def _petals(head: F64, face: F64, kind: Kinds, rng: np.random.Generator) -> Patch:
-    """A ring of petals around each head."""
+    """Model a ring of petals around each head."""
     number = _PETALS[kind]
     flower = np.repeat(np.arange(len(head)), number)
     index = np.arange(len(flower)) - np.repeat(np.cumsum(number) - number, number)
@@ -94,7 +94,7 @@ def _petals(head: F64, face: F64, kind: Kinds, rng: np.random.Generator) -> Patc
 
 
 def _hearts(head: F64, face: F64, kind: Kinds, rng: np.random.Generator) -> Patch:
-    """Dots in the middle of each flower."""
+    """Model dots in the middle of each flower."""
     n = np.repeat(face, _DOTS, axis=0)
     out = _sideways(n, rng.uniform(0, 2 * math.pi, len(n)))
     radius = 0.0022 * np.sqrt(rng.random((len(n), 1)))
@@ -108,13 +108,13 @@ def _hearts(head: F64, face: F64, kind: Kinds, rng: np.random.Generator) -> Patc
 
 
 def _sideways(normals: F64, angle: F64) -> F64:
-    """Unit vectors across normals (none along z), at an angle within their plane."""
+    """Return unit vectors perpendicular to normals (not along z), at an angle in their plane."""
     u = unit(np.cross(normals, [0.0, 0.0, 1.0]))
     return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(normals, u)
 
 
 def _roots(count: int, rng: np.random.Generator) -> F64:
-    """Random places, evenly by area, on the ground, shape (count, 3)."""
+    """Return random places on the ground, uniform by area, shape (count, 3)."""
     radius = np.sqrt(rng.uniform((INNER + 0.012) ** 2, (OUTER - 0.012) ** 2, count))
     angle = rng.uniform(0, 2 * math.pi, count)
     return np.stack([radius * np.cos(angle), np.zeros(count), radius * np.sin(angle)], axis=1)

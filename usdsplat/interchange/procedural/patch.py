@@ -1,4 +1,4 @@
-"""Patches: surfaces covered with flat splats and curves strung with long ones, before any light."""
+"""Patches: surfaces covered with flat splats, and curves with long ones, before lighting."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Patch:
     """Splats of one material: geometry and paint.
 
     Columns of `axes` are two directions within the surface, then its outward normal; for strands
-    the first is the tangent and the others are any perpendiculars.
+    the first is the tangent and the others are arbitrary perpendiculars.
     """
 
     positions: F64
-    """[m], shape (n, 3)."""
+    """Positions [m], shape (n, 3)."""
     axes: F64
     """Rotation matrices, shape (n, 3, 3)."""
     sigmas: F64
@@ -51,13 +51,13 @@ class Patch:
         return self.axes[:, :, 2]
 
     def where(self, mask: Mask) -> Patch:
-        """The splats that a mask names."""
+        """Return the splats selected by a mask."""
         parts = {name: getattr(self, name)[mask] for name in _ROWS}
         film = self.film[mask] if isinstance(self.film, np.ndarray) else self.film
         return replace(self, film=film, **parts)
 
     def moved(self, rotation: F64, offset: Sequence[float]) -> Patch:
-        """Turned about the origin, then shifted [m]."""
+        """Return the patch rotated about the origin, then translated [m]."""
         positions = self.positions @ rotation.T + np.array(offset)
         return replace(self, positions=positions, axes=rotation @ self.axes)
 
@@ -67,7 +67,7 @@ _ROWS = ("positions", "axes", "sigmas", "albedo")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Points of a swept surface: where they lie on it, and frames and sizes as in `Patch`."""
+    """Points of a swept surface: surface parameters, and axes and sizes as in `Patch`."""
 
     s: F64
     t: F64
@@ -76,7 +76,7 @@ class Lattice:
     sigmas: F64
 
     def paint(self, albedo: F64 | Color, finish: Finish, film: F64 | float = 0.0) -> Patch:
-        """The patch with this colour, one for all or shape (n, 3), and finish."""
+        """Return a patch with this colour, one for all or shape (n, 3), and finish."""
         return Patch(
             positions=self.positions,
             axes=self.axes,
@@ -90,9 +90,9 @@ class Lattice:
 def sweep(surface: Surface, spacing: float | Callable[[F64], F64]) -> Lattice:
     """Cover a swept surface with a lattice whose steps are about `spacing` [m] both ways.
 
-    Rows follow each other at equal distance along s, each holds as many points as its length asks
-    for, and a golden-ratio shift from row to row keeps them from lining up. Normals point to the
-    right of s as seen along t.
+    Rows have equal distance along s, and each has as many points as its length requires. A
+    golden-ratio shift from row to row keeps the points from lining up. Normals point to the right
+    of s as seen along t.
     """
     s_table, around = np.linspace(0.0, 1.0, 513), np.arange(49) / 48
     wanted = spacing(s_table) if callable(spacing) else np.full(513, spacing)
@@ -112,12 +112,12 @@ def sweep(surface: Surface, spacing: float | Callable[[F64], F64]) -> Lattice:
 def turned(
     profile: F64, ripple: Callable[[F64, F64, F64], F64] | None = None, *, base: float = 0.0
 ) -> Surface:
-    """A surface of revolution about y, as from a lathe.
+    """Return a surface of revolution about y.
 
     Args:
         profile: Polyline of (radius, height) [m], shape (k, 2); upward gives outward normals.
-        ripple: From radius, height and angle [rad], each (n,), a new radius.
-        base: Added to every height [m].
+        ripple: Function of radius, height and angle [rad], each (n,), that returns a new radius.
+        base: Offset of all heights [m].
     """
     reach = length_until(profile)
 
@@ -133,7 +133,7 @@ def turned(
 def strands(
     curves: F64, radius: Any, albedo: F64 | Color, finish: Finish, *, lay: float = 0.42
 ) -> Patch:
-    """String long splats along curves.
+    """Place long splats along curves.
 
     Args:
         curves: Polylines, shape (m, k + 1, 3) [m]; each of the k links becomes a splat.
@@ -158,18 +158,18 @@ def strands(
 
 
 def unit(vectors: F64) -> F64:
-    """Rows at length 1."""
+    """Return rows normalised to length 1."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def length_until(polyline: F64) -> F64:
-    """Length of a polyline up to each of its points."""
+    """Return the length of a polyline up to each of its points."""
     steps = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def noise(points: F64, *, scale: float, seed: int, octaves: int = 3) -> F64:
-    """Smooth noise around 0, about -1..1: sums of sines in random directions, shape (n,).
+    """Return smooth noise of about -1..1: sums of sines in random directions, shape (n,).
 
     Args:
         scale: Size of the largest feature [m].
@@ -189,7 +189,7 @@ def mix(a: F64 | Color, b: F64 | Color, t: F64) -> F64:
 
 
 def _framed(surface: Surface, s: F64, t: F64, s_step: F64, t_step: F64) -> Lattice:
-    """Axes and sizes from central differences of the surface over half a lattice step."""
+    """Compute axes and sizes from central differences over half a lattice step."""
     along = surface(s + s_step / 4, t) - surface(s - s_step / 4, t)
     across = surface(s, t + t_step / 4) - surface(s, t - t_step / 4)
     u, n = unit(across), unit(np.cross(across, along))

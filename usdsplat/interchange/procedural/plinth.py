@@ -1,4 +1,4 @@
-"""Worked stone and gold: drum, kerb and rim, the cup that holds the shell, vines around it."""
+"""Model stone and gold: drum, kerb and rim, the cup of the shell, vines."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _VINES, _VINE_RADIUS = 30, 0.372  # how many, and where they rise [m]
 
 
 def drum(spacing: float) -> Patch:
-    """The marble pedestal, fluted at the waist."""
+    """Model the marble pedestal, fluted at the waist."""
 
     def flutes(radius: F64, y: F64, angle: F64) -> F64:
         waist = np.clip((y - 0.040) / 0.006, 0, 1) * np.clip((0.086 - y) / 0.006, 0, 1)
@@ -61,7 +61,7 @@ def drum(spacing: float) -> Patch:
 
 
 def stonework(spacing: float) -> list[Patch]:
-    """Kerb around the tiles and rim of the whole disc, in 72 blocks each."""
+    """Model the kerb around the tiles and the rim of the disc, in 72 blocks each."""
     patches = []
     for profile, step in ((_KERB, 0.9), (_RIM, 1.7)):
         found = sweep(turned(profile), spacing * step)
@@ -75,7 +75,7 @@ def stonework(spacing: float) -> list[Patch]:
 
 
 def cup(spacing: float) -> list[Patch]:
-    """A gold foot, stem and knop that open into a calyx of eight petals."""
+    """Model a gold foot, stem and knop that open into a calyx of eight petals."""
 
     def ribs(radius: F64, y: F64, angle: F64) -> F64:
         return radius * (1 + 0.012 * np.cos(40 * angle))
@@ -93,7 +93,7 @@ def cup(spacing: float) -> list[Patch]:
 
 
 def vines(density: float, seed: int) -> list[Patch]:
-    """Gold filigree: wires that rise around the drum, cross, curl and branch, with gold leaves."""
+    """Model gold filigree: wires that rise around the drum, cross, curl and branch, with leaves."""
     rng = np.random.default_rng([seed, 2])
     curves, radii, leaves = [], [], []
     links = max(24, round(150 * density))
@@ -116,7 +116,7 @@ def vines(density: float, seed: int) -> list[Patch]:
 
 
 def _curl(length: float, links: int, heading: float, bend: tuple[float, float]) -> F64:
-    """A plane curve that bends evenly, then ever more, into a spiral, shape (links + 1, 2)."""
+    """Return a plane curve that bends increasingly into a spiral, shape (links + 1, 2)."""
     s = np.arange(links) / links
     angle = heading + bend[0] * s + bend[1] * s**4
     steps = length / links * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -124,14 +124,14 @@ def _curl(length: float, links: int, heading: float, bend: tuple[float, float]) 
 
 
 def _upright(plane: F64, angle: float, swirl: float) -> F64:
-    """A curve of the (outward, up) plane set around the drum; `swirl` leans it [rad / m]."""
+    """Place a curve of the (outward, up) plane around the drum; `swirl` leans it [rad / m]."""
     out, up = _VINE_RADIUS + plane[:, 0], plane[:, 1] + 0.004
     about = angle + swirl * plane[:, 1]
     return np.stack([out * np.cos(about), up, out * np.sin(about)], axis=1)
 
 
 def _leaves(points: F64, rng: np.random.Generator) -> Patch:
-    """Flat gold leaves at points, facing outward more or less."""
+    """Model flat gold leaves at points, facing roughly outward."""
     n = len(points)
     outward = unit(points * [1, 0.3, 1] + rng.normal(0, 0.25, (n, 3)))
     u = unit(np.cross(outward, rng.normal(size=(n, 3))))

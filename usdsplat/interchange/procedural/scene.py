@@ -1,4 +1,4 @@
-"""The still life as a whole."""
+"""Assemble the still life."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ def capture(count: int = 200_000, seed: int = 7) -> SplatCloud:
     """Model and light a still life: an opal shell in a gold cup on marble, amid tiles and grass.
 
     Args:
-        count: About how many splats to make, at least 2000; detail follows its square root.
-        seed: Another seed grows another meadow and glazes other tiles; equal arguments give equal
-            clouds.
+        count: Approximate number of splats, at least 2000; detail follows its square root.
+        seed: Random seed of the meadow and the tiles; equal arguments give equal clouds.
 
     Returns:
-        Degree 3, display-referred sRGB, frame "rub", metres: a disc 2 m across around the origin,
-        ground at y = 0, 0.8 m high. It is seen best from +z, a little from above.
+        A cloud of degree 3, display-referred sRGB, axes "rub", in metres: a disc 2 m across around
+        the origin, ground at y = 0, 0.8 m high. The best view is from +z, slightly from above.
 
     Raises:
-        UsageError: If `count` is too small to show anything.
+        UsageError: If `count` is below the minimum.
     """
     if count < FEWEST:
         raise UsageError("count", str(count), f"{FEWEST} or more")

@@ -1,4 +1,4 @@
-"""A turban shell with a gilded lip and gold threads, opalescent outside, mother of pearl within.
+"""Model a turban shell with a gilded lip and gold threads.
 
 Source of the form: Raup 1966, "Geometric Analysis of Shell Coiling": a tube whose radius, distance
 from the axis and height all grow by one factor a whorl.
@@ -23,7 +23,7 @@ _THREADS = np.array([-0.52, 0.0, 0.30, 1.31, 1.57])  # angles about the tube [ra
 
 
 def shell(spacing: float, *, seat: float) -> list[Patch]:
-    """Outside, threads, lining and lip; the lowest point rests on the axis at height `seat` [m]."""
+    """Model outside, threads, lining and lip; the lowest point is on the axis at `seat` [m]."""
     patches = [_outside(spacing), _threads(spacing), _lining(spacing), _lip(spacing)]
     tilt = _turn(0, 0.16) @ _turn(2, 0.42) @ _turn(1, 0.35)
     body = patches[0].positions @ tilt.T
@@ -33,7 +33,7 @@ def shell(spacing: float, *, seat: float) -> list[Patch]:
 
 
 def _outside(spacing: float) -> Patch:
-    """The outer wall, without what neighbouring whorls bury."""
+    """Model the outer wall, without parts hidden by neighbouring whorls."""
     found = sweep(_tube, lambda s: 0.86 * spacing * np.clip(0.45 + 0.7 * s**2, 0.3, 1))
     angle, phi = _angles(found.s, found.t)
     p = found.positions
@@ -51,7 +51,7 @@ def _outside(spacing: float) -> Patch:
 
 
 def _threads(spacing: float) -> Patch:
-    """Gold threads along the spiral cords, finer toward the apex."""
+    """Model gold threads along the spiral cords, finer toward the apex."""
     links = max(40, round(2.6 / spacing))
     s = np.linspace(0.02, 0.985, links + 1) ** 0.8
     at, phi = (grid.ravel() for grid in np.meshgrid(s, _THREADS))
@@ -62,7 +62,7 @@ def _threads(spacing: float) -> Patch:
 
 
 def _lining(spacing: float) -> Patch:
-    """The inner wall behind the aperture."""
+    """Model the inner wall behind the aperture."""
     span = _OPEN / _WHORLS
 
     def surface(s: F64, t: F64) -> F64:
@@ -76,7 +76,7 @@ def _lining(spacing: float) -> Patch:
 
 
 def _lip(spacing: float) -> Patch:
-    """A gold bead around the aperture."""
+    """Model a gold bead around the aperture."""
     centre = np.array([_RADIUS, -_HEIGHT, 0.0])
 
     def surface(s: F64, t: F64) -> F64:
@@ -89,7 +89,7 @@ def _lip(spacing: float) -> Patch:
 
 
 def _tube(s: F64, t: F64, size: float = 1.0) -> F64:
-    """The wall of the coiling tube, apex at the origin, axis down y; below size 1 it is smooth."""
+    """Return points of the tube, apex at the origin, axis down y; smooth for `size` below 1."""
     angle, phi = _angles(s, t)
     g = _growth(angle)
     cords = 0.018 * np.abs(np.sin(6 * phi)) + 0.006 * np.sin(48 * angle)
@@ -103,18 +103,19 @@ def _tube(s: F64, t: F64, size: float = 1.0) -> F64:
 
 
 def _angles(s: F64, t: F64) -> tuple[F64, F64]:
-    """Angle about the axis, and about the tube: in -pi..pi, 0 outward, positive upward."""
+    """Return the angle about the axis, and about the tube: in -pi..pi, 0 outward, positive
+    upward."""
     phi = (2 * math.pi * t + math.pi) % (2 * math.pi) - math.pi
     return _END - 2 * math.pi * _WHORLS * (1 - s), phi
 
 
 def _growth(angle: F64) -> F64:
-    """Size relative to the aperture."""
+    """Return the size relative to the aperture."""
     return _WIDEN ** ((angle - _END) / (2 * math.pi))
 
 
 def _buried(p: F64, angle: F64) -> Mask:
-    """Which points lie within the tube a whorl before or after, where no eye gets."""
+    """Return which points are hidden inside the tube of the previous or next whorl."""
     hidden = np.zeros(len(p), bool)
     out = np.hypot(p[:, 0], p[:, 2])
     for turn, last in ((-1, _END), (1, _END - _OPEN * 2 * math.pi)):
@@ -126,7 +127,7 @@ def _buried(p: F64, angle: F64) -> Mask:
 
 
 def _turn(axis: int, angle: float) -> F64:
-    """Rotation about a coordinate axis, right-handed [rad]."""
+    """Return a right-handed rotation about a coordinate axis [rad]."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     out = np.eye(3)
     out[i, i] = out[j, j] = math.cos(angle)

@@ -1,4 +1,4 @@
-"""Sun and sky: how bright they are from where, and how much of them reaches each splat."""
+"""Sun and sky: their radiance, and their visibility from each splat."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F32, F64
 Floats = npt.NDArray[np.floating[Any]]
 
 SUN = np.array([0.62, 0.60, 0.50]) / np.linalg.norm([0.62, 0.60, 0.50])
-"""Direction toward the sun."""
+"""Unit vector toward the sun."""
 SUN_COLOR = np.array([3.3, 2.75, 2.1])
 ZENITH = np.array([0.40, 0.52, 0.76])
 HORIZON = np.array([0.96, 0.84, 0.70])
@@ -24,7 +24,7 @@ _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 def environment(directions: Floats) -> F32:
-    """Linear radiance of the surroundings without the sun's disc, shape (..., 3)."""
+    """Return the linear radiance of the surroundings without the sun's disc, shape (..., 3)."""
     height = directions[..., 1:2].astype(np.float32)
     above, below = np.sqrt(np.clip(height, 0, 1)), np.clip(height * -3, 0, 1)
     horizon, haze = HORIZON.astype(np.float32), (0.35 * HORIZON).astype(np.float32)
@@ -34,16 +34,16 @@ def environment(directions: Floats) -> F32:
 
 
 def sun_share(positions: F32, normals: F32, sizes: F32) -> F32:
-    """Share of the sun that reaches each splat [0..1], shape (n,)."""
+    """Return the visible fraction of the sun for each splat [0..1], shape (n,)."""
     return _visibility(positions, normals, sizes, SUN.astype(np.float32), cell=0.0055, taps=12)
 
 
 def sky_light(positions: F32, normals: F32, sizes: F32, is_strand: Any) -> tuple[F32, F32]:
-    """Light of the sky where something stands in its way.
+    """Compute sky light with occlusion.
 
     Returns:
-        Irradiance over pi, a little of it bounced by the ground, shape (n, 3), and how open the
-        sky is, weighted by the cosine [0..1], shape (n,).
+        Irradiance over pi, including some light from the ground, shape (n, 3), and the visible
+        fraction of the sky, weighted by the cosine [0..1], shape (n,).
     """
     directions = spread(2 * _SKY_DIRECTIONS)[:_SKY_DIRECTIONS].astype(np.float32)  # upper half
     light = np.maximum(0.0, 0.5 - 0.5 * normals[:, 1:2]) * GROUND.astype(np.float32)
@@ -58,7 +58,7 @@ def sky_light(positions: F32, normals: F32, sizes: F32, is_strand: Any) -> tuple
 
 
 def spread(count: int) -> F64:
-    """Unit vectors spread evenly over the sphere, from the top down, shape (count, 3)."""
+    """Return unit vectors spread evenly over the sphere, from the top down, shape (count, 3)."""
     i = np.arange(count) + 0.5
     y, angle = 1 - 2 * i / count, i * _GOLDEN_ANGLE
     radius = np.sqrt(1 - y * y)
@@ -68,11 +68,11 @@ def spread(count: int) -> F64:
 def _visibility(
     positions: F32, normals: F32, sizes: F32, toward: F32, *, cell: float, taps: int
 ) -> F32:
-    """Share of a distant light that reaches each splat, by a depth map as the light sees them.
+    """Return the visible fraction of a distant light for each splat, by a shadow map.
 
     Args:
-        cell: Width of a cell of the map [m].
-        taps: Cells looked up around each splat: soft edges.
+        cell: Width of a cell of the shadow map [m].
+        taps: Number of lookups around each splat, for soft edges.
     """
     right = np.cross([1e-6, 1.0, 0.0], toward)
     right /= np.linalg.norm(right)

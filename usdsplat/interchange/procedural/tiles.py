@@ -1,6 +1,6 @@
-"""A pavement of glazed tiles: rhombi between the tangents of a circle, each with an inlay.
+"""Model a pavement of glazed tiles: rhombi between the tangents of a circle, with inlays.
 
-Long splats follow the joints row by row, so that a joint is a line and not a staircase.
+Long splats follow the joints row by row, so that joints are straight lines.
 """
 
 from __future__ import annotations
@@ -54,13 +54,14 @@ class _Laid:
 
 
 def tiles(spacing: float, seed: int) -> list[Patch]:
-    """The pavement, splats about `spacing` [m] apart; `seed` shades and tilts the tiles."""
+    """Model the pavement, splats about `spacing` [m] apart; `seed` varies shade and tilt of
+    tiles."""
     step = 0.6 * spacing
     return [_glazed(_along_joints(step), seed), _glazed(_within_tiles(step), seed)]
 
 
 def _along_joints(step: float) -> _Laid:
-    """Rows of long splats beside every joint; where another joint is nearer they end in a mitre."""
+    """Place rows of long splats beside every joint, mitred where another joint is nearer."""
     half = math.sqrt(OUTER**2 - _TOUCH**2)
     x = np.arange(-half, half + step, 2.6 * step)
     grids = np.meshgrid(np.arange(_LINES), _ROWS, x, indexing="ij")
@@ -77,7 +78,7 @@ def _along_joints(step: float) -> _Laid:
 
 
 def _within_tiles(step: float) -> _Laid:
-    """Round splats on a lattice where no row runs."""
+    """Place round splats on a lattice outside the rows."""
     size = 2.0 * step
     x = np.arange(-OUTER, OUTER, size)
     grid = np.stack(np.meshgrid(x, np.arange(-OUTER, OUTER, size * math.sqrt(0.75))), axis=-1)
@@ -92,7 +93,7 @@ def _within_tiles(step: float) -> _Laid:
 
 
 def _glazed(laid: _Laid, seed: int) -> Patch:
-    """Colour by row and ring; every tile has a shade and a tilt of its own."""
+    """Colour splats by row and ring; every tile has its own shade and tilt."""
     beyond = _rosette(laid.places)[1]
     ring = np.minimum(beyond.sum(axis=1), len(_FIELDS) - 1)
     weights = np.random.default_rng(seed).integers(1, 4096, _LINES)
@@ -119,12 +120,12 @@ def _glazed(laid: _Laid, seed: int) -> Patch:
 
 
 def _rosette(places: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
-    """Distance to the nearest joint [m], shape (n,), and which joints a place lies beyond."""
+    """Return the distance to the nearest joint [m], shape (n,), and which joints lie behind."""
     offset = places @ _NORMALS.T - _TOUCH
     return np.abs(offset).min(axis=1), offset > 0
 
 
 def _paved(places: F64) -> npt.NDArray[np.bool_]:
-    """Which places lie within the pavement."""
+    """Return which places lie within the pavement."""
     radius = np.hypot(*places.T)
     return (radius > INNER) & (radius < OUTER)

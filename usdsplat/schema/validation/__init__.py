@@ -1,7 +1,7 @@
-"""Find what is wrong with the splat fields of a stage, each with its cure.
+"""Validate the splat fields of a stage; each finding names its cure.
 
-`validate` serves `usdsplat validate`; the same checks are plug-in validators of UsdValidation (see
-`plugin`), which other applications discover through plugInfo.json.
+`validate` implements `usdsplat validate`. The same checks are plug-in validators of UsdValidation
+(see `plugin`), which other applications discover through plugInfo.json.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ VALIDATORS = {
     "SplatExtent": "The extent holds every splat out to where it stops contributing.",
     "SplatPacking": "Packed arrays have a known layout and fit together.",
 }
-"""Validator -> what it validates."""
+"""Validator -> its documentation."""
 
 CHECKS: dict[str, Sequence[Check]] = {
     "SplatArrays": (
@@ -66,7 +66,7 @@ _OF_FORM: Sequence[Check] = (
     radiance.degree,
     radiance.coefficients,
 )
-"""What depends on the form in which a sound cloud is written, and is quick to see."""
+"""Checks that depend on the storage form of a valid cloud and are fast."""
 
 
 def validate(
@@ -75,13 +75,13 @@ def validate(
     """Check every splat field of a stage.
 
     Args:
-        stage: Is not changed.
-        time: Time code to check; None checks every sample there is, which reads all data.
-        progress: Told about each field.
+        stage: The stage; it is not modified.
+        time: Time code to check; None checks every sample, which reads all data.
+        progress: Receives the number of checked fields.
 
     Returns:
-        Findings in the order of the prims, the stage last, each fault of an attribute once however
-        many samples have it; empty when all is well.
+        Findings in the order of the prims, the stage last; empty if there are none. A fault that
+        several samples of an attribute share is one finding.
     """
     fields = list(splat_fields(stage))
     checks = [check for group in CHECKS.values() for check in group]
@@ -97,14 +97,14 @@ def validate(
 def check_field(
     prim: Usd.Prim, checks: Iterable[Check], codes: Iterable[Usd.TimeCode] | None = None
 ) -> list[Finding]:
-    """Run checks on one field at some times or every sample; equal faults are one finding."""
+    """Run checks on a field at given times or at every sample, merging equal findings."""
     merged: dict[tuple[str, str], Finding] = {}
     for code in sample_codes(prim) if codes is None else codes:
         sample = Sample(prim, code)
         for check in checks:
             for finding in _quietly(check, sample):
                 if finding.name != arrays.WRONG_TYPE and not sample.is_typed(finding.attribute):
-                    continue  # nothing else can be said about it
+                    continue  # other findings would only follow from the type
                 key = (finding.attribute, finding.name)
                 seen = merged.get(key)
                 merged[key] = replace(seen, samples=seen.samples + 1) if seen else finding
@@ -115,14 +115,14 @@ def check_field(
 
 
 def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:
-    """Say which published rules a field that we authored breaks, a sentence each.
+    """Return a sentence for each published rule that an authored field breaks.
 
-    What readers see to, quaternions of length 1 and opacities from 0 to 1, is not looked at again,
-    and neither is the extent that authoring computed.
+    Unit quaternions and opacities from 0 to 1, which readers ensure, are not checked again, and
+    neither is the extent that authoring computed.
 
     Args:
-        prim: Stock or packed; no rule is about packed ones.
-        time: Time code of the sample to look at; None for the default value, or the first sample.
+        prim: A stock or packed prim; no rule applies to packed ones.
+        time: Time code of the sample to check; None for the default value, or the first sample.
     """
     code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     return [
@@ -134,13 +134,13 @@ def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:
 
 
 def _quietly(check: Check, sample: Sample) -> list[Finding]:
-    """What a check finds; numbers too large for NumPy are among what it looks for."""
+    """Run a check without NumPy warnings: extreme numbers are among what it looks for."""
     with np.errstate(all="ignore"):
         return list(check(sample))
 
 
 def _stage_metadata(stage: Usd.Stage) -> Iterator[Finding]:
-    """Without these nobody knows how a capture stands or how large it is."""
+    """Check metadata that determines the orientation and size of captures."""
     for name, assumed in (("upAxis", "Y"), ("metersPerUnit", "0.01")):
         if not stage.HasAuthoredMetadata(name):
             yield Finding(
@@ -155,7 +155,7 @@ def _stage_metadata(stage: Usd.Stage) -> Iterator[Finding]:
 
 
 def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """Splat fields of a stage; of equal instances the first."""
+    """Yield the splat fields of a stage, one of each set of equal instances."""
     seen = set()
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if not is_splat_field(prim):
@@ -167,6 +167,6 @@ def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 
 def sample_codes(prim: Usd.Prim) -> list[Usd.TimeCode]:
-    """Times at which a field has samples; the default time where it has none."""
+    """Return the sample times of a field; the default time if it has none."""
     times = attributes.sample_times(prim, tokens.DATA_ATTRIBUTES | {tokens.EXTENT})
     return [Usd.TimeCode(t) for t in times] or [Usd.TimeCode.Default()]

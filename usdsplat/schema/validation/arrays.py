@@ -1,4 +1,4 @@
-"""Are the arrays of a field as long as they must be, and their numbers what they must be?"""
+"""Check the lengths, types and values of a field's arrays."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from usdsplat.schema.validation.finding import Finding, Sample
 from usdsplat.schema.validation.value_types import actual_type, expected_type
 
 UNIT_TOLERANCE = 1e-3
-"""How far the length of a quaternion may be from 1; the bound of NVIDIA's rule VG.035."""
+"""Tolerance for the length of a quaternion; the bound of NVIDIA's rule VG.035."""
 
 WRONG_TYPE = "wrongType"
-"""Of a finding about the type of an attribute."""
+"""Name of a finding about the type of an attribute."""
 
 _STOCK = (*tokens.HALF_OF, tokens.SH_DEGREE)
 _PACKED = (tokens.POSITIONS, *tokens.PACKED_ARRAYS, tokens.SH_DEGREE)
@@ -31,7 +31,7 @@ _WITHOUT = {
 
 
 def value_types(sample: Sample) -> Iterator[Finding]:
-    """Values have the types that the schema gives them."""
+    """Check that values have the types of the schema."""
     for attribute in (*(_PACKED if sample.is_packed else _STOCK), *_BOTH):
         name = sample.name(attribute)
         if not sample.is_typed(name):
@@ -41,7 +41,7 @@ def value_types(sample: Sample) -> Iterator[Finding]:
 
 
 def first_samples(sample: Sample) -> Iterator[Finding]:
-    """The first sample has values, or others take the array for one that is stored as half."""
+    """Check that the first sample has values: other readers otherwise expect a half array."""
     for attribute in () if sample.is_packed else tokens.HALF_OF:
         if sample.name(attribute) != attribute or not len(sample.numbers(attribute)):
             continue
@@ -54,7 +54,7 @@ def first_samples(sample: Sample) -> Iterator[Finding]:
 
 
 def lengths(sample: Sample) -> Iterator[Finding]:
-    """Every per-splat array has as many values as there are centres."""
+    """Check that every per-splat array has as many values as there are centres."""
     n = sample.count
     if not n:
         cure = "author positions"
@@ -70,7 +70,7 @@ def lengths(sample: Sample) -> Iterator[Finding]:
 
 
 def values(sample: Sample) -> Iterator[Finding]:
-    """Centres are finite, deviations positive, quaternions of length 1, opacities in [0..1]."""
+    """Check for finite centres, positive scales, unit quaternions, opacities in [0..1]."""
     yield from _finite(sample, tokens.POSITIONS)
     yield from _finite(sample, tokens.VELOCITIES)
     if sample.is_packed:
@@ -83,7 +83,7 @@ def values(sample: Sample) -> Iterator[Finding]:
 
 
 def identities(sample: Sample) -> Iterator[Finding]:
-    """No two splats have the same id."""
+    """Check that ids are unique."""
     ids = sample.array(tokens.IDS)
     if ids is None or len(ids) < 2:
         return
@@ -96,7 +96,7 @@ def identities(sample: Sample) -> Iterator[Finding]:
 
 
 def half_only(sample: Sample) -> Iterator[Finding]:
-    """Others ask for the float arrays."""
+    """Check for float arrays, which other applications require."""
     names = {} if sample.is_packed else {name: sample.name(name) for name in tokens.HALF_OF}
     halves = [half for name, half in names.items() if half != name and _has_values(sample, name)]
     if halves:
@@ -107,13 +107,13 @@ def half_only(sample: Sample) -> Iterator[Finding]:
 
 
 def _has_values(sample: Sample, attribute: str) -> bool:
-    """Whether there are any; those of half are not turned into float to see that."""
+    """Return whether an attribute has values, without converting half to float."""
     values = sample.array(attribute)
     return values is not None and len(values) > 0
 
 
 def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterator[Finding]:
-    """One array against the number of centres."""
+    """Check the length of an array against the number of centres."""
     values = sample.array(attribute)
     found = 0 if values is None else len(values)
     name = sample.name(attribute)
@@ -130,7 +130,7 @@ def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterato
 
 
 def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
-    """No NaN, no infinity."""
+    """Check for NaN and infinity."""
     numbers = sample.numbers(attribute)
     if not numbers.size or (np.isfinite(numbers.min()) and np.isfinite(numbers.max())):
         return
@@ -146,7 +146,7 @@ def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
 
 
 def scales(sample: Sample) -> Iterator[Finding]:
-    """Negative ones are wrong, zero is legal for flat splats but refused by others."""
+    """Check scales: negative is an error; zero is legal here but rejected by other readers."""
     deviations = sample.numbers(tokens.SCALES)
     lowest = deviations.min(axis=1, initial=np.inf) if deviations.size else deviations
     if (lowest < 0).any():
@@ -162,7 +162,7 @@ def scales(sample: Sample) -> Iterator[Finding]:
 
 
 def _quaternions(sample: Sample) -> Iterator[Finding]:
-    """Length 1."""
+    """Check that quaternions have length 1."""
     quaternions = sample.numbers(tokens.ORIENTATIONS)
     if not quaternions.size:
         return
@@ -180,7 +180,7 @@ def _quaternions(sample: Sample) -> Iterator[Finding]:
 
 
 def _opacities(sample: Sample) -> Iterator[Finding]:
-    """Between 0 and 1."""
+    """Check that opacities lie between 0 and 1."""
     opacities = sample.numbers(tokens.OPACITIES)
     bad = (opacities < 0) | (opacities > 1)
     if bad.any():
@@ -195,7 +195,7 @@ def _opacities(sample: Sample) -> Iterator[Finding]:
 
 
 def _rows(bad: Any, numbers: F32, what: str = "") -> str:
-    """How many rows are bad, and the first of them, whose numbers are `what`."""
+    """Describe the number of bad rows, and the numbers (`what`) of the first."""
     first = int(np.argmax(bad))
     value = " ".join(f"{x:g}" for x in np.atleast_1d(numbers[first])[:4])
     return f"{int(bad.sum())} of {len(bad)} (first: {what}{value} at splat {first})"

@@ -1,4 +1,4 @@
-"""Does the authored box of a field hold its splats?"""
+"""Check that the authored extent of a field contains its splats."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _CURE = "author what usdsplat.schema.compute_extent returns, for every sample th
 
 
 def extent(sample: Sample) -> Iterator[Finding]:
-    """USD computes no box for splats: without `extent` bounds are empty, with a small one wrong."""
+    """Check `extent`: USD does not compute bounds of splats without it."""
     if not sample.count or not all(sample.is_typed(sample.name(name)) for name in _SHAPE):
-        return  # nobody knows how far the splats reach
+        return  # the reach of the splats is unknown
     box = sample.array(tokens.EXTENT)
     if box is None:
         yield sample.finding("error", tokens.EXTENT, "noExtent", "no value", "two corners", _CURE)
@@ -33,7 +33,7 @@ def extent(sample: Sample) -> Iterator[Finding]:
     try:
         cloud = fetch(sample.prim, sample.code)
     except UsdSplatError:
-        return  # the other checks say why it cannot be read
+        return  # other checks report why it cannot be read
     finite = cloud.positions[np.isfinite(cloud.positions).all(axis=1)]
     if not len(finite):
         return
@@ -47,7 +47,7 @@ def extent(sample: Sample) -> Iterator[Finding]:
 
 
 def _holds(box: np.ndarray, inner: np.ndarray, slack: float) -> bool:
-    """Whether `inner` lies inside `box`, NaN nowhere."""
+    """Return whether `inner` lies inside `box`; NaN does not."""
     return bool((box[0] <= inner[0] + slack).all() and (box[1] >= inner[1] - slack).all())
 
 

@@ -1,4 +1,4 @@
-"""What validation says about a field, and what it looks at to say it."""
+"""Findings of validation, and the samples that they are about."""
 
 from __future__ import annotations
 
@@ -22,34 +22,35 @@ Severity = Literal["error", "warning"]
 
 
 COMPARED = {"tooShort", "tooLong", "coefficientCount", "packedCount", "extentTooSmall"}
-"""Names of findings that depend on other attributes as well, and so on those attributes' times."""
+"""Findings that also depend on other attributes, and therefore on their sample times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """Something wrong with a splat field, and what to do about it."""
+    """A problem of a splat field, with its cure."""
 
     severity: Severity
-    """An error changes or loses the picture; a warning is what other applications may trip over."""
+    """An error changes the picture or prevents it; a warning may be a problem in other
+    applications."""
     path: str
-    """The prim."""
+    """Path of the prim."""
     attribute: str
-    """The attribute it is about; "" for the prim as a whole."""
+    """Attribute concerned; "" for the prim as a whole."""
     name: str
-    """What is wrong, one word of several: the same for all findings with the same cure."""
+    """Identifier of the kind of finding, shared by all findings with the same cure."""
     found: str
     expected: str
     cure: str
     time: float | None = None
-    """Time code of the first sample that has it; None for a value that does not change."""
+    """Time code of the first affected sample; None for a value that does not change."""
     samples: int = 1
-    """How many samples have it."""
+    """Number of affected samples."""
     rule: str = ""
-    """The published rule that it breaks, see `published`; "" for none."""
+    """Published rule that it violates, see `published`; "" for none."""
 
     @property
     def message(self) -> str:
-        """One sentence, *where: found X, expected Y*."""
+        """The finding as one sentence, *where: found X, expected Y*."""
         where = f"{self.path}.{self.attribute}" if self.attribute else self.path
         if self.time is not None:
             where += f" at {self.time:g}"
@@ -60,39 +61,41 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """One field at one time, as it is written: no rule about lengths has been applied."""
+    """A field at one time, as authored, before the rules about lengths apply."""
 
     prim: Usd.Prim
     code: Usd.TimeCode
 
     @property
     def is_packed(self) -> bool:
-        """Whether the prim is of our compact type."""
+        """Whether the prim is of our packed type."""
         return is_packed(self.prim)
 
     def name(self, attribute: str) -> str:
-        """The attribute that counts: the half twin of a stock one where only that has a value."""
+        """Return the attribute that applies: the half variant of a stock one if only that is
+        authored."""
         if self.is_packed or attribute not in tokens.HALF_OF:
             return attribute
         source = self.prim.GetAttribute(stock.source_name(self.prim, attribute))
         return str(source.GetName()) if source and source.HasAuthoredValue() else attribute
 
     def value(self, name: str) -> Any:
-        """The value of an attribute, whether it counts or not; None when there is none."""
+        """Return the value of an attribute, whether it applies or not, or None."""
         attribute = self.prim.GetAttribute(name) if name else None
         return attribute.Get(self.code) if attribute else None
 
     def is_typed(self, name: str) -> bool:
-        """Whether the attribute has the type that the schema says, or no value at all."""
+        """Return whether the attribute has the schema's type, or no value."""
         return fits(name, self.value(name))
 
     def array(self, attribute: str) -> npt.NDArray[Any] | None:
-        """The value of the attribute that counts; None when there is none of the right type."""
+        """Return the value of the attribute that applies, or None if it has the wrong type or no
+        value."""
         name = self.name(attribute)
         return attributes.array(self.prim, name, self.code) if self.is_typed(name) else None
 
     def numbers(self, attribute: str) -> F32:
-        """The same in float32, without rows where there is none."""
+        """Return `array` in float32, empty without a value."""
         values = self.array(attribute)
         return np.empty(0, np.float32) if values is None else as_float32(values)
 
@@ -104,19 +107,19 @@ class Sample:
 
     @property
     def degree(self) -> int:
-        """Degree of the harmonics as written; -1 where that is no whole number."""
+        """Authored degree of the harmonics; -1 if it is not an integer."""
         is_number = self.is_typed(tokens.SH_DEGREE)
         return attributes.degree(self.prim, self.code) if is_number else -1
 
     @property
     def coefficients(self) -> int:
-        """Coefficients of a splat at that degree, at least one."""
+        """Number of coefficients per splat at that degree, at least one."""
         return coefficient_count(max(self.degree, 0))
 
     def finding(
         self, severity: Severity, attribute: str, name: str, found: str, expected: str, cure: str
     ) -> Finding:
-        """A finding about this sample."""
+        """Return a finding about this sample."""
         names = {attribute} if attribute else set()
         if name in COMPARED:
             names |= tokens.DATA_ATTRIBUTES

@@ -1,4 +1,4 @@
-"""Can a packed field be decoded?"""
+"""Check that a packed field can be decoded."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CURE = "author the prim with usdsplat.schema.author, which writes all packed ar
 
 
 def layout(sample: Sample) -> Iterator[Finding]:
-    """The token names a layout that this version reads."""
+    """Check that the token names a layout that this version reads."""
     if not sample.is_packed:
         return
     token = sample.prim.GetAttribute(tokens.PACKING).Get()
@@ -31,7 +31,7 @@ def layout(sample: Sample) -> Iterator[Finding]:
 
 
 def arrays(sample: Sample) -> Iterator[Finding]:
-    """Each packed array has as many values as the centres and the degree ask for."""
+    """Check that the packed arrays match the number of centres and the degree."""
     n, degree = sample.count, sample.degree
     if not sample.is_packed or not n or not 0 <= degree <= MAX_DEGREE:
         return
@@ -56,7 +56,7 @@ def arrays(sample: Sample) -> Iterator[Finding]:
 
 
 def ranges(sample: Sample) -> Iterator[Finding]:
-    """The ranges over which codes are spread are finite, and not upside down."""
+    """Check that the value ranges are finite and in order."""
     if not sample.is_packed:
         return
     colors, harmonics = sample.numbers(tokens.COLOR_RANGE), sample.numbers(tokens.HARMONICS_RANGE)

@@ -1,7 +1,7 @@
-"""The checks as validators of UsdValidation: USD imports this module when somebody asks for one.
+"""Provide the checks as UsdValidation validators; USD imports this module on demand.
 
-plugInfo.json declares them, so any process that has our folder in PXR_PLUGINPATH_NAME lists them
-without importing anything of ours.
+plugInfo.json declares them, so any process with our folder in PXR_PLUGINPATH_NAME lists them
+without importing our package.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _TYPES = {
 
 
 def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]:
-    """The checks of a group as the function that UsdValidation calls for a prim."""
+    """Return a group of checks as a function for UsdValidation."""
 
     def run(
         prim: Usd.Prim, time_range: UsdValidation.ValidationTimeRange
@@ -40,7 +40,7 @@ def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]
 
 
 def _error(prim: Usd.Prim, finding: Finding) -> UsdValidation.ValidationError:
-    """A finding in UsdValidation's words."""
+    """Convert a finding to an error of UsdValidation."""
     path = prim.GetPath()
     if finding.attribute and prim.HasAttribute(finding.attribute):
         path = path.AppendProperty(finding.attribute)

@@ -1,8 +1,8 @@
-"""Which findings break a rule that somebody published for assets of splats.
+"""Map findings to published rules for splat assets.
 
-NVIDIA's VG.035 looks at prims of the stock type: they must have the float attributes and an extent,
-lengths that match, scales above 0, opacities from 0 to 1, quaternions of length 1, a degree from 0
-to 3, and harmonics whose metadata say so. Packed fields are none of its business.
+NVIDIA's VG.035 checks prims of the stock type. They must have the float attributes and an extent,
+matching lengths, scales above 0, opacities from 0 to 1, unit quaternions, a degree from 0 to 3, and
+matching metadata of the harmonics. It does not check packed fields.
 
 Source: NVIDIA's package usd-validation-nvidia 1.22, rule "usdgeom-particle-field-gaussian-splat".
 """
@@ -32,16 +32,16 @@ _BROKEN_BY = {
     "interpolation": {tokens.SH_COEFFICIENTS},
     "noExtent": {tokens.EXTENT},
 }
-"""Name of a finding -> the attributes with which it breaks the rule."""
+"""Name of a finding -> attributes for which it violates the rule."""
 
 
 def broken_rule(prim_type: str, attribute: str, name: str) -> str:
-    """The rule that a finding breaks; "" for none.
+    """Return the rule that a finding violates; "" for none.
 
     Args:
-        prim_type: Of the prim that it is about.
-        attribute: What it is about.
-        name: Of the finding.
+        prim_type: Type of the prim.
+        attribute: Attribute of the finding.
+        name: Name of the finding.
     """
     is_judged = prim_type == tokens.STOCK_TYPE
     return RULE if is_judged and attribute in _BROKEN_BY.get(name, ()) else ""

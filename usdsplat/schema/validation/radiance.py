@@ -1,4 +1,4 @@
-"""Can the colours of a field be read, and does it say in which space they are?"""
+"""Check the harmonics, colour space, hints and grade of a field."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INTERCHANGE_DEGREE = 3
 
 
 def degree(sample: Sample) -> Iterator[Finding]:
-    """0 to 4, and 0 to 3 for others."""
+    """Check the degree: 0 to 4, or 0 to 3 for other applications."""
     found = sample.degree
     if not 0 <= found <= MAX_DEGREE:
         cure = "author the degree that the coefficients have"
@@ -37,7 +37,7 @@ def degree(sample: Sample) -> Iterator[Finding]:
 
 
 def coefficients(sample: Sample) -> Iterator[Finding]:
-    """(degree + 1)^2 of them for each splat, and metadata that says so."""
+    """Check for (degree + 1)^2 coefficients per splat, and matching metadata."""
     if sample.is_packed or not sample.count or sample.degree < 0:
         return
     name = sample.name(tokens.SH_COEFFICIENTS)
@@ -62,7 +62,7 @@ def coefficients(sample: Sample) -> Iterator[Finding]:
 
 
 def color_space(sample: Sample) -> Iterator[Finding]:
-    """Named, with a name that USD knows."""
+    """Check that a colour space is authored that USD knows."""
     name = hints.written_color_space(sample.prim)
     cure = f"apply ColorSpaceAPI and set {tokens.COLOR_SPACE} to {tokens.DEFAULT_COLOR_SPACE}"
     if not name:
@@ -82,7 +82,7 @@ def color_space(sample: Sample) -> Iterator[Finding]:
 
 
 def modes(sample: Sample) -> Iterator[Finding]:
-    """What it says about how to be drawn is said in the schema's words."""
+    """Check that rendering hints have values of the schema."""
     for name, allowed in (
         (tokens.PROJECTION_MODE, tokens.PROJECTION_MODES),
         (tokens.SORTING_MODE, tokens.SORTING_MODES),
@@ -97,7 +97,7 @@ def modes(sample: Sample) -> Iterator[Finding]:
 
 
 def grade(sample: Sample) -> Iterator[Finding]:
-    """In range and of the schema's types; where only the grade is animated, at all of its times."""
+    """Check the grade at its own sample times if only it is animated."""
     times = attributes.sample_times(sample.prim, tokens.GRADE_ATTRIBUTES)
     codes = [Usd.TimeCode(time) for time in times] if sample.code.IsDefault() else []
     for code in codes or [sample.code]:
@@ -112,7 +112,7 @@ def grade(sample: Sample) -> Iterator[Finding]:
 
 
 def _metadata(sample: Sample, name: str) -> Iterator[Finding]:
-    """What Pixar's importer writes and NVIDIA's rule VG.035 asks for."""
+    """Check metadata that Pixar's importer writes and NVIDIA's rule VG.035 requires."""
     primvar = UsdGeom.Primvar(sample.prim.GetAttribute(name))
     size, interpolation = primvar.GetElementSize(), primvar.GetInterpolation()
     if size != sample.coefficients:

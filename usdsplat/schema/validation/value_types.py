@@ -1,6 +1,6 @@
-"""The types that the schemas give to attributes, and those that values have: USD lets them differ.
+"""Compare the types of values with those of the schemas; USD lets them differ.
 
-An attribute of a schema claims the schema's type whatever layers say, so values are looked at.
+An attribute reports the schema's type regardless of its layers, so values are examined.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from usdsplat.schema import tokens
 
 
 def fits(name: str, value: Any) -> bool:
-    """Whether a value has the type that its attribute should have, or neither is known.
+    """Return whether a value has its attribute's type, or either is unknown.
 
-    Half and float differ, point3f and float3 do not.
+    Half and float are different types; point3f and float3 are not.
     """
     expected = expected_type(name)
     return value is None or expected is None or bool(actual_type(value).type == expected.type)
 
 
 def actual_type(value: Any) -> Sdf.ValueTypeName:
-    """Type of a value that an attribute returned."""
+    """Return the type of a value of an attribute."""
     return Sdf.GetValueTypeNameForValue(value)
 
 
 def expected_type(name: str) -> Sdf.ValueTypeName | None:
-    """Type of an array, or of the degree, in the schemas; None for any other attribute."""
+    """Return the schema's type of an array or the degree; None for other attributes."""
     return _schema_types().get(name)
 
 
 @functools.cache
 def _schema_types() -> Mapping[str, Sdf.ValueTypeName]:
-    """Attribute -> type. Tokens are left out: Python does not tell them from text."""
+    """Return the type by attribute. Tokens are omitted: in Python they are plain strings."""
     registry = Usd.SchemaRegistry()
     definitions = (
         registry.FindConcretePrimDefinition(tokens.STOCK_TYPE),
@@ -46,6 +46,6 @@ def _schema_types() -> Mapping[str, Sdf.ValueTypeName]:
     return {
         name: definition.GetAttributeDefinition(name).GetTypeName()
         for definition in definitions
-        if definition  # ours are unknown where USD's registry came first
+        if definition  # ours are unknown if USD built its registry before
         for name in names & set(definition.GetPropertyNames())
     }
