@@ -10,8 +10,8 @@ import pytest
 from pxr import Usd, UsdRender
 
 from tests.cli.test_render import SMALL, header, read
-from usdsplat.cli.deep import DeepReport, flattened
 from usdsplat.images.deep_reader import read_deep
+from usdsplat.products.deep import DeepReport, flattened
 from usdsplat.render.tile_lists import DeepSamples
 
 pytestmark = pytest.mark.usefixtures("compiled")

@@ -13,8 +13,8 @@ from pxr import Gf, Usd, UsdGeom, UsdUtils
 
 from usdsplat import formats, schema
 from usdsplat.cli import demo
-from usdsplat.cli.turntable import CAMERA, author_turntable
 from usdsplat.kernels import signatures
+from usdsplat.products.turntable import CAMERA, author_turntable
 
 Image = pytest.importorskip("PIL.Image")
 

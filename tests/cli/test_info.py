@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tests.cli.conftest import ball
 from tests.renders import seen
 from usdsplat import schema
-from usdsplat.cli import summary
+from usdsplat.products import summary
 
 
 def test_a_captures_numbers_are_those_of_its_splats(run_json, capture):

@@ -8,13 +8,13 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from tests.cli.test_render import SMALL
-from usdsplat.cli.drawing import draw_frames
 from usdsplat.cli.parsing import KNOB
-from usdsplat.cli.planning import plan
 from usdsplat.cli.render_options import ColorFlags, DrawingFlags, FileOptions, SamplingFlags
-from usdsplat.cli.request import Request
 from usdsplat.core.knobs import knobs
 from usdsplat.delegate.engine import Engine
+from usdsplat.products.drawing import draw_frames
+from usdsplat.products.planning import plan
+from usdsplat.products.request import Request
 from usdsplat.render.settings import RenderSettings
 
 pytestmark = pytest.mark.usefixtures("compiled")

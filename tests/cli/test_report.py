@@ -13,11 +13,11 @@ from pxr import Usd, UsdGeom
 
 from tests.cli.conftest import ball
 from usdsplat import formats, schema
-from usdsplat.cli.report.charts import BARS, histogram
-from usdsplat.cli.report.values import round_down
-from usdsplat.cli.report.views import SIDE, views
 from usdsplat.core import axes
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.products.report.charts import BARS, histogram
+from usdsplat.products.report.values import round_down
+from usdsplat.products.report.views import SIDE, views
 
 COLORS = np.eye(3)
 """Red is to the right, green above, blue towards who looks from the front."""

@@ -30,7 +30,7 @@ COARSE, GROWN = 50_000, 300_000
 """How many splats are modelled to be simulated, and most that a capture may have for it."""
 BALL = "/World/Simulation/Ball"
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
-KERNELS = Path(__file__).with_name("demo_kernels.txt")
+KERNELS = Path(__file__).parents[1] / "products" / "demo_kernels.txt"
 """Every kernel that the demo runs, with argument types, in the order of first use."""
 QUICKER = ("sim:substeps=2", "rd:substeps=40")
 """Parameters below the preset's: the demo then simulates in seconds, and the pattern is still seen
@@ -78,11 +78,11 @@ class Results:
 
 def run(options: Options) -> int:
     """Run the main job from end to end; print each result with what it is."""
-    from usdsplat.cli.turntable import author_turntable
     from usdsplat.interchange import import_capture
     from usdsplat.kernels import ahead, signatures
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.kernels.device import checked_threads
+    from usdsplat.products.turntable import author_turntable
 
     if not (1 <= options.frames <= 10_000 and 1_000 <= options.splats <= 20_000_000):
         found = f"{options.splats} splats, {options.frames} frames"
@@ -151,8 +151,8 @@ def _model(
 
 def _model_coarsely(folder: Path, options: Options, results: Results, progress: Progress) -> Path:
     """Our own capture again, with fewer splats, and a stage of it."""
-    from usdsplat.cli.turntable import author_turntable
     from usdsplat.interchange import import_capture
+    from usdsplat.products.turntable import author_turntable
 
     splats = min(options.splats, COARSE)
     capture = _model(folder / "coarse.ply", splats, results, progress, degree=0)
@@ -164,8 +164,8 @@ def _model_coarsely(folder: Path, options: Options, results: Results, progress: 
 
 def _grow(source: Path, options: Options, results: Results, progress: Progress) -> None:
     """Let a pattern grow on the stage's splats while a ball passes, bake and draw it."""
-    from usdsplat.cli.turntable import look_across
     from usdsplat.interchange.files import open_stage
+    from usdsplat.products.turntable import look_across
     from usdsplat.sim.stage.overrides import override
     from usdsplat.sim.stage.presets import author_preset
     from usdsplat.sim.stage.simulating import simulate
@@ -189,10 +189,10 @@ def _draw_growth(
     bake: Path, frames: tuple[float, ...], options: Options, results: Results, progress: Progress
 ) -> None:
     """Draw a bake, the ball too, and make a preview of it."""
-    from usdsplat.cli.drawing import draw_frames
-    from usdsplat.cli.planning import Request, plan
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.files import open_stage
+    from usdsplat.products.drawing import draw_frames
+    from usdsplat.products.planning import Request, plan
 
     output = bake.with_name("growth.####.png")
     with Engine(open_stage(bake), threads=options.threads) as engine:
@@ -205,10 +205,10 @@ def _draw_growth(
 
 def _render(folder: Path, options: Options, results: Results, progress: Progress) -> None:
     """Draw the products of the stage, and make a preview of the sequence."""
-    from usdsplat.cli.drawing import draw_frames
-    from usdsplat.cli.planning import Request, plan
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.files import open_stage
+    from usdsplat.products.drawing import draw_frames
+    from usdsplat.products.planning import Request, plan
 
     stage = open_stage(folder / "stage.usda")
     numbers = tuple(float(frame) for frame in range(1, options.frames + 1))

@@ -33,7 +33,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
-    from usdsplat.cli.matching import Report
+    from usdsplat.products.matching import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,11 +73,11 @@ class Options:
 
 def run(options: Options) -> int:
     """Fit, write the layer, print what was found."""
-    from usdsplat.cli.matching import Request, match
     from usdsplat.cli.stages import open_stage
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.files import check_not_input, check_suffix, layer_files
     from usdsplat.kernels.compiling import on_compile
+    from usdsplat.products.matching import Request, match
 
     _check_flags(options)
     check_suffix(options.output)

@@ -52,8 +52,8 @@ from usdsplat.images.frames import has_place, parse_frames
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from usdsplat.cli.request import Picture, Request
     from usdsplat.delegate.engine import Engine
+    from usdsplat.products.request import Picture, Request
 
 AOV_HELP = f"all, or of {', '.join(AOVS)}, commas between; default: the product's, or color"
 
@@ -97,12 +97,12 @@ class Options:
 
 def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
-    from usdsplat.cli.drawing import draw_frames, work_of
-    from usdsplat.cli.planning import plan
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
+    from usdsplat.products.drawing import draw_frames, work_of
+    from usdsplat.products.planning import plan
 
     request = _request(options)
     memory_limit = bytes_of(options.memory_limit)
@@ -156,7 +156,7 @@ def _warn(engine: Engine) -> None:
 
 def _request(options: Options) -> Request:
     """What the flags ask for."""
-    from usdsplat.cli.request import Request
+    from usdsplat.products.request import Request
 
     framing, file = options.framing, options.file
     flags = (options.drawing, options.sampling, options.color, file)

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usdsplat.core.errors import UnknownFormatError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.images import cryptomatte, open_writer
 from usdsplat.images.aovs import find_aovs
@@ -24,37 +23,15 @@ from usdsplat.images.frames import frame_paths
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
 from usdsplat.interchange.files import check_not_input, layer_files
-from usdsplat.preview import movie
 from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Shown, Side
 from usdsplat.preview.sources import files_of_capture
-from usdsplat.preview.values import Image, ViewState
+from usdsplat.preview.values import ViewState
+from usdsplat.products import movie
+from usdsplat.products.display_image import FORMATS, check_suffix, save_image
 from usdsplat.render.framing import conform
 
-FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
-"""Suffix -> Pillow's name, of pictures as a screen shows them."""
-QUALITY = 95
-"""Of a JPEG [0..100]."""
 DISPLAY = "srgb_rec709_display"
-
-
-def save_image(image: Image, path: Path | str) -> Path:
-    """Write display RGB, shape (h, w, 3), as PNG or JPEG; return the file.
-
-    Raises:
-        UnknownFormatError: If the suffix is none of `FORMATS`.
-        OutputError: If the file cannot be written.
-    """
-    from PIL import Image as pillow
-
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise _unknown(path, tuple(FORMATS))
-    kind = FORMATS[path.suffix.lower()]
-    more = {"quality": QUALITY, "subsampling": 0} if kind == "JPEG" else {}
-    with atomic_path(path) as temporary:
-        pillow.fromarray(np.ascontiguousarray(image)).save(temporary, kind, **more)
-    return path
 
 
 def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
@@ -71,8 +48,7 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
         UsdSplatError: If the state cannot be drawn.
     """
     path = Path(path)
-    if path.suffix.lower() not in (*FORMATS, ".exr"):
-        raise _unknown(path, (*FORMATS, ".exr"))
+    check_suffix(path, (*FORMATS, ".exr"))
     _check_not_read(document, (path,))
     _save(document, document.still(state), path)
     return path
@@ -162,8 +138,7 @@ class Flipbook:
         suffix = self._path.suffix.lower()
         if not self._frames:
             raise UsageError("frames", "none", "one or more")
-        if suffix not in (*FORMATS, ".exr", *movie.SUFFIXES):
-            raise _unknown(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
+        check_suffix(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
         files = targets(self._path, self._frames)
         _check_not_read(document, files)
         if suffix in movie.SUFFIXES:
@@ -266,7 +241,3 @@ def _metadata(document: Document, side: Side) -> Metadata:
     if look.aov == "cryptoObject":
         return {**entries, **cryptomatte.metadata("cryptoObject", scene.prims)}
     return entries
-
-
-def _unknown(path: Path, suffixes: tuple[str, ...]) -> UnknownFormatError:
-    return UnknownFormatError(str(path), f"suffix {path.suffix!r}", f"one of {', '.join(suffixes)}")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import OutputError
-from usdsplat.preview.movie import Movie
+from usdsplat.products.movie import Movie
 
 SCRIPT = """#!{python}
 import pathlib, sys

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from usdsplat.cli.header import layout_of
-from usdsplat.cli.request import Picture, Request
-from usdsplat.cli.values import MOST_PIXELS
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
@@ -14,6 +11,8 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frames import frame_path
+from usdsplat.products.header import layout_of
+from usdsplat.products.request import MOST_PIXELS, Picture, Request
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
 from usdsplat.render.settings import RenderSettings

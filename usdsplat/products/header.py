@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import cryptomatte
 from usdsplat.images.camera import camera_metadata
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.products.request import Picture
 from usdsplat.render.framing import conform
 from usdsplat.render.output import view_of
 from usdsplat.render.renderer import blend_space_of

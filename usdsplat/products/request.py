@@ -10,6 +10,9 @@ from usdsplat.images.layout import PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
+MOST_PIXELS = 65536
+"""Of a side: more is a slip of the finger, not a picture."""
+
 Window = tuple[int, int, int, int]
 
 

@@ -8,17 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usdsplat.cli import remarks
-from usdsplat.cli.budget import WORTH_SAYING, Budget, budget
-from usdsplat.cli.deep import DeepReport, draw_deep
-from usdsplat.cli.flat import draw_flat
-from usdsplat.cli.header import labelled
-from usdsplat.cli.request import Picture
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.frames import frame_path, frame_paths
+from usdsplat.products import remarks
+from usdsplat.products.budget import WORTH_SAYING, Budget, budget
+from usdsplat.products.deep import DeepReport, draw_deep
+from usdsplat.products.flat import draw_flat
+from usdsplat.products.header import labelled
+from usdsplat.products.request import Picture
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec, View

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from usdsplat.cli.deep import DeepReport
-from usdsplat.cli.request import Picture
-from usdsplat.cli.values import said_bytes
+from usdsplat.core.wording import said_bytes
 from usdsplat.delegate.engine import Engine
+from usdsplat.products.deep import DeepReport
+from usdsplat.products.request import Picture
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.specs import CameraSpec

@@ -14,7 +14,7 @@ import numpy as np
 
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import atomic_path
-from usdsplat.preview.values import Image
+from usdsplat.products.display_image import Image
 
 SUFFIXES = (".mp4", ".mov")
 QUALITY = "16"

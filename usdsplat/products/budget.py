@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from usdsplat.cli.request import Picture
-from usdsplat.cli.values import said_bytes
 from usdsplat.core.errors import UsageError
-from usdsplat.core.wording import counted
+from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
+from usdsplat.products.request import Picture
 from usdsplat.render.memory import Estimate, fitting
 from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View

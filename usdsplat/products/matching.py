@@ -14,7 +14,6 @@ import numpy.typing as npt
 from pxr import Sdf, Usd
 
 from usdsplat import schema
-from usdsplat.cli.planning import find_camera
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.grade import Grade
@@ -24,6 +23,7 @@ from usdsplat.images.match import fit_grade, in_primaries
 from usdsplat.images.plate import read_plate
 from usdsplat.images.science import chart, delta_e
 from usdsplat.interchange.files import save
+from usdsplat.products.planning import find_camera
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import open_writer
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.layout import ImageLayout
 from usdsplat.images.view import ViewTransform
+from usdsplat.products.request import Picture
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.output import view_of
 from usdsplat.render.specs import View

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from usdsplat.cli.request import Picture
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
+from usdsplat.products.request import Picture
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import View
 from usdsplat.render.tile_lists import DeepSamples
