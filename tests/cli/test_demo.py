@@ -12,8 +12,8 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdUtils
 
 from usdsplat import formats, schema
-from usdsplat.cli import demo
 from usdsplat.kernels import signatures
+from usdsplat.products import demo
 from usdsplat.products.turntable import CAMERA, author_turntable
 
 Image = pytest.importorskip("PIL.Image")
@@ -137,7 +137,7 @@ def test_the_demo_bakes_a_growth_that_a_ball_passes(run, capture, tmp_path):
 
 def test_nothing_grows_on_a_large_capture(run, capture, tmp_path, monkeypatch):
     """Oracle: the line that says so, and no bake."""
-    monkeypatch.setattr("usdsplat.cli.demo.GROWN", 299)
+    monkeypatch.setattr("usdsplat.products.demo.GROWN", 299)
     status, out, _ = run("demo", capture, "-o", tmp_path / "demo", "--frames", 1)
     assert status == 0 and "nothing grown on it: 300 splats are many for a demo\n" in out
     assert not (tmp_path / "demo" / "growth.usda").exists()

@@ -13,8 +13,8 @@ from usdsplat.cli.render_options import ColorFlags, DrawingFlags, FileOptions, S
 from usdsplat.core.knobs import knobs
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.drawing import draw_frames
-from usdsplat.products.planning import plan
-from usdsplat.products.request import Request
+from usdsplat.products.planning import plan_pictures
+from usdsplat.products.request import RenderRequest
 from usdsplat.render.settings import RenderSettings
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -78,8 +78,13 @@ def test_progress_is_one_for_all_frames_and_pictures(shot, tmp_path):
     heard = Heard()
     with Engine(Usd.Stage.Open(str(shot)), time=1.0) as engine:
         pictures = [
-            *plan(engine, Request(output=str(tmp_path / "a.#.exr"), resolution=(64, 40))),
-            *plan(engine, Request(output=str(tmp_path / "b.#.exr"), resolution=(8, 8), deep=True)),
+            *plan_pictures(
+                engine, RenderRequest(output=str(tmp_path / "a.#.exr"), resolution=(64, 40))
+            ),
+            *plan_pictures(
+                engine,
+                RenderRequest(output=str(tmp_path / "b.#.exr"), resolution=(8, 8), deep=True),
+            ),
         ]
         drawn = draw_frames(engine, pictures, (1.0, 2.0), source="shot", progress=heard)
         assert len(list(drawn)) == 4

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 
 import numpy as np
 import pytest
 
 from usdsplat.core.errors import UnknownFormatError
-from usdsplat.products.display_image import save_image
+from usdsplat.products.display_image import EXIF_DESCRIPTION, SOFTWARE, save_image
 
 
 def pixels(path):
@@ -26,6 +27,22 @@ def test_an_image_comes_back_as_it_was(tmp_path, name, within):
     assert save_image(image, tmp_path / name) == tmp_path / name
     assert abs(pixels(tmp_path / name) - image).max() <= within
     assert os.listdir(tmp_path) == [name]
+
+
+def test_a_header_comes_back_as_it_was(tmp_path):
+    """Oracle: Pillow's decoder: chunks of a PNG, the Exif description of a JPEG."""
+    from PIL import Image
+
+    image = np.zeros((2, 2, 3), np.uint8)
+    entries = {"usdsplat:stage": "Größe.usda", "usdsplat:frame": 2.5, "worldToCamera": (1.0, 0.0)}
+    with Image.open(save_image(image, tmp_path / "a.png", metadata=entries)) as picture:
+        assert picture.text["usdsplat:stage"] == "Größe.usda"
+        assert json.loads(picture.text["usdsplat:frame"]) == 2.5
+        assert json.loads(picture.text["worldToCamera"]) == [1.0, 0.0]
+        assert picture.text["Software"] == SOFTWARE
+    with Image.open(save_image(image, tmp_path / "a.jpg", metadata=entries)) as picture:
+        told = json.loads(picture.getexif()[EXIF_DESCRIPTION])
+    assert told == {**entries, "worldToCamera": [1.0, 0.0]}
 
 
 def test_another_suffix_is_a_sentence(tmp_path):

@@ -1,4 +1,4 @@
-"""Pictures to files: one after the other, each whole or not at all."""
+"""Draw pictures into files, one after the other, each whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,29 +8,42 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.frames import frame_path, frame_paths
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
+from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.flat import draw_flat
-from usdsplat.products.header import labelled
-from usdsplat.products.request import Picture
+from usdsplat.products.header import Origin, labelled_layout
+from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec, View
 
 Remark = Callable[[str], None]
-Job = tuple[Picture, float, Path]
+_Job = tuple[PicturePlan, float, Path]
 """What is drawn, at which time code, into which file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drawn:
-    """A finished picture."""
+class DrawOptions:
+    """How a sequence of pictures is drawn."""
+
+    existing: Existing = "replace"
+    """What becomes of pictures whose file exists; "resume" leaves them as they are."""
+    memory_limit: int | None = None
+    """[byte] that the process may take; None for any number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnPicture:
+    """A picture whose file is complete."""
 
     path: Path
     frame: float
@@ -41,88 +54,101 @@ class Drawn:
     splats: int
     """Splats that were drawn, instances counted each."""
     visible: int
-    """Those that may touch the picture."""
+    """Those that may touch the plan."""
     seconds: float
     """Time it took, file included."""
     deep_samples: int | None = None
-    """Of all pixels of a deep picture."""
+    """Of all pixels of a deep plan."""
 
 
-def work_of(pictures: Sequence[Picture], frames: Sequence[float]) -> list[Work]:
+def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]:
     """Return what `draw_frames` will draw, for `Engine.expect`."""
     return [
         Work(
-            pixels=math.prod(picture.framing.resolution) * len(frames),
+            pixels=math.prod(plan.framing.resolution) * len(frames),
             pictures=len(frames),
-            settings=picture.settings,
-            aovs=picture.aovs,
-            deep=picture.deep,
+            settings=plan.settings,
+            aovs=plan.aovs,
+            deep=plan.deep,
         )
-        for picture in pictures
+        for plan in plans
     ]
 
 
 def draw_frames(
     engine: Engine,
-    pictures: Sequence[Picture],
+    plans: Sequence[PicturePlan],
     frames: Sequence[float],
     *,
     source: str,
-    resume: bool = False,
-    memory_limit: int | None = None,
+    options: DrawOptions = DrawOptions(),
     progress: Progress = silent,
     remark: Remark = lambda _: None,
-) -> Iterator[Drawn]:
-    """Draw every picture at every frame, frame after frame; yield each when its file is there.
+    cancel: CancelToken | None = None,
+) -> Iterator[DrawnPicture]:
+    """Draw every picture at every frame, frame after frame; yield each when its file is complete.
 
     Args:
         engine: Whose stage is drawn; its time and purposes are set.
-        pictures: What to draw.
+        plans: What to draw.
         frames: Time codes.
         source: What the stage is called in the files.
-        resume: Leave out pictures whose file exists.
-        memory_limit: [byte] that the process may take.
+        options: What becomes of files that exist, and how much memory may be taken.
         progress: Told about the rows of all pictures together.
         remark: Told what a user would not see in the pictures.
+        cancel: Ends the drawing after the band that is being drawn; complete files stay.
 
     Raises:
         UsageError: If two pictures would be one file, or the memory is too little.
         StageError: If a camera cannot be used.
-        OutputError: If a file cannot be written.
+        OutputError: If a file cannot be written, or exists and is neither kept nor replaced.
     """
-    jobs = _jobs(pictures, frames, resume)
-    engine.expect(work_of(pictures, frames))
+    cancel = cancel or CancelToken()
+    jobs = _jobs(plans, frames, options.existing)
+    engine.expect(work_of(plans, frames))
     before = engine.remark
     tell = _once(remark)
     _check_holdouts(jobs)
-    cameras = {picture: _framing_camera(engine, picture, frames) for picture, _, _ in jobs}
-    budgets = _budgets(engine, jobs, cameras, memory_limit, tell)
-    rows, total = 0, sum(picture.rows for picture, _, _ in jobs)
+    cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
+    budgets = _budgets(engine, jobs, cameras, options.memory_limit, tell)
+    rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
     progress.step(label, 0, total)
-    for picture, frame, path in jobs:
+    for plan, frame, path in jobs:
         started = time.perf_counter()
-        view = _go_to(engine, picture, frame, cameras[picture])
+        view = _go_to(engine, plan, frame, cameras[plan])
 
-        def finished(done: int, before: int = rows) -> None:
+        def rows_written(done: int, before: int = rows) -> None:
             progress.step(label, before + done, total)
+            cancel.check()
 
-        report = _draw(
-            engine, picture, path, view, frame, source, budgets[picture].band_pixels, finished
+        origin = Origin(stage=source, frame=frame)
+        file = PictureFile(
+            plan=plan,
+            path=path,
+            view=view,
+            layout=labelled_layout(engine, plan, view, origin=origin),
+            holdout=_holdout(plan, frame),
+            band_pixels=budgets[plan].band_pixels,
         )
-        rows += picture.rows
+        try:
+            cancel.check()
+            report = write_picture(engine, file, rows_written=rows_written)
+        except Cancelled:
+            return
+        rows += plan.rows
         stats, seconds = engine.stats, time.perf_counter() - started
         if report is not None:
             remark(remarks.what_is_deep(path, report, seconds))
-        elif picture.settings.color_mode == "inverseView":
+        elif plan.settings.color_mode == "inverseView":
             remark(remarks.what_fails(path, stats))
         if engine.remark != before:  # a GPU has failed meanwhile
             tell(engine.remark)
         empty = remarks.why_nothing(engine, stats)
         if empty:
             tell(f"nothing is drawn: {empty}", f"{path}: ")
-        yield Drawn(
+        yield DrawnPicture(
             path=path,
             frame=frame,
             camera=view.camera.path or None,
@@ -134,62 +160,57 @@ def draw_frames(
         )
 
 
-def _draw(
-    engine: Engine,
-    picture: Picture,
-    path: Path,
-    view: View,
-    frame: float,
-    source: str,
-    band_pixels: int,
-    finished: Callable[[int], None],
+def write_picture(
+    engine: Engine, file: PictureFile, *, rows_written: RowsWritten = lambda rows: None
 ) -> DeepReport | None:
-    """Draw one picture at the engine's time into its file."""
-    layout = labelled(engine, picture, view, stage=source, frame=frame)
-    holdout = _holdout(picture, frame)
-    if picture.deep:
-        return draw_deep(
-            engine, picture, path, view, layout,
-            holdout=holdout, band_pixels=band_pixels, finished=finished,
-        )  # fmt: skip
-    draw_flat(
-        engine, picture, path, view, layout,
-        holdout=holdout, band_pixels=band_pixels, finished=finished,
-    )  # fmt: skip
+    """Draw one picture at the engine's time into its file; return what is known of a deep one.
+
+    Args:
+        engine: Draws it.
+        file: What is drawn, and where to.
+        rows_written: Called after each band; what it raises ends the drawing, without a file.
+
+    Raises:
+        UsageError: If a deep picture is asked for in an order that has no depths.
+        OutputError: If the file cannot be written.
+    """
+    if file.plan.deep:
+        return draw_deep(engine, file, rows_written=rows_written)
+    draw_flat(engine, file, rows_written=rows_written)
     return None
 
 
-def _go_to(engine: Engine, picture: Picture, frame: float, camera: CameraSpec | None) -> View:
-    """Bring the engine to a frame; return what the picture looks at there."""
-    engine.set_refinement(picture.settings.refinement)
+def _go_to(engine: Engine, plan: PicturePlan, frame: float, camera: CameraSpec | None) -> View:
+    """Bring the engine to a frame; return the view of the picture there."""
+    engine.set_refinement(plan.settings.refinement)
     engine.set_time(frame)
-    engine.set_purposes(picture.purposes)
+    engine.set_purposes(plan.purposes)
     if camera is None:
-        view = engine.view(picture.camera, framing=picture.framing)
+        view = engine.view(plan.camera, framing=plan.framing)
     else:
-        view = View(camera=camera, framing=picture.framing)
-    return replace(view, matte=picture.matte)
+        view = View(camera=camera, framing=plan.framing)
+    return replace(view, matte=plan.matte)
 
 
 def _budgets(
     engine: Engine,
-    jobs: Sequence[Job],
-    cameras: dict[Picture, CameraSpec | None],
+    jobs: Sequence[_Job],
+    cameras: dict[PicturePlan, CameraSpec | None],
     limit: int | None,
     tell: Callable[..., None],
-) -> dict[Picture, Budget]:
-    """The bands of each picture, by its first frame, before anything is drawn."""
-    budgets: dict[Picture, Budget] = {}
-    for picture, frame, path in jobs:
-        if picture in budgets:
+) -> dict[PicturePlan, Budget]:
+    """Choose the bands of each picture by its first frame, before anything is drawn."""
+    budgets: dict[PicturePlan, Budget] = {}
+    for plan, frame, path in jobs:
+        if plan in budgets:
             continue
-        view = _go_to(engine, picture, frame, cameras[picture])
-        found = budgets[picture] = budget(engine, picture, view, limit=limit)
-        for text in picture.warnings:
+        view = _go_to(engine, plan, frame, cameras[plan])
+        found = budgets[plan] = budget(engine, plan, view, limit=limit)
+        for text in plan.warnings:
             tell(text)
-        if picture.deep:
-            tell(remarks.what_is_forced(picture))
-        if sharp := remarks.why_sharp(picture, view.camera):
+        if plan.deep:
+            tell(remarks.what_is_forced(plan))
+        if sharp := remarks.why_sharp(plan, view.camera):
             tell(sharp)
         if limit is not None or found.estimate.total > WORTH_SAYING:
             tell(found.sentence(), f"{path.name}: ")
@@ -197,7 +218,7 @@ def _budgets(
 
 
 def _once(remark: Remark) -> Callable[..., None]:
-    """A remark that is made once, about the first that it is true of."""
+    """Return a function that makes each remark once, about the first file that it is true of."""
     told: set[str] = set()
 
     def tell(text: str, where: str = "") -> None:
@@ -208,47 +229,55 @@ def _once(remark: Remark) -> Callable[..., None]:
     return tell
 
 
-def _holdout(picture: Picture, frame: float) -> ReadHoldout | None:
-    """What hides from elsewhere at a frame."""
-    if picture.holdout is None:
+def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:
+    """Open the holdout of a frame, if there is one."""
+    if plan.holdout is None:
         return None
     from usdsplat.images.holdout import open_holdout
 
-    path = frame_path(picture.holdout, frame)
-    return open_holdout(path, resolution=picture.framing.resolution).rows
+    path = frame_path(plan.holdout, frame)
+    return open_holdout(path, resolution=plan.framing.resolution).rows
 
 
-def _check_holdouts(jobs: Sequence[Job]) -> None:
+def _check_holdouts(jobs: Sequence[_Job]) -> None:
     """Refuse to begin what could not be finished: all holdouts must be there."""
-    for picture, frame, _ in jobs:
-        if picture.holdout is not None:
-            path = frame_path(picture.holdout, frame)
+    for plan, frame, _ in jobs:
+        if plan.holdout is not None:
+            path = frame_path(plan.holdout, frame)
             if not path.is_file():
                 raise UsageError("--holdout", f"no file {path}", "an EXR with depth")
-    for picture in dict.fromkeys(picture for picture, _, _ in jobs):
-        first = next(frame for other, frame, _ in jobs if other is picture)
-        _holdout(picture, first)
+    for plan in dict.fromkeys(plan for plan, _, _ in jobs):
+        first = next(frame for other, frame, _ in jobs if other is plan)
+        _holdout(plan, first)
 
 
-def _framing_camera(engine: Engine, picture: Picture, frames: Sequence[float]) -> CameraSpec | None:
-    """One camera for all frames where the picture has none of its own, so that motion shows."""
-    if picture.camera is not None:
+def _framing_camera(
+    engine: Engine, plan: PicturePlan, frames: Sequence[float]
+) -> CameraSpec | None:
+    """Return one camera for all frames if the picture has none, so that motion shows."""
+    if plan.camera is not None:
         return None
-    engine.set_purposes(picture.purposes)
+    engine.set_purposes(plan.purposes)
     times = dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1]))
-    return engine.framing_camera(times, framing=picture.framing)
+    return engine.framing_camera(times, framing=plan.framing)
 
 
-def _jobs(pictures: Sequence[Picture], frames: Sequence[float], resume: bool) -> list[Job]:
-    """What is to be drawn into which file, frame after frame."""
-    names = [frame_paths(picture.output, frames) for picture in pictures]
+def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
+    """Return what is to be drawn into which file, frame after frame."""
+    names = [frame_paths(plan.output, frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise UsageError(str(twice), "two products with this file", "a file for each")
     jobs = [
-        (picture, frame, group[i])
+        (plan, frame, group[i])
         for i, frame in enumerate(frames)
-        for picture, group in zip(pictures, names, strict=True)
+        for plan, group in zip(plans, names, strict=True)
     ]
-    return [job for job in jobs if not (resume and job[2].exists())]
+    if existing == "replace":
+        return jobs
+    left = [job for job in jobs if not job[2].exists()]
+    if existing == "error" and len(left) < len(jobs):
+        there = next(path for _, _, path in jobs if path.exists())
+        raise OutputError(str(there), "a file", "a new name")
+    return left

@@ -1,16 +1,21 @@
-"""What the file of a picture says about it."""
+"""What the file of a picture says about it: one function makes the entries of every file.
+
+`picture_header` is called for pictures that `usdsplat render` writes, for what a window saves, and
+for movies, so that all of them name their stage, frame, camera and how they were drawn alike.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import cryptomatte
 from usdsplat.images.camera import camera_metadata
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
-from usdsplat.products.request import Picture
+from usdsplat.products.request import PicturePlan
 from usdsplat.render.framing import conform
 from usdsplat.render.output import view_of
 from usdsplat.render.renderer import blend_space_of
@@ -21,34 +26,64 @@ UNKNOWN = "unknown"
 """Interop name of a space that has none: the code values of a display other than sRGB."""
 
 
-def output_space(picture: Picture) -> str:
-    """The space of the numbers in a picture's colour channels."""
-    settings = picture.settings
-    if picture.deep:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Origin:
+    """Where a picture comes from, in the words that its header uses."""
+
+    stage: str
+    """Name of the stage, as the user gave it."""
+    frame: float
+    """Time code."""
+    camera: str = "framing the scene"
+    """What a camera that is no prim of the stage is called."""
+    shown: Mapping[str, str | float] = field(default_factory=dict)
+    """Adjustments of a screen that the pixels contain, such as its exposure; none in an EXR."""
+
+
+def output_space(plan: PicturePlan) -> str:
+    """Return the colour space of the numbers in a picture's colour channels."""
+    settings = plan.settings
+    if plan.deep:
         return settings.working_space
-    if picture.is_baked:
+    if plan.is_baked:
         return UNKNOWN if view_of(settings).target else DISPLAY
     return DISPLAY if settings.color_mode == "display" else settings.working_space
 
 
-def layout_of(picture: Picture, *, metadata: Metadata | None = None) -> ImageLayout:
-    """What the file is going to hold."""
+def layout_of(plan: PicturePlan) -> ImageLayout:
+    """Return what the file of a picture is going to hold, without its header."""
     return ImageLayout(
-        resolution=picture.framing.resolution,
-        data_window=picture.framing.data_window,
-        aovs=picture.aovs,
-        pixel_type=picture.pixel_type,
-        color_space=output_space(picture),
-        multipart=picture.settings.multipart,
-        metadata=metadata or {},
+        resolution=plan.framing.resolution,
+        data_window=plan.framing.data_window,
+        aovs=plan.aovs,
+        pixel_type=plan.pixel_type,
+        color_space=output_space(plan),
+        multipart=plan.settings.multipart,
     )
 
 
-def labelled(
-    engine: Engine, picture: Picture, view: View, *, stage: str, frame: float
+def labelled_layout(
+    engine: Engine, plan: PicturePlan, view: View, *, origin: Origin
 ) -> ImageLayout:
-    """What the file of one frame is going to hold, with all that its header says."""
-    window, pixel_aspect_ratio = conform(view.camera.window, view.framing)
+    """Return what the file of one frame is going to hold, with its header.
+
+    Args:
+        engine: At the picture's time.
+        plan: How it is drawn.
+        view: What is looked at.
+        origin: Stage, frame and camera as the header names them.
+    """
+    _, pixel_aspect_ratio = conform(view.camera.window, view.framing)
+    return replace(
+        layout_of(plan),
+        pixel_aspect_ratio=pixel_aspect_ratio,
+        metadata=picture_header(engine, plan, view, origin=origin),
+    )
+
+
+def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
+    """Return all entries of a picture's header; arguments as in `labelled_layout`."""
+    window, _ = conform(view.camera.window, view.framing)
     entries = {
         **camera_metadata(
             world_to_camera=view.camera.world_to_camera,
@@ -56,40 +91,41 @@ def labelled(
             orthographic=view.camera.orthographic,
         ),
         **picture_metadata(
-            stage=stage,
-            frame=frame,
-            samples=1 if picture.deep else picture.settings.samples,
+            stage=origin.stage,
+            frame=origin.frame,
+            samples=1 if plan.deep else plan.settings.samples,
             exposure=view.camera.exposure,
         ),
-        **_drawing(engine, picture, view),
+        "usdsplat:camera": view.camera.path or origin.camera,
+        **_drawing(engine, plan),
+        **{f"usdsplat:shown:{name}": value for name, value in origin.shown.items()},
     }
-    return replace(layout_of(picture, metadata=entries), pixel_aspect_ratio=pixel_aspect_ratio)
+    if "id" in plan.aovs:
+        entries["usdsplat:ids"] = json.dumps(engine.drawn_paths())
+    if "cryptoObject" in plan.aovs:
+        entries |= cryptomatte.metadata("cryptoObject", engine.drawn_paths())
+    return entries
 
 
-def _drawing(engine: Engine, picture: Picture, view: View) -> Metadata:
-    """How it was drawn, and what the ids and mattes in it stand for."""
-    fields = [field.spec for _, field, _ in engine.render_scene.drawn()]
-    settings = picture.settings.resolved(field.sorting_mode for field in fields)
-    if picture.deep:
+def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
+    """How the splats are drawn, and how their colours become those of the file."""
+    fields = [drawn.spec for _, drawn, _ in engine.render_scene.drawn()]
+    settings = plan.settings.resolved(spec.sorting_mode for spec in fields)
+    if plan.deep:
         settings = replace(settings, color_mode="scene", blend_space="linear")
-    modes = {field.rasterize_mode for field in fields}
+    modes = {spec.rasterize_mode for spec in fields}
     if settings.rasterize_mode != "auto":
         modes = {settings.rasterize_mode}
     entries = {
-        "usdsplat:camera": view.camera.path or "framing the scene",
         "usdsplat:sorting": settings.sorting,
         "usdsplat:rasterizeMode": " and ".join(sorted(modes)),
         "usdsplat:colorMode": settings.color_mode,
         "usdsplat:blendSpace": settings.working_space
-        if picture.deep
+        if plan.deep
         else blend_space_of(engine.render_scene, settings),
     }
     through = view_of(settings)
-    if not through.is_plain and (picture.is_baked or settings.color_mode != "scene"):
+    if not through.is_plain and (plan.is_baked or settings.color_mode != "scene"):
         names = (through.display, through.view, through.looks)
         entries["usdsplat:view"] = " / ".join(filter(None, names))
-    if "id" in picture.aovs:
-        entries["usdsplat:ids"] = json.dumps(engine.drawn_paths())
-    if "cryptoObject" in picture.aovs:
-        return {**entries, **cryptomatte.metadata("cryptoObject", engine.drawn_paths())}
     return entries
