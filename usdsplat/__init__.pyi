@@ -15,6 +15,7 @@ from usdsplat.interchange import export_capture as export_capture
 from usdsplat.interchange import import_capture as import_capture
 from usdsplat.interchange.procedural import capture as _capture
 from usdsplat.kernels.devices import open_device as open_device
+from usdsplat.preview.opening import StageLoading as StageLoading
 from usdsplat.preview.opening import open_document as open_document
 from usdsplat.preview.picking import pick as pick
 from usdsplat.preview.saving import save_view as save_view
