@@ -14,6 +14,7 @@ from tests.cli.conftest import ball
 from usdsplat import formats
 from usdsplat.products.report.views import SIDE
 
+
 def test_a_page_of_a_capture_is_a_picture(run, run_json, capture, tmp_path, compiled) -> None:
     """Oracle: Pillow reads it; what is said on stdout is what is said without it."""
     plot = tmp_path / "page.png"
