@@ -94,7 +94,7 @@ def run(options: Options) -> int:
 
 def _make(options: Options, preset: str, source: Path, target: Path) -> int:
     """Write a stage to start from."""
-    from usdsplat.cli.presets import make_stage
+    from usdsplat.products.presets import make_stage
 
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),

@@ -9,12 +9,13 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
@@ -31,8 +32,6 @@ from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
 
 Remark = Callable[[str], None]
-Existing = Literal["error", "resume", "replace"]
-"""What happens to an existing bake at the target."""
 
 LEAD = 100_000
 """Largest number of frames that are simulated before the first requested one."""

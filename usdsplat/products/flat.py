@@ -1,57 +1,45 @@
-"""A flat picture into its file, band by band."""
+"""Draw a flat picture into its file, band by band."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.cli.request import Picture
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import open_writer
 from usdsplat.images.aovs import AOVS
-from usdsplat.images.layout import ImageLayout
 from usdsplat.images.view import ViewTransform
-from usdsplat.render.occluders import ReadHoldout
+from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.render.output import view_of
-from usdsplat.render.specs import View
 
 
-def draw_flat(
-    engine: Engine,
-    picture: Picture,
-    path: Path,
-    view: View,
-    layout: ImageLayout,
-    *,
-    holdout: ReadHoldout | None,
-    band_pixels: int,
-    finished: Callable[[int], None],
-) -> None:
-    """Draw `picture` at the engine's time.
+def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> None:
+    """Draw a picture at the engine's time; the file appears when it is complete.
 
     Args:
-        view: What is looked at.
-        layout: What the file is going to hold.
-        holdout: What else hides, as `Engine.render` takes it.
-        band_pixels: As `Engine.render` takes it.
-        finished: Told how many rows are in the file.
+        engine: Draws it.
+        file: What is drawn, and where to.
+        rows_written: Called after each band; what it raises ends the drawing, without a file.
 
     Raises:
         OutputError: If the file cannot be written.
     """
+    plan, layout = file.plan, file.layout
     # A premultiplied colour goes through a view by the coverage of the pixel.
-    with_color = picture.is_baked and "albedo" in picture.aovs
-    names = dict.fromkeys((*picture.aovs, *(("color",) if with_color else ())))
+    with_color = plan.is_baked and "albedo" in plan.aovs
+    names = dict.fromkeys((*plan.aovs, *(("color",) if with_color else ())))
     by_hydra = {AOVS[name].hydra: AOVS[name] for name in names}
-    through = view_of(picture.settings) if picture.is_baked else None
+    through = view_of(plan.settings) if plan.is_baked else None
     bands = engine.render(
-        view, picture.settings, tuple(by_hydra), holdout=holdout, band_pixels=band_pixels
+        file.view,
+        plan.settings,
+        tuple(by_hydra),
+        holdout=file.holdout,
+        band_pixels=file.band_pixels,
     )
-    with open_writer(path, layout) as writer:
+    with open_writer(file.path, layout) as writer:
         for band in bands:
             # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
             arrays = {
@@ -61,13 +49,13 @@ def draw_flat(
             if through is not None:
                 arrays |= _baked(through, arrays)
             writer.write_band(band.y0, arrays)
-            finished(band.y1 - layout.window[1])
+            rows_written(band.y1 - layout.window[1])
 
 
 def _baked(
     through: ViewTransform, arrays: dict[str, npt.NDArray[Any]]
 ) -> dict[str, npt.NDArray[Any]]:
-    """What a view shows of all colours."""
+    """Take all colours through a view."""
     shown: dict[str, npt.NDArray[Any]] = {}
     if "albedo" in arrays:
         image = np.concatenate([arrays["albedo"], arrays["color"][..., 3:]], axis=-1)

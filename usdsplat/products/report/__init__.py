@@ -11,10 +11,6 @@ from pathlib import Path
 from pxr import Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.cli.report import html_page, png_page
-from usdsplat.cli.report.charts import Numbers
-from usdsplat.cli.report.values import Report
-from usdsplat.cli.report.views import views
 from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError, UsdSplatError
@@ -22,6 +18,10 @@ from usdsplat.core.output import atomic_path
 from usdsplat.formats import Capture
 from usdsplat.interchange.authoring import author_field, prepare
 from usdsplat.interchange.placement import ROOT, placement
+from usdsplat.products.report import html_page, png_page
+from usdsplat.products.report.charts import Numbers
+from usdsplat.products.report.values import Report
+from usdsplat.products.report.views import views
 from usdsplat.schema.validation import splat_fields
 
 __all__ = ["Report", "check_target", "of_capture", "of_stage", "write"]

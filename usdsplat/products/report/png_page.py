@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usdsplat.cli.report.values import Histogram, Picture, Report
-from usdsplat.cli.report.views import SIDE
+from usdsplat.products.report.values import Histogram, Picture, Report
+from usdsplat.products.report.views import SIDE
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

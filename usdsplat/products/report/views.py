@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Usd, UsdGeom
 
-from usdsplat.cli.report.values import Picture, round_down
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.engine import Engine
+from usdsplat.products.report.values import Picture, round_down
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
 

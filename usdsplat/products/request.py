@@ -1,4 +1,4 @@
-"""What the user asks for, and the pictures that come of it."""
+"""What a user asks for, and the plan of each picture that results from it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from usdsplat.images.layout import PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
+MOST_PIXELS = 65536
+"""Of a side: more is a slip of the finger, not a picture."""
+
 Window = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What the user asks for on top of, or instead of, what the stage says; None is no opinion."""
+class RenderRequest:
+    """A user's wishes that replace what the stage says; None keeps what the stage says."""
 
     output: str | None = None
     """File to write, with a place for the frame number when there are several frames."""
@@ -42,7 +45,7 @@ class Request:
     """Whether every contribution to a pixel is kept; a product may ask for it too."""
     deep_compression: str | None = None
     compare: bool = True
-    """Whether a deep picture is held against a flat one."""
+    """Whether a deep picture is compared with a flat one."""
     bake_view: bool = False
     """Whether a picture goes through the view when it is written; PNGs always do."""
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -54,16 +57,18 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
-    """One picture for each frame."""
+class PicturePlan:
+    """A picture with everything decided; one file for each frame."""
 
-    output: str
+    output: str = ""
+    """File, with a place for the frame number; empty where whoever draws names each file."""
     camera: str | None
+    """Path of the camera; None for one that is given, or that frames the scene."""
     framing: Framing
     settings: RenderSettings
     aovs: tuple[str, ...]
     purposes: tuple[str, ...]
-    pixel_type: PixelType | None
+    pixel_type: PixelType | None = None
     matte: tuple[tuple[str, bool], ...] = ()
     holdout: str | None = None
     deep: bool = False
@@ -76,6 +81,6 @@ class Picture:
 
     @property
     def rows(self) -> int:
-        """How many rows of pixels it has."""
+        """Number of rows of pixels."""
         _, y0, _, y1 = self.framing.window
         return y1 - y0

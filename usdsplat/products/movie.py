@@ -1,10 +1,12 @@
-"""Pictures to a movie, by the ffmpeg that is on PATH."""
+"""Write pictures as a movie, by the ffmpeg that is on PATH, or as an animated WebP."""
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +16,8 @@ import numpy as np
 
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import atomic_path
-from usdsplat.preview.values import Image
+from usdsplat.images.layout import Metadata
+from usdsplat.products.display_image import Image, exif
 
 SUFFIXES = (".mp4", ".mov")
 QUALITY = "16"
@@ -31,14 +34,23 @@ class Movie:
         path: The file, .mp4 or .mov.
         size: Of every frame, width and height [pixel]; the last of an odd number is doubled.
         rate: Frames in a second.
+        metadata: Header of its first frame, which the comment of the movie holds as JSON.
 
     Raises:
         OutputError: On entering, if there is no ffmpeg or no place to write; later, if ffmpeg
             refuses or the disk fills up.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int], rate: float) -> None:
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        rate: float,
+        *,
+        metadata: Metadata | None = None,
+    ) -> None:
         self._path = path
+        self._comment = json.dumps(dict(metadata or {}))
         self._size = size
         self._rate = rate
 
@@ -105,6 +117,7 @@ class Movie:
             *(*pixels, "-framerate", f"{self._rate:g}", "-i", "pipe:0"),
             *("-vf", coded, "-c:v", "libx264", "-crf", QUALITY),
             *(*tags, "-color_range", "tv", "-movflags", "+faststart"),
+            *("-metadata", f"comment={self._comment}"),
             *("-f", self._path.suffix.lower()[1:], str(target)),
         ]
 
@@ -132,3 +145,31 @@ class Movie:
         assert self._process.stdin is not None
         with suppress(OSError):  # what a frame left in the buffer has nowhere to go
             self._process.stdin.close()
+
+
+def save_animation(pictures: Sequence[Path], path: Path, *, rate: float) -> Path:
+    """Write PNGs that `draw_frames` wrote as an animated WebP that repeats; return the file.
+
+    Args:
+        pictures: In their order; the header of the first becomes that of the animation.
+        path: The file, replaced when the new one is complete.
+        rate: Frames in a second.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    from PIL import Image as pillow
+    from PIL.PngImagePlugin import PngImageFile
+
+    first, *others = [pillow.open(picture) for picture in pictures]
+    entries = first.text if isinstance(first, PngImageFile) else {}
+    with atomic_path(path) as temporary:
+        first.save(
+            temporary,
+            save_all=True,
+            append_images=others,
+            duration=1000 / rate,
+            loop=0,
+            exif=exif(entries),
+        )
+    return path

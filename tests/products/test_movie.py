@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import stat
@@ -12,7 +13,10 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import OutputError
-from usdsplat.preview.movie import Movie
+from usdsplat.images import open_writer
+from usdsplat.images.layout import ImageLayout
+from usdsplat.products.display_image import EXIF_DESCRIPTION, EXIF_SOFTWARE, SOFTWARE
+from usdsplat.products.movie import Movie, save_animation
 
 SCRIPT = """#!{python}
 import pathlib, sys
@@ -52,7 +56,8 @@ def test_ffmpeg_gets_the_pixels_of_every_frame_in_order(ffmpeg, tmp_path):
     told = ffmpeg(GOOD)
     target = tmp_path / "out.mov"
     pictures = frames(3)
-    with Movie(target, (8, 6), 23.976) as movie:
+    metadata = {"usdsplat:stage": "a=b.usda", "usdsplat:frame": 2.0}
+    with Movie(target, (8, 6), 23.976, metadata=metadata) as movie:
         for picture in pictures:
             movie.write(picture)
         assert not target.exists()
@@ -60,6 +65,8 @@ def test_ffmpeg_gets_the_pixels_of_every_frame_in_order(ffmpeg, tmp_path):
     arguments = told()
     for flag, value in {"-s": "8x6", "-framerate": "23.976", "-f": "rawvideo"}.items():
         assert arguments[arguments.index(flag) + 1] == value
+    key, _, comment = arguments[arguments.index("-metadata") + 1].partition("=")
+    assert (key, json.loads(comment)) == ("comment", metadata)
     assert sorted(os.listdir(tmp_path)) == ["argv", "bin", "out.mov"]
 
 
@@ -117,3 +124,27 @@ def test_the_real_one_makes_a_movie_of_the_same_colours(tmp_path, suffix):
     decoded = np.frombuffer(raw, np.uint8).reshape(len(colours), 48, 64, 3)
     found = decoded.reshape(len(colours), -1, 3)
     np.testing.assert_allclose(found - colours[:, None].astype(int), 0, atol=4)
+
+
+def test_an_animation_has_the_frames_and_the_header_of_the_first(tmp_path):
+    """Oracle: Pillow's decoder; lossy WebP is near for one colour."""
+    from PIL import Image
+
+    names = [tmp_path / f"a.{frame}.png" for frame in (1, 2)]
+    for frame, name in enumerate(names, start=1):
+        entries = {"usdsplat:frame": float(frame), "usdsplat:stage": "shot"}
+        space = "srgb_rec709_display"
+        layout = ImageLayout(resolution=(8, 6), color_space=space, metadata=entries)
+        with open_writer(name, layout) as writer:
+            writer.write_band(0, {"color": np.full((6, 8, 4), frame / 2, np.float32)})
+    target = tmp_path / "a.webp"
+    assert save_animation(names, target, rate=25.0) == target
+    with Image.open(target) as moving:
+        assert (moving.n_frames, moving.size) == (2, (8, 6))
+        entries = moving.getexif()
+        moving.load()
+        assert moving.info["duration"] == 40
+    assert entries[EXIF_SOFTWARE] == SOFTWARE
+    told = json.loads(entries[EXIF_DESCRIPTION])
+    assert told["usdsplat:stage"] == "shot"
+    assert json.loads(told["usdsplat:frame"]) == 1.0

@@ -1,21 +1,18 @@
-"""A deep picture into its file, band by band, and how far it is from the flat one."""
+"""Draw a deep picture into its file, band by band, and compare it with the flat one."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from usdsplat.cli.request import Picture
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand, DeepWriter
-from usdsplat.images.layout import ImageLayout
-from usdsplat.render.occluders import ReadHoldout
-from usdsplat.render.specs import View
+from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.render.tile_lists import DeepSamples
 
 
@@ -44,32 +41,26 @@ class DeepReport:
         self.worst = max(self.worst, float(np.abs(difference).max(initial=0)))
 
 
-def draw_deep(
-    engine: Engine,
-    picture: Picture,
-    path: Path,
-    view: View,
-    layout: ImageLayout,
-    *,
-    holdout: ReadHoldout | None,
-    band_pixels: int,
-    finished: Callable[[int], None],
-) -> DeepReport:
-    """Draw `picture`, which is deep, at the engine's time; arguments as `draw_flat` has them.
+def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> DeepReport:
+    """Draw a deep picture at the engine's time; arguments as `draw_flat` has them.
 
     Raises:
         UsageError: If splats are sorted by another key than planar depth.
         OutputError: If the file cannot be written.
     """
-    settings, report = picture.settings, DeepReport(compared=picture.compare)
-    bands = engine.render_deep(view, settings, holdout=holdout, band_pixels=band_pixels)
-    flat: Iterator[F32 | None] = _nothing()
-    if picture.compare:
+    plan, view, settings = file.plan, file.view, file.plan.settings
+    report = DeepReport(compared=plan.compare)
+    bands = engine.render_deep(view, settings, holdout=file.holdout, band_pixels=file.band_pixels)
+    flat: Iterator[F32 | None] = itertools.repeat(None)
+    if plan.compare:
         trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
-        drawn = engine.render(view, trained, holdout=holdout, band_pixels=band_pixels)
+        drawn = engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
         flat = (band.arrays["color"] for band in drawn)
     writer = DeepWriter(
-        path, layout, merged=settings.deep_error > 0, compression=picture.deep_compression
+        file.path,
+        file.layout,
+        merged=settings.deep_error > 0,
+        compression=plan.deep_compression,
     )
     with writer:
         for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
@@ -84,8 +75,8 @@ def draw_deep(
             report.pixels += samples.counts.size
             if beauty is not None:
                 report.add(flattened(samples)[..., :3] - beauty[..., :3])
-            finished(y1 - layout.window[1])
-    report.bytes = path.stat().st_size
+            rows_written(y1 - file.layout.window[1])
+    report.bytes = file.path.stat().st_size
     return report
 
 
@@ -104,9 +95,3 @@ def flattened(samples: DeepSamples) -> F32:
         k += 1
         rest = rest[counts[rest] > k]
     return image.reshape(*samples.counts.shape, 4)
-
-
-def _nothing() -> Iterator[None]:
-    """No flat picture, for any number of bands."""
-    while True:
-        yield None

@@ -7,7 +7,7 @@ import io
 from html import escape
 from pathlib import Path
 
-from usdsplat.cli.report.values import Histogram, Picture, Report
+from usdsplat.products.report.values import Histogram, Picture, Report
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 92rem; padding: 0 1rem;

@@ -1,12 +1,9 @@
-"""Which pictures to draw: what the stage asks for, as its user changes it."""
+"""Decide which pictures to draw: those that the stage asks for, as the user changes them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from usdsplat.cli.header import layout_of
-from usdsplat.cli.request import Picture, Request
-from usdsplat.cli.values import MOST_PIXELS
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
@@ -14,6 +11,8 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frames import frame_path
+from usdsplat.products.header import layout_of
+from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
 from usdsplat.render.settings import RenderSettings
@@ -26,10 +25,11 @@ DEEP_AOVS = ("color", "Z")
 """What a deep picture holds, and nothing else."""
 
 
-def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
-    """Return what is to be drawn: the stage's products as the user changes them, or one without.
+def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
+    """Return the pictures to draw: the stage's products as the user changes them.
 
-    A file that the user names gets one picture: of several products the first.
+    A stage without products gets one picture. A file that the user names gets one picture too: of
+    several products the first.
 
     Raises:
         UsageError: If there is no file to write to, or a flag is wrong.
@@ -57,8 +57,8 @@ def plan(engine: Engine, request: Request) -> tuple[Picture, ...]:
     return pictures
 
 
-def _own(engine: Engine, request: Request, camera: str | None) -> Picture:
-    """The picture of a stage that asks for none."""
+def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PicturePlan:
+    """Plan the picture of a stage that asks for none."""
     spec = ProductSpec(
         path="render",
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
@@ -68,15 +68,15 @@ def _own(engine: Engine, request: Request, camera: str | None) -> Picture:
     return _finished(request, spec, camera or _first_camera(engine))
 
 
-def _of_product(engine: Engine, request: Request, product: ProductSpec) -> Picture:
-    """The picture that a product asks for."""
+def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
+    """Plan the picture that a product asks for."""
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
     return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
 
 
-def _finished(request: Request, spec: ProductSpec, camera: str | None) -> Picture:
-    """Decide what is left to the file: the colour mode. Refuse what no file could hold."""
+def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
+    """Choose the colour mode by the file, and refuse what no file can hold."""
     where, output = spec.path, request.output or spec.name
     if not output:
         raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
@@ -97,7 +97,7 @@ def _finished(request: Request, spec: ProductSpec, camera: str | None) -> Pictur
     view_of(settings)  # refuses a view that is not there
     is_png = suited == COLOR_MODES[".png"]
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
-    picture = Picture(
+    picture = PicturePlan(
         output=output,
         camera=camera,
         framing=_framing(request, spec.framing, where),
@@ -124,8 +124,8 @@ def _finished(request: Request, spec: ProductSpec, camera: str | None) -> Pictur
     return picture
 
 
-def _check_deep(request: Request, output: str, others: list[str]) -> None:
-    """Refuse what a deep picture cannot be."""
+def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
+    """Refuse options that a deep picture cannot have."""
     if default_color_mode(frame_path(output, 0)) != COLOR_MODES[".exr"]:
         raise UsageError(output, "a deep picture", "the suffix .exr for one")
     if request.bake_view:
@@ -134,8 +134,8 @@ def _check_deep(request: Request, output: str, others: list[str]) -> None:
         raise UsageError("--aovs", ",".join(others), "color or Z in a deep picture")
 
 
-def _framing(request: Request, framing: Framing, where: str) -> Framing:
-    """How the image samples the aperture, as the user changes it."""
+def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:
+    """Return how the image samples the aperture, as the user changes it."""
     if request.conform is not None:
         framing = replace(framing, conform=request.conform)
     if request.pixel_aspect is not None:
@@ -156,8 +156,8 @@ def _framing(request: Request, framing: Framing, where: str) -> Framing:
     return framing
 
 
-def _check(request: Request) -> None:
-    """Refuse flags that are wrong by themselves, or do not go together."""
+def _check(request: RenderRequest) -> None:
+    """Refuse options that are wrong by themselves, or contradict each other."""
     find_aovs(request.aovs or ("color",), where="--aovs")
     _check_purposes("--purposes", request.purposes or ())
     if request.conform not in (None, *CONFORM):
@@ -190,7 +190,7 @@ def find_camera(engine: Engine, name: str) -> str:
 
 
 def _camera_of(engine: Engine, product: ProductSpec) -> str:
-    """The camera of a product, if it is there."""
+    """Return the camera of a product, if the stage has it."""
     if product.camera and product.camera not in engine.cameras():
         known = ", ".join(engine.cameras()) or "none, as the stage has none"
         raise StageError(f"{product.path}.camera", product.camera, f"one of {known}")
@@ -198,5 +198,5 @@ def _camera_of(engine: Engine, product: ProductSpec) -> str:
 
 
 def _first_camera(engine: Engine) -> str | None:
-    """The stage's first camera by path; None, for one that frames the scene, when it has none."""
+    """Return the stage's first camera by path; None if it has none and the scene is framed."""
     return next(iter(engine.cameras()), None)

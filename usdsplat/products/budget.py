@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from usdsplat.cli.request import Picture
-from usdsplat.cli.values import said_bytes
 from usdsplat.core.errors import UsageError
-from usdsplat.core.wording import counted
+from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
+from usdsplat.products.request import PicturePlan
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
 from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
@@ -41,7 +40,7 @@ class Budget:
         )
 
 
-def budget(engine: Engine, picture: Picture, view: View, *, limit: int | None) -> Budget:
+def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) -> Budget:
     """Choose the bands of a picture, at the engine's time.
 
     Args:
@@ -52,19 +51,19 @@ def budget(engine: Engine, picture: Picture, view: View, *, limit: int | None) -
         UsageError: If it takes more with bands of one row of tiles.
     """
     x0, y0, x1, y1 = view.framing.window
-    width, usual = x1 - x0, DEEP_PIXELS if picture.deep else BAND_PIXELS
-    if picture.settings.samples > 1 and not picture.deep:
+    width, usual = x1 - x0, DEEP_PIXELS if plan.deep else BAND_PIXELS
+    if plan.settings.samples > 1 and not plan.deep:
         usual *= TALLER
     request = PictureRequest(
-        aovs=tuple(AOVS[name].hydra for name in picture.aovs),
-        holds_out=picture.holdout is not None,
-        deep=picture.deep,
-        baked=picture.is_baked,
-        pictures=2 if picture.deep and picture.compare else 1,
+        aovs=tuple(AOVS[name].hydra for name in plan.aovs),
+        holds_out=plan.holdout is not None,
+        deep=plan.deep,
+        baked=plan.is_baked,
+        pictures=2 if plan.deep and plan.compare else 1,
     )
 
     def needed(tiles: int) -> Estimate:
-        return engine.estimate(view, picture.settings, request, band_pixels=tiles * TILE * width)
+        return engine.estimate(view, plan.settings, request, band_pixels=tiles * TILE * width)
 
     all_tiles = y1 // TILE - y0 // TILE + (y1 % TILE > 0)
     most = max(1, min(usual // width // TILE, all_tiles))

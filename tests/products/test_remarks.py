@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
 from pxr import Usd, UsdGeom
 
 from tests.cli.test_render import SMALL
-from usdsplat.cli.drawing import draw_frames
-from usdsplat.cli.parsing import KNOB
-from usdsplat.cli.planning import plan
-from usdsplat.cli.render_options import ColorFlags, DrawingFlags, FileOptions, SamplingFlags
-from usdsplat.cli.request import Request
-from usdsplat.core.knobs import knobs
-from usdsplat.delegate.engine import Engine
-from usdsplat.render.settings import RenderSettings
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -61,37 +51,3 @@ def test_a_broken_camera_matters_only_if_it_is_used(run, shot, tmp_path):
     status, _, err = run("render", shot, *output, "--camera", "Odd")
     assert (status, len(err.splitlines())) == (2, 1)
     assert err.startswith("usdsplat: /World/Odd: found aperture 0 x ")
-
-
-class Heard:
-    """A listener to progress."""
-
-    def __init__(self):
-        self.steps = []
-
-    def step(self, label, done, total):
-        self.steps.append((label, done, total))
-
-
-def test_progress_is_one_for_all_frames_and_pictures(shot, tmp_path):
-    """Oracle: rows of all pictures by hand: 2 frames of 40 rows in one band, and of 8."""
-    heard = Heard()
-    with Engine(Usd.Stage.Open(str(shot)), time=1.0) as engine:
-        pictures = [
-            *plan(engine, Request(output=str(tmp_path / "a.#.exr"), resolution=(64, 40))),
-            *plan(engine, Request(output=str(tmp_path / "b.#.exr"), resolution=(8, 8), deep=True)),
-        ]
-        drawn = draw_frames(engine, pictures, (1.0, 2.0), source="shot", progress=heard)
-        assert len(list(drawn)) == 4
-    assert {(label, total) for label, _, total in heard.steps} == {("4 pictures, row", 96)}
-    assert [done for _, done, _ in heard.steps] == [0, 40, 48, 88, 96]
-
-
-def test_every_knob_is_a_flag_of_one_group():
-    """Oracle: the knobs of the render settings."""
-    groups = (DrawingFlags, SamplingFlags, ColorFlags, FileOptions)
-    names = [item.metadata.get(KNOB) for group in groups for item in fields(group)]
-    flags = [name for name in names if name is not None]
-    assert set(flags) == {knob.name for knob in knobs(RenderSettings)}
-    switches = [knob.name for knob in knobs(RenderSettings) if knob.type is bool]
-    assert len(flags) == len(set(flags)) + len(switches)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usdsplat.cli.report.values import Histogram
-from usdsplat.cli.summary import anisotropies, mean_scales
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
+from usdsplat.products.report.values import Histogram
+from usdsplat.products.summary import anisotropies, mean_scales
 
 BARS = 60
 _INNER = (0.1, 99.9)

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from pxr import Sdf, Usd
 
 from usdsplat import schema
-from usdsplat.cli.planning import find_camera
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.grade import Grade
@@ -24,6 +23,7 @@ from usdsplat.images.match import fit_grade, in_primaries
 from usdsplat.images.plate import read_plate
 from usdsplat.images.science import chart, delta_e
 from usdsplat.interchange.files import save
+from usdsplat.products.planning import find_camera
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
@@ -45,7 +45,7 @@ Pixels = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class MatchRequest:
     """What the user asks for; either a reference or a chart with patches."""
 
     target: Path
@@ -60,7 +60,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
+class MatchReport:
     """What was found. The matrix is for column vectors and linear Rec.709."""
 
     target: str
@@ -87,7 +87,7 @@ class _Goal:
     """What the colours are of, "pixels" or "patches"."""
 
 
-def match(engine: Engine, stage: Usd.Stage, request: Request) -> Report:
+def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchReport:
     """Grade splats to look as they should, in a new layer; the stage's own are not touched.
 
     Raises:
@@ -118,7 +118,7 @@ def match(engine: Engine, stage: Usd.Stage, request: Request) -> Report:
     if differences[1].mean() > differences[0].mean():
         notes.append("the grade is no improvement: are both of the same view?")
     _save(grades, stage, request.target)
-    return Report(
+    return MatchReport(
         target=str(request.target),
         prim_paths=tuple(str(prim.GetPath()) for prim in fields),
         kind=goal.kind,
@@ -219,7 +219,7 @@ def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, wher
     return _Goal(measure=measure, wanted=measure(wanted), kind="pixels")
 
 
-def _patches(own: npt.NDArray[np.bool_], request: Request) -> _Goal:
+def _patches(own: npt.NDArray[np.bool_], request: MatchRequest) -> _Goal:
     """Patch by patch, each the mean of its region."""
     assert request.chart is not None and request.patches is not None
     colors = chart(request.chart)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from usdsplat.cli.deep import DeepReport
-from usdsplat.cli.request import Picture
-from usdsplat.cli.values import said_bytes
+from usdsplat.core.wording import said_bytes
 from usdsplat.delegate.engine import Engine
+from usdsplat.products.deep import DeepReport
+from usdsplat.products.request import PicturePlan
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.specs import CameraSpec
@@ -24,26 +24,26 @@ def why_nothing(engine: Engine, stats: FrameStats) -> str:
     return "no splats are in view"
 
 
-def why_sharp(picture: Picture, camera: CameraSpec) -> str:
+def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
     """Say that a picture is sharp though its camera would blur it; "" if there is no more to it."""
-    settings = picture.settings
+    settings = plan.settings
     blurs = []
     if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
         blurs.append("shutter")
     if settings.depth_of_field and has_lens(camera):
         blurs.append("lens")
-    if not blurs or settings.samples > 1 or picture.deep:
+    if not blurs or settings.samples > 1 or plan.deep:
         return ""
     words = " and ".join(blurs)
     return f"{camera.path}: one sample is sharp whatever the {words}; --samples 64 blurs"
 
 
-def what_is_forced(picture: Picture) -> str:
+def what_is_forced(plan: PicturePlan) -> str:
     """Say what a deep picture does other than a flat one would."""
-    samples = picture.settings.samples
+    samples = plan.settings.samples
     sharp = f", of one sharp sample instead of {samples}" if samples > 1 else ""
     return (
-        f"{picture.output}: deep samples are linear, in {picture.settings.working_space}, and are "
+        f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
         f"blended so (--blend-space linear){sharp}"
     )
 
