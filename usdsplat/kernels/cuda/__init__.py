@@ -10,3 +10,8 @@
 
 `frame` draws a whole colour picture without the host in between.
 """
+
+import numpy as np
+
+if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cuda 0.30 imports
+    vars(np)["row_stack"] = np.vstack

@@ -19,9 +19,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-if not hasattr(np, "row_stack"):  # NumPy 2.5 has dropped the name that numba-cuda 0.30 imports
-    vars(np)["row_stack"] = np.vstack
-
 from numba import cuda
 
 from usdsplat.core.errors import BackendError, UsdSplatError

@@ -53,8 +53,9 @@ def kernel(
     own = name or f"{function.__module__.removeprefix(PREFIX)}.{function.__name__}"
     if exact and is_compiled():
         _EXACT.add(function)
+        options["lto"] = False  # the linker would contract what it compiles
         detail = f"{detail} exact"
-    made = cuda.jit(**options)(function) if options else cuda.jit(function)
+    made = cuda.jit(function, **options)  # as a decorator with options it drops `lto`
     if is_compiled() and function.__module__.startswith(PREFIX):
         made._cache = KernelCache(
             own, (function.__module__, *made_of), f"{sorted(options.items())} {detail}"
