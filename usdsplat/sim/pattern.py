@@ -165,7 +165,7 @@ class Pattern:
             return ()
         return (
             f"rd:patternScale: found {reaction.scale:g}, expected {reaction.spacing:g} or more: "
-            "points that far apart do not show so fine a pattern",
+            "points at this distance do not resolve a finer pattern",
         )
 
     # --- a frame --------------------------------------------------------------------------
@@ -176,7 +176,7 @@ class Pattern:
         reaction.adopt(moment.parameters.rd)
         if reaction.subdivisions > MOST_PARTS:
             found = f"{reaction.scale:g}, {reaction.scale / reaction.spacing:.0f} spacings"
-            expected = "a few spacings: a larger unit takes ever more and smaller steps"
+            expected = "a few spacings: larger units need more and smaller steps"
             raise StageError("splatSim:rd:patternScale", found, expected)
         uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
         seed, feed = (self._gathered(state, each) for each in (influence.seed, influence.feed))

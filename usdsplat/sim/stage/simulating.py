@@ -62,7 +62,7 @@ class Report:
     def sentence(self) -> str:
         """Return the report as a sentence."""
         if not self.frames:
-            return "nothing to do: every frame is there already"
+            return "nothing to do: all frames are baked already"
         count = sum(self.splats.values())
         slowest = sorted(self.stages.items(), key=lambda item: -item[1])[:3]
         where = ", ".join(f"{name} {spent:.1f} s" for name, spent in slowest)
@@ -330,8 +330,8 @@ def _run(
     clock.lap("writing")
     for path, solver in simulation.solvers.items():
         if solver.trapped:
-            found = f"{counted(solver.trapped, 'splat')} that no push brings out of the affectors"
-            remark(f"{path}: found {found}, expected a way out between them")
+            found = f"{counted(solver.trapped, 'splat')} that remain inside the affectors"
+            remark(f"{path}: found {found}, expected room between them")
     return Report(
         target=str(bake.target),
         frames=len(left),

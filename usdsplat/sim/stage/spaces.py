@@ -62,7 +62,7 @@ class Space:
                 raise StageError(where, "a transform that is not finite", "a finite one")
         if not abs(np.linalg.det(ours[:3, :3])) > 0:
             where = f"{self.field.GetPath()} at {time}"
-            raise StageError(where, "a transform that cannot be undone", "one without a scale of 0")
+            raise StageError(where, "a singular transform", "an invertible one")
         if np.array_equal(ours, theirs):
             return np.eye(4)  # exactly the identity, so that nothing is transformed
         return np.asarray(np.linalg.solve(ours, theirs))

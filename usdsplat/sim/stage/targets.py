@@ -27,7 +27,7 @@ class Triangles:
         self._is_mesh = bool(prim.IsA(UsdGeom.Mesh))
         if not self._is_mesh and prim.GetTypeName() not in SHAPES:
             kind = f"a prim of type {prim.GetTypeName()!s}"
-            raise StageError(str(prim.GetPath()), kind, "a Mesh, or a shape of UsdGeom's")
+            raise StageError(str(prim.GetPath()), kind, "a Mesh, or a UsdGeom shape")
         skinned = rigs.skin(prim) if self._is_mesh else None
         self._skin = skinned[0] if skinned else None
         self.placer = skinned[1] if skinned else prim
@@ -84,7 +84,7 @@ class Triangles:
             shapes.topology(self.prim, time), points=len(points), levels=0, rest=rest, where=where
         )
         if not len(cut.triangles):
-            raise StageError(where, "a mesh without faces", "one that has some")
+            raise StageError(where, "a mesh without faces", "a mesh with faces")
         self._built = len(points), cut.triangles
         return cut.triangles
 
@@ -143,5 +143,5 @@ def related(prim: Usd.Prim, name: str) -> Usd.Prim | None:
         raise StageError(where, f"{len(targets)} targets", "one")
     found = prim.GetStage().GetPrimAtPath(targets[0].GetPrimPath())
     if not found:
-        raise StageError(where, f"the target {targets[0]}, which is not there", "a prim")
+        raise StageError(where, f"the target {targets[0]}, which does not exist", "a prim")
     return found
