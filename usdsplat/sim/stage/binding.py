@@ -17,8 +17,8 @@ from usdsplat.schema.values import value
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
 from usdsplat.sim.stage.skeletons import Influences, Rigs, matrix_of, skinning_transforms
-from usdsplat.sim.stage.spaces import Space, carry
-from usdsplat.sim.stage.targets import SurfaceReader, Triangles, outwards, related
+from usdsplat.sim.stage.spaces import Space, transform_points
+from usdsplat.sim.stage.targets import SurfaceReader, Triangles, facing_outwards, related
 
 SKELETON = f"{NAMESPACE}:skin:skeleton"
 MESH = f"{NAMESPACE}:skin:mesh"
@@ -87,7 +87,9 @@ class BindingReader:
             found = "a mesh without joint weights"
             raise StageError(where, found, f"a mesh bound to {self._skeleton.GetPath()}")
         matrix = self._bound_from @ follows.bind
-        surface = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
+        surface = Surface(
+            points=transform_points(matrix, points), triangles=facing_outwards(triangles, matrix)
+        )
         return SkinBinding(
             indices=None if own is None else own.indices,
             weights=None if own is None else own.weights,

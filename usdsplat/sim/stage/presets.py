@@ -292,7 +292,7 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     to_world = spaces.to_world(holder, start) if is_above else np.eye(4)
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
-    points = spaces.carry(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
+    points = spaces.transform_points(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         raise StageError(str(field.GetPath()), "no splats", "at least one splat")

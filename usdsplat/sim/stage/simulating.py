@@ -23,7 +23,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
-from usdsplat.sim.stage.carrying import carried, carried_arrays
+from usdsplat.sim.stage.field_space import changed_arrays, to_field_space
 from usdsplat.sim.stage.plan import BakedField
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
@@ -151,7 +151,7 @@ class Simulation:
         with reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
-        self._carried: dict[str, frozenset[str]] = {}
+        self._transformed: dict[str, frozenset[str]] = {}
         for path, recipe in self.recipes.items():
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
             if lead > LEAD:
@@ -160,7 +160,7 @@ class Simulation:
                 raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
             self.uses[path] = uses_over(recipe, times)
-            self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
+            self._transformed[path] = changed_arrays(recipe.field_to_simulation(t) for t in times)
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
 
@@ -184,16 +184,16 @@ class Simulation:
 
     def frame(self, path: str) -> Frame:
         """Return the splats of a field now, in the field's own space."""
-        solver, arrays = self.solvers[path], self._carried[path]
+        solver, arrays = self.solvers[path], self._transformed[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
             return frame
         to_simulation = self.recipes[path].field_to_simulation(frame.time)
-        return carried(frame, to_simulation, solver.state, arrays)
+        return to_field_space(frame, to_simulation, solver.state, arrays)
 
     def writes(self, path: str) -> frozenset[str]:
         """Return the arrays of a field's cloud that may change."""
-        return self.uses[path].writes | self._carried[path]
+        return self.uses[path].writes | self._transformed[path]
 
     def checkpoint(self) -> dict[str, State]:
         """Return the states for `begin`."""
@@ -363,7 +363,7 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
             path=path,
             rest=recipe.rest,
             writes=simulation.writes(path),
-            is_fixed=not simulation.uses[path].bears,
+            is_fixed=not simulation.uses[path].has_births,
         )
         for path, recipe in simulation.recipes.items()
     ]

@@ -12,7 +12,7 @@ from usdsplat.schema import shapes
 from usdsplat.schema.values import value
 from usdsplat.sim.specs import Surface
 from usdsplat.sim.stage.skeletons import Rigs
-from usdsplat.sim.stage.spaces import Space, carry
+from usdsplat.sim.stage.spaces import Space, transform_points
 
 SHAPES = ("Sphere", "Cube", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
 SIZES = ("radius", "radiusBottom", "radiusTop", "height", "size", "width", "length", "axis")
@@ -106,12 +106,14 @@ class SurfaceReader:
         """
         points, triangles = self.triangles.at(time)
         matrix = self._space.from_prim(self.triangles.placer, time)
-        made = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
-        self._last = same_or(self._last, made)
+        made = Surface(
+            points=transform_points(matrix, points), triangles=facing_outwards(triangles, matrix)
+        )
+        self._last = unchanged_or(self._last, made)
         return self._last
 
 
-def outwards(triangles: I32, matrix: np.ndarray) -> I32:
+def facing_outwards(triangles: I32, matrix: np.ndarray) -> I32:
     """Return triangles that are counter-clockwise from outside after `matrix`, as they were before
     it."""
     if np.linalg.det(matrix[:3, :3]) >= 0:
@@ -119,7 +121,7 @@ def outwards(triangles: I32, matrix: np.ndarray) -> I32:
     return np.ascontiguousarray(triangles[:, ::-1])
 
 
-def same_or(last: Surface | None, made: Surface) -> Surface:
+def unchanged_or(last: Surface | None, made: Surface) -> Surface:
     """Return the last surface if the new one is equal to it, so that results cached for it remain
     valid."""
     if last is None:
