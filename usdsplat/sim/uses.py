@@ -11,7 +11,7 @@ from usdsplat.sim.specs import Moment, Recipe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uses:
-    """What is needed at any time of a simulation."""
+    """Stages, neighbours and arrays that a simulation needs at any time."""
 
     deforms: bool = False
     """Whether deformers, a skin or a target move splats."""

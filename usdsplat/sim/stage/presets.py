@@ -38,7 +38,7 @@ _REACTION_STEPS = 6000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """Where the preset's prims go, and the size of the capture in that space."""
+    """Paths of the preset's prims, and the box of the capture in their space."""
 
     stage: Usd.Stage
     parent: Sdf.Path

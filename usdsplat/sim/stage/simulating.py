@@ -74,7 +74,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulateOptions:
-    """How a stage is simulated and baked."""
+    """Options of a simulation."""
 
     device: str | Device = "auto"
     """Name of a device, see `open_device`, or an open device, which stays open."""
