@@ -195,7 +195,7 @@ def test_resume_has_nothing_to_do_where_all_is_there(run, sim, tmp_path):
     assert run("simulate", sim, "-o", bake)[0] == 0
     before = (tmp_path / "bake_data" / "samples.usdc").read_bytes()
     status, _, err = run("simulate", sim, "-o", bake, "--resume")
-    assert (status, err) == (0, "usdsplat: nothing to do: every frame is there already\n")
+    assert (status, err) == (0, "usdsplat: nothing to do: all frames are baked already\n")
     assert (tmp_path / "bake_data" / "samples.usdc").read_bytes() == before
 
 
@@ -248,7 +248,7 @@ def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch
         (("{shot}", "-o", "{out}"), "found no SplatSim prim, expected one; usdsplat simulate --pr"),
         (("{sim}", "-o", "{sim}"), "sim.usda: found "),
         (("{sim}", "-o", "{out}c"), "found the suffix '.usdac', expected .usda"),
-        (("{sim}", "-o", "no/such/out.usda"), "No such file or directory, expected a place"),
+        (("{sim}", "-o", "no/such/out.usda"), "No such file or directory, expected a folder"),
         (("{sim}", "-o", "{out}", "--frames", "3:1"), "frames: found "),
         (("{sim}", "-o", "{out}", "--frames", "1:9x2"), "expected every frame from one to another"),
         (("{sim}", "-o", "{out}", "--frames", "soon"), "expected a range such as"),

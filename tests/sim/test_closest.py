@@ -207,8 +207,8 @@ def test_meshes_that_cannot_be_questioned_are_one_sentence(device):
     bad[3, 1] = np.inf
     for points, triangles, said in (
         (good.points, good.triangles[:0], "no triangles"),
-        (good.points, good.triangles + 5, "a point it has not"),
-        (bad, good.triangles, "no finite number"),
+        (good.points, good.triangles + 5, "a point that does not exist"),
+        (bad, good.triangles, "a point that is not finite"),
     ):
         with pytest.raises(StageError, match=said):
             Triangles(device, Surface(points=points, triangles=triangles))

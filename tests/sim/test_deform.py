@@ -276,7 +276,7 @@ def test_positions_do_not_depend_on_who_wants_gradients() -> None:
 def test_what_cannot_be_is_told() -> None:
     """Oracle: one sentence each."""
     points, flat = cloud(5), np.diag([1.0, 1.0, 0.0, 1.0])
-    with pytest.raises(UsageError, match=r"bend.frame: found a matrix that flattens"):
+    with pytest.raises(UsageError, match=r"bend.frame: found a singular matrix"):
         run([one("bend", frame=flat)], points)
     with pytest.raises(UsageError, match=r"bend.mask: found 4 values, expected 5"):
         run([one("bend", mask=np.ones(4, np.float32))], points)

@@ -152,7 +152,7 @@ def test_only_the_free_fly_and_none_faster_than_allowed() -> None:
 
 def test_a_flattened_field_is_refused() -> None:
     """Oracle: no inverse."""
-    with pytest.raises(StageError, match="has an inverse"):
+    with pytest.raises(StageError, match="an invertible one"):
         run(state_of(np.zeros((1, 3))), ParticlesParameters(), 1, 1, to_world=np.diag([1, 0, 1, 1]))
 
 

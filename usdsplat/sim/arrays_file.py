@@ -139,4 +139,4 @@ def _crc(array: Array) -> int:
 
 
 def _damaged(source: Path) -> FormatError:
-    return FormatError(str(source), "a damaged file", "one that was written whole")
+    return FormatError(str(source), "a damaged file", "a complete one")

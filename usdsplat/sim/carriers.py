@@ -122,13 +122,13 @@ class Carriers:
             target: Neighbours wanted for each carrier.
             most: Largest number of carriers.
         """
-        rows = np.flatnonzero(_seen(cloud))
+        rows = np.flatnonzero(_is_surface(cloud))
         ellipses = _Ellipses.of(cloud, rows)
-        sample, closest = _sampled(device, ellipses, distance, seed, most)
-        even = _relaxed(device, sample, closest, seed, target)
+        sample, closest = _sample(device, ellipses, distance, seed, most)
+        even = _relax(device, sample, closest, seed, target)
         priority = np.arange(len(even), dtype=np.float32)
-        even = even[_thrown(device, even, priority, CLOSEST * closest)]
-        even = _relaxed(device, even, closest, seed, target)
+        even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
+        even = _relax(device, even, closest, seed, target)
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
         even = even[np.diff(graph.rows)[graph.rank] >= FEWEST]
@@ -216,7 +216,7 @@ class _Ellipses:
         return points, priority
 
 
-def _seen(cloud: SplatCloud) -> np.ndarray:
+def _is_surface(cloud: SplatCloud) -> np.ndarray:
     """Return which splats are part of a surface, shape (n,)."""
     sound = np.isfinite(cloud.positions).all(axis=1) & np.isfinite(cloud.scales).all(axis=1)
     sound &= cloud.opacities >= FAINT
@@ -227,7 +227,7 @@ def _seen(cloud: SplatCloud) -> np.ndarray:
     return sound & (cloud.scales.max(axis=1) <= HUGE * diagonal) if diagonal > 0 else sound
 
 
-def _sampled(
+def _sample(
     device: Device, ellipses: _Ellipses, distance: float, seed: int, most: int
 ) -> tuple[F32, float]:
     """Return at most `most` points no closer than a distance, and that distance [unit]."""
@@ -242,13 +242,13 @@ def _sampled(
         distance /= PER_DISTANCE
     while True:
         points, priority = ellipses.points(device, distance, seed)
-        kept = _thrown(device, points, priority, distance)
+        kept = _poisson_disk(device, points, priority, distance)
         if len(kept) <= most:
             return points[kept], distance
         distance *= 1.01 * math.sqrt(len(kept) / most)
 
 
-def _thrown(device: Device, points: F32, priority: F32, distance: float) -> I64:
+def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
     """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
@@ -259,7 +259,7 @@ def _thrown(device: Device, points: F32, priority: F32, distance: float) -> I64:
     return np.flatnonzero(kept)
 
 
-def _relaxed(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
+def _relax(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
     """Move points along their surface until they are evenly spaced.
 
     All have the same radius: radii that follow density would preserve clusters and gaps.

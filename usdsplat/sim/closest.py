@@ -69,7 +69,9 @@ class Triangles:
         """
         _check(surface)
         if not np.array_equal(surface.triangles, self._triangles):
-            raise StageError("mesh", "other triangles than before", "a mesh that only moves")
+            raise StageError(
+                "mesh", "other triangles than before", "the same triangles, with moved points"
+            )
         self._fit(surface)
 
     def _fit(self, surface: Surface) -> None:
@@ -138,6 +140,8 @@ def _check(surface: Surface) -> None:
     if len(triangles) == 0:
         raise StageError("mesh", "no triangles", "at least one")
     if triangles.min() < 0 or triangles.max() >= len(points):
-        raise StageError("mesh", "a triangle of a point it has not", f"rows 0 to {len(points) - 1}")
+        raise StageError(
+            "mesh", "a triangle of a point that does not exist", f"rows 0 to {len(points) - 1}"
+        )
     if not np.isfinite(points).all():
-        raise StageError("mesh", "a point that is no finite number", "finite points")
+        raise StageError("mesh", "a point that is not finite", "finite points")

@@ -176,7 +176,7 @@ class Conform:
         """
         if len(positions) == 0:
             return
-        mesh = self._look_at(target)
+        mesh = self._update_target(target)
         slopes = np.zeros((0, 3, 3), np.float32) if gradient is None else gradient
         self._bind(mesh, positions, slopes)
         bound = self._memory
@@ -203,7 +203,7 @@ class Conform:
             slide,
         )  # fmt: skip
 
-    def _look_at(self, surface: Surface) -> _Target:
+    def _update_target(self, surface: Surface) -> _Target:
         """Update the target's positions, if it has moved."""
         mesh = self._target
         if mesh is None:
@@ -255,7 +255,7 @@ class Conform:
             return
         axes = np.empty_like(self._axes)
         self._device.run(kernels.look, gradient, self._axes, axes)
-        hits = self._aim(mesh.tree, positions[rows], axes[rows])
+        hits = self._target_points(mesh.tree, positions[rows], axes[rows])
         if is_first:
             self._rank(hits)
         if is_first and self._parameters.mode == "optimalSpread":
@@ -276,7 +276,7 @@ class Conform:
             kept["heights"] = np.where(side < 0, -over, over)
             kept["spreads"] = growth(self._rest, hits.points, near[:, 1:], MOST_GROWTH)
 
-    def _aim(self, tree: Triangles, points: F32, axes: F32) -> Hits:
+    def _target_points(self, tree: Triangles, points: F32, axes: F32) -> Hits:
         """Return the point on the target for each splat."""
         mode = self._parameters.mode
         hits = tree.closest(points)

@@ -62,7 +62,7 @@ def deform(
         p, mask = deformer.parameters, NO_MASK if deformer.mask is None else deformer.mask
         if deformer.mask is not None and len(mask) != len(positions):
             raise UsageError(
-                f"{deformer.name}.mask", f"{len(mask)} values", f"{len(positions)}, one a splat"
+                f"{deformer.name}.mask", f"{len(mask)} values", f"{len(positions)}, one per splat"
             )
         if p.weight == 0:
             continue
@@ -92,9 +92,7 @@ def _space(deformer: Deformer) -> F64:
     """Return the matrices to (p, q, s) and back, shape (2, 3, 4)."""
     back = np.asarray(deformer.frame, np.float64)
     if not np.isfinite(back).all() or abs(np.linalg.det(back[:3, :3])) < 1e-30:
-        raise UsageError(
-            f"{deformer.name}.frame", "a matrix that flattens space", "one that has an inverse"
-        )
+        raise UsageError(f"{deformer.name}.frame", "a singular matrix", "an invertible one")
     order = _order(deformer.parameters)
     out = np.empty((2, 3, 4))
     out[0] = np.linalg.inv(back)[order]

@@ -24,7 +24,7 @@ def from_world(to_world: F64) -> F64:
     """
     linear = to_world[:3, :3]
     if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
-        raise StageError("the field's transform", "one that is singular", "one that has an inverse")
+        raise StageError("the field's transform", "one that is singular", "an invertible one")
     back: F64 = np.linalg.inv(linear).astype(np.float64)
     return back
 

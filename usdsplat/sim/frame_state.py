@@ -84,7 +84,7 @@ class FrameEvaluator:
 
     def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
         """Update rotations, scales and harmonics of the state, and return areas."""
-        look = moment.parameters.appearance
+        appearance = moment.parameters.appearance
         areas = transport(
             self._device,
             gradient,
@@ -92,7 +92,7 @@ class FrameEvaluator:
             state.rest_scales,
             state.rotations,
             state.scales,
-            look,
+            appearance,
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
@@ -105,7 +105,7 @@ class FrameEvaluator:
             state.rest_sh,
             sh,
             state.memory[TURNED],
-            min_angle=look.sh_min_angle,
+            min_angle=appearance.sh_min_angle,
         )
         return areas
 

@@ -51,7 +51,7 @@ class Pattern:
     def __init__(self, device: Device, rest: SplatCloud, uses: Uses, first: Moment) -> None:
         p = first.parameters
         self._device, self._uses, self._seed = device, uses, p.sim.seed
-        self._needs_graph = uses.crowds or uses.faces or p.rd.domain == "self"
+        self._needs_graph = uses.needs_neighbors or uses.needs_normals or p.rd.domain == "self"
         self._neighbors = Neighbors(device, p.neighbors, symmetric=True, seed=p.sim.seed)
         self._carriers: Carriers | None = None
         self._from: I32 | None = None
@@ -75,7 +75,7 @@ class Pattern:
         pattern."""
         p = first.parameters
         if self._needs_graph:
-            self._survey(state, first)
+            self._measure_rest(state, first)
         elif self._uses.collides:  # pushed sheets need normals of any sign
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
         found = np.zeros(len(_AUTOMATIC))  # 0 for parameters that nothing used
@@ -88,18 +88,18 @@ class Pattern:
             bound = self._carriers.bind(self._device, state.rest_positions)
             state.memory[NEAR], state.memory[WEIGHTS] = bound.near, bound.weights
             uv = untouched(len(self._carriers))
-            reaction = self._reacting(state, first)
+            reaction = self._current_reaction(state, first)
             places, ids, selection = self._carriers.positions, None, state.weight[self._from]
         else:
             uv = untouched(len(state))
-            reaction = self._reacting(state, first)
+            reaction = self._current_reaction(state, first)
             places, ids, selection = state.rest_positions, state.ids, state.weight
         weight = nuclei(
             self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
             selection=selection, graph=reaction.graph,
         )  # fmt: skip
         plant(self._device, uv, weight)
-        self._put(state, uv)
+        self._store(state, uv)
         found[:2] = reaction.scale, reaction.subdivisions
 
     def remember(self, state: State) -> None:
@@ -165,27 +165,27 @@ class Pattern:
             return ()
         return (
             f"rd:patternScale: found {reaction.scale:g}, expected {reaction.spacing:g} or more: "
-            "points that far apart do not show so fine a pattern",
+            "points at this distance do not resolve a finer pattern",
         )
 
     # --- a frame --------------------------------------------------------------------------
 
     def react(self, state: State, moment: Moment, influence: Influence) -> None:
         """Take the reaction steps of a frame."""
-        reaction = self._reacting(state, moment)
+        reaction = self._current_reaction(state, moment)
         reaction.adopt(moment.parameters.rd)
         if reaction.subdivisions > MOST_PARTS:
             found = f"{reaction.scale:g}, {reaction.scale / reaction.spacing:.0f} spacings"
-            expected = "a few spacings: a larger unit takes ever more and smaller steps"
+            expected = "a few spacings: larger units need more and smaller steps"
             raise StageError("splatSim:rd:patternScale", found, expected)
         uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
-        seed, feed = (self._gathered(state, each) for each in (influence.seed, influence.feed))
+        seed, feed = (self._at_carriers(state, each) for each in (influence.seed, influence.feed))
         if seed is not None:
             uv = uv.copy()
             plant(self._device, uv, seed)
-        self._put(state, reaction.step(uv, feed_offset=feed))
+        self._store(state, reaction.step(uv, feed_offset=feed))
 
-    def crowd(self, state: State, moment: Moment) -> None:
+    def update_density(self, state: State, moment: Moment) -> None:
         """Count neighbours, and adapt the radii to the density."""
         self._neighbors.parameters = moment.parameters.neighbors
         graph = self._neighbors.update(state.rest_positions, state.support)
@@ -198,7 +198,7 @@ class Pattern:
 
     # --- private --------------------------------------------------------------------------
 
-    def _survey(self, state: State, first: Moment) -> None:
+    def _measure_rest(self, state: State, first: Moment) -> None:
         """Compute dimension, normals and radii of the splats at rest."""
         p, device, neighbors = first.parameters, self._device, self._neighbors
         dimension = 3 if p.sim.dimension == "3" else 2
@@ -216,16 +216,16 @@ class Pattern:
         if self._uses.reacts and p.rd.domain == "self" and p.relax.iterations:
             state.rest_positions, state.support = relax(
                 device, rest, state.memory[NORMALS] if dimension == 2 else None, p,
-                p.relax.iterations, _onto(device, first.relax_surface), dimension=dimension,
+                p.relax.iterations, _projection(device, first.relax_surface), dimension=dimension,
             )  # fmt: skip
             neighbors.update(state.rest_positions, state.support)
-        if self._uses.crowds:
-            self.crowd(state, first)
+        if self._uses.needs_neighbors:
+            self.update_density(state, first)
         state.memory[REST_SUPPORT] = state.support.copy()
         self.usual_support = float(np.median(state.support))
         state.globals[SHAPE] = np.array([self.dimension, self.usual_support])
 
-    def _reacting(self, state: State, moment: Moment) -> Reaction:
+    def _current_reaction(self, state: State, moment: Moment) -> Reaction:
         """Return the reaction on the points as they are now."""
         p = moment.parameters
         rd = p.rd
@@ -249,7 +249,7 @@ class Pattern:
             )  # fmt: skip
         return self._reaction
 
-    def _put(self, state: State, uv: F32) -> None:
+    def _store(self, state: State, uv: F32) -> None:
         """Store the pattern, and interpolate it at the splats."""
         if self._carriers is None:
             state.uv = uv
@@ -258,7 +258,7 @@ class Pattern:
         bound = Binding(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
         state.uv = bound.read(self._device, uv)
 
-    def _gathered(self, state: State, values: F32 | None) -> F32 | None:
+    def _at_carriers(self, state: State, values: F32 | None) -> F32 | None:
         """Return values per splat at the points of the reaction."""
         if values is None or self._carriers is None:
             return values
@@ -266,7 +266,7 @@ class Pattern:
         return values[np.minimum(rows, len(values) - 1)]
 
 
-def _onto(device: Device, surface: Surface | None) -> Projection | None:
+def _projection(device: Device, surface: Surface | None) -> Projection | None:
     """Return the projection of points onto a mesh."""
     if surface is None:
         return None

@@ -144,7 +144,7 @@ class Skin:
         before, after = self._binding.surface, pose.surface
         assert before is not None
         if after is None or after.points.shape != before.points.shape:
-            raise StageError("skin", "no mesh of the same points now", "the mesh that was bound")
+            raise StageError("skin", "no mesh, or one with other points", "the mesh that was bound")
         bind = np.ascontiguousarray(self._binding.bind[:3], np.float64).reshape(12)
         meshes = before.triangles, before.points, after.points
         self._device.run(follow_triangles, *common, *meshes, bind)

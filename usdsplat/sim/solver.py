@@ -68,54 +68,54 @@ class Solver:
             raise StageError(recipe.path, "a field without splats", "one with some")
         self._recipe, self._uses, self._device, self._lap = recipe, uses, device, lap
         sim = recipe.at(start).parameters.sim
-        self._line = Timeline.of(sim, start, recipe.codes_per_second)
-        self._seed, self._dt = sim.seed, self._line.dt
-        first = recipe.at(self._line.time(0))
+        self._timeline = Timeline.of(sim, start, recipe.codes_per_second)
+        self._seed, self._dt = sim.seed, self._timeline.dt
+        first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
-        self._is_fixed = not (uses.grows or uses.bears)
-        self._goal = TargetPose(device, recipe, first)
+        self._is_fixed = not (uses.grows or uses.has_births)
+        self._target_pose = TargetPose(device, recipe, first)
         self._pattern = Pattern(device, rest, uses, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
         strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
-        self._drawing = FrameEvaluator(device, strain)
+        self._evaluator = FrameEvaluator(device, strain)
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
-        self._seen = -1
+        self._last_on = -1
         """Last step at which the simulation was enabled; -1 before the first."""
         self._moment = first
         """What the stage says at that step, or at the first frame."""
         if state is None:
-            self._goal.begin(self.state, first, changes=uses.bears)
+            self._target_pose.begin(self.state, first, changes=uses.has_births)
             self._pattern.begin(self.state, first)
         else:
-            self._goal.restore(state)
+            self._target_pose.restore(state)
             self._pattern.restore(state)
         if uses.dissolves:
             Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
-        self._wanted = self.state.rest_positions
+        self._targets = self.state.rest_positions
         self._influence = Influence()
         if state is None:
             self._begin(first)
         elif SEEN in state.globals:
-            self._seen = int(state.globals[SEEN])
-            self._moment = recipe.at(self._line.time(self._seen))
-            self._wanted = self._goal.at(state, self._moment, self.seconds)[0]
+            self._last_on = int(state.globals[SEEN])
+            self._moment = recipe.at(self._timeline.time(self._last_on))
+            self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]
 
     @property
     def time(self) -> float:
         """Current time [time code]."""
-        return self._line.time(self.state.step)
+        return self._timeline.time(self.state.step)
 
     @property
     def seconds(self) -> float:
         """Time since the simulation's start, at the last step at which it was enabled [s]."""
-        return self._line.seconds(self._seen)
+        return self._timeline.seconds(self._last_on)
 
     @property
     def has_begun(self) -> bool:
         """Whether splats may differ from the capture."""
-        return self._seen >= 0
+        return self._last_on >= 0
 
     @property
     def resolved(self) -> dict[str, float]:
@@ -129,7 +129,7 @@ class Solver:
 
     def advance(self) -> None:
         """Advance to the next frame."""
-        for _ in range(self._line.substeps):
+        for _ in range(self._timeline.substeps):
             self._substep()
 
     def frame(self) -> Frame:
@@ -139,8 +139,8 @@ class Solver:
             captured = edit.take(state.cloud(), np.arange(len(state)))
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
-        wanted, gradient = self._goal.at(state, moment, self.seconds, gradient=True)
-        frame = self._drawing.frame(
+        wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
+        frame = self._evaluator.frame(
             state,
             moment,
             wanted,
@@ -151,17 +151,17 @@ class Solver:
             seconds=self.seconds,
         )
         self._lap("shape")
-        if self._seen == state.step:
+        if self._last_on == state.step:
             return frame
         still = replace(frame.cloud, velocities=np.zeros_like(state.velocities))
         return replace(frame, time=self.time, cloud=still)
 
     def checkpoint(self) -> State:
         """Return the state with everything needed to continue from it, bit for bit."""
-        self._goal.remember(self.state)
+        self._target_pose.remember(self.state)
         self._pattern.remember(self.state)
         if self.has_begun:
-            self.state.globals[SEEN] = np.array(self._seen)
+            self.state.globals[SEEN] = np.array(self._last_on)
         return self.state
 
     # --- private ---------------------------------------------------------------------------
@@ -169,23 +169,25 @@ class Solver:
     def _is_on(self, moment: Moment) -> bool:
         """Return whether the simulation is enabled at the end of the last step."""
         sim = moment.parameters.sim
-        return sim.enabled and self.state.step >= self._line.begin and moment.time <= sim.end_time
+        return (
+            sim.enabled and self.state.step >= self._timeline.begin and moment.time <= sim.end_time
+        )
 
     def _begin(self, first: Moment) -> None:
         """Start, and simulate up to the first frame that is drawn."""
         if self._is_on(first):
-            self._put(first)
-        for _ in range(self._line.lead):
-            if self._line.is_frame(self.state.step):
+            self._move_to_targets(first)
+        for _ in range(self._timeline.lead):
+            if self._timeline.is_frame(self.state.step):
                 self.frame()
             self._substep()
 
-    def _put(self, moment: Moment) -> None:
+    def _move_to_targets(self, moment: Moment) -> None:
         """Put splats at their target positions, outside of all affectors."""
         state = self.state
-        self._moment, self._seen = moment, state.step
-        self._wanted = self._goal.at(state, moment, self.seconds)[0]
-        state.positions = self._wanted.copy()
+        self._moment, self._last_on = moment, state.step
+        self._targets = self._target_pose.at(state, moment, self.seconds)[0]
+        state.positions = self._targets.copy()
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
         self._influence = self._influences.at(moment.affectors, state.positions)
@@ -193,7 +195,7 @@ class Solver:
         self._contact(state.positions.copy(), moment, moment)
 
     def _substep(self) -> None:
-        state, line = self.state, self._line
+        state, line = self.state, self._timeline
         is_first = line.is_frame(state.step)
         state.step += 1
         after = self._recipe.at(self.time)
@@ -201,27 +203,27 @@ class Solver:
         if not self._is_on(after):
             return
         if not self.has_begun:
-            self._put(after)
+            self._move_to_targets(after)
             return
         before = self._moment
-        if self._seen < state.step - 1:  # it was disabled in between
+        if self._last_on < state.step - 1:  # it was disabled in between
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
-            self._wanted = self._goal.at(state, before, seconds)[0]
-        self._moment, self._seen = after, state.step
+            self._targets = self._target_pose.at(state, before, seconds)[0]
+        self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
         started = state.positions.copy()
-        wanted = self._goal.at(state, after, now)[0]
+        wanted = self._target_pose.at(state, after, now)[0]
         self._lap("goal")
         self._influence = influence = self._influences.at(after.affectors, state.positions)
         dissolve = self._dissolving(after)
         assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
         if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
-            dissolve.release(state, self._facing(after), now=now)
+            dissolve.release(state, self._target_normals(after), now=now)
         if assembles or not after.parameters.particles.enabled:
             settle_back(
-                self._device, state, self._wanted, wanted, after.parameters.settle, dt,
+                self._device, state, self._targets, wanted, after.parameters.settle, dt,
                 max_speed=sim.max_speed,
             )  # fmt: skip
         self._lap("settle")
@@ -231,13 +233,13 @@ class Solver:
                 air=influence.wind, max_speed=sim.max_speed,
             )  # fmt: skip
             self._lap("flight")
-        self._wanted = wanted
-        if self._uses.reacts or self._uses.crowds:
-            started = self._live(after, step, influence, started, is_first=is_first)
+        self._targets = wanted
+        if self._uses.reacts or self._uses.needs_neighbors:
+            started = self._update_population(after, step, influence, started, is_first=is_first)
         self._place(after, now)
         self._contact(started, before, after)
 
-    def _live(
+    def _update_population(
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
     ) -> F32:
         """Update pattern, growth, births and deaths; return the positions at the start of the step
@@ -248,12 +250,12 @@ class Solver:
             if reacts:
                 self._pattern.react(state, moment, influence)
             self._lap("reaction")
-            if self._uses.crowds:
-                self._pattern.crowd(state, moment)
+            if self._uses.needs_neighbors:
+                self._pattern.update_density(state, moment)
                 self._lap("neighbours")
         if self._is_fixed:
             return started
-        off = state.positions - self._wanted
+        off = state.positions - self._targets
         factor = _product(influence.growth, self._weight())
         if reacts and growth.rate:
             population.grow(
@@ -261,16 +263,16 @@ class Solver:
                 rate_factor=factor,
             )  # fmt: skip
         rows: list[I64] = []
-        if self._uses.bears:
+        if self._uses.has_births:
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
             rows = self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
             self._influence = self._influence.selected(source)
-        self._wanted = self._goal.at(state, moment, step.now)[0]
+        self._targets = self._target_pose.at(state, moment, step.now)[0]
         flying = (state.flags & FREE) != 0
-        state.positions = np.where(flying[:, None], state.positions, self._wanted + off)
+        state.positions = np.where(flying[:, None], state.positions, self._targets + off)
         self._lap("growth")
         return started
 
@@ -285,11 +287,11 @@ class Solver:
             maximum=maximum, rate_factor=factor,
         )  # fmt: skip
         if len(parents):
-            self._goal.bear(parents, state)
+            self._target_pose.append_children(parents, state)
             changes.append(np.concatenate([np.arange(len(state) - len(parents)), parents]))
         left = population.deaths(state, growth, now=step.now, dt=step.dt)
         if left is not None:
-            self._goal.keep(left)
+            self._target_pose.select(left)
             changes.append(left)
         return changes
 
@@ -299,12 +301,12 @@ class Solver:
         is_on = self._uses.dissolves and knobs.enabled
         return Dissolve(self._device, knobs, self._seed) if is_on else None
 
-    def _facing(self, moment: Moment) -> F32:
+    def _target_normals(self, moment: Moment) -> F32:
         """Return the normals of splats in their target pose, shape (n, 3)."""
         normals = self._pattern.normals(self.state)
         if not self._uses.deforms or not moment.parameters.dissolve.speed:
             return normals
-        _, gradient = self._goal.at(self.state, moment, self.seconds, gradient=True)
+        _, gradient = self._target_pose.at(self.state, moment, self.seconds, gradient=True)
         return turned(normals, gradient)
 
     def _place(self, moment: Moment, now: float) -> None:
@@ -315,7 +317,7 @@ class Solver:
         state = self.state
         before = state.flags & FREE
         dissolve.place(
-            state, self._wanted, self._facing(moment), moment.parameters.particles,
+            state, self._targets, self._target_normals(moment), moment.parameters.particles,
             to_world=moment.to_world, now=now,
         )  # fmt: skip
         if SPEEDS in state.memory:  # splats that have arrived move with their targets
@@ -339,7 +341,7 @@ class Solver:
         dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
         alpha = self._influences.at(dimming, self.state.positions).opacity
         size: F32 | None = None
-        if self._uses.bears:
+        if self._uses.has_births:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)
             alpha, size = _product(alpha, alphas), sizes
         dissolve = self._dissolving(moment)

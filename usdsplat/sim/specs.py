@@ -146,7 +146,7 @@ class Recipe(Protocol):
 
     @property
     def binding(self) -> SkinBinding | None:
-        """What binds the field to a skeleton."""
+        """Binding of the field to a skeleton; None without one."""
 
     @property
     def codes_per_second(self) -> float:

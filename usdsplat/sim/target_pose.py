@@ -97,7 +97,7 @@ class TargetPose:
             )
         return positions, turned if gradient else None
 
-    def bear(self, parents: I64, state: State) -> None:
+    def append_children(self, parents: I64, state: State) -> None:
         """Bind children like their parents.
 
         Args:
@@ -116,7 +116,7 @@ class TargetPose:
                 state.ids[n:],
             )
 
-    def keep(self, rows: I64) -> None:
+    def select(self, rows: I64) -> None:
         """Drop all other rows."""
         if self._skin is not None:
             self._skin = self._skin.selected(rows)

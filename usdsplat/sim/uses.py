@@ -11,7 +11,7 @@ from usdsplat.sim.specs import Moment, Recipe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uses:
-    """What is needed at any time of a simulation."""
+    """Stages, neighbours and arrays that a simulation needs at any time."""
 
     deforms: bool = False
     """Whether deformers, a skin or a target move splats."""
@@ -19,11 +19,11 @@ class Uses:
     reacts: bool = False
     grows: bool = False
     """Whether splats move along their normals with the pattern."""
-    bears: bool = False
+    has_births: bool = False
     """Whether splats are born, and may die."""
     flies: bool = False
     dissolves: bool = False
-    crowds: bool = False
+    needs_neighbors: bool = False
     """Whether anything but the reaction needs neighbours of splats."""
     fades: bool = False
     """Whether opacities change."""
@@ -31,7 +31,7 @@ class Uses:
     """Whether scales change other than by deformation."""
     colors: bool = False
 
-    faces: bool = False
+    needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
     @property
@@ -39,11 +39,11 @@ class Uses:
         """Names of the cloud's arrays that may change."""
         found = {"positions"}
         turns = self.deforms or self.collides
-        if turns or self.bears:
+        if turns or self.has_births:
             found |= {"rotations", "scales", "sh"}
         if self.sizes or self.dissolves:
             found.add("scales")
-        if self.fades or self.bears or self.dissolves:
+        if self.fades or self.has_births or self.dissolves:
             found.add("opacities")
         if self.colors:
             found.add("sh")
@@ -72,21 +72,21 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     outputs = {each.parameters.output for each in moment.drivers}
     sources = {each.parameters.source for each in moment.drivers}
     reacts = p.rd.enabled
-    bears = reacts and p.growth.birth_rate > 0
+    has_births = reacts and p.growth.birth_rate > 0
     return Uses(
         deforms=bool(moment.deformers) or has_skin or moment.target is not None,
         collides="collide" in roles,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
-        bears=bears,
+        has_births=has_births,
         flies=p.particles.enabled or p.dissolve.enabled,
         dissolves=p.dissolve.enabled,
-        crowds=bears or p.growth.size_follow > 0 or "crowding" in sources,
+        needs_neighbors=has_births or p.growth.size_follow > 0 or "crowding" in sources,
         fades="opacity" in outputs or "opacity" in roles or p.appearance.keep_opacity,
         sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
         colors="color" in outputs,
-        faces="displacement" in outputs
+        needs_normals="displacement" in outputs
         or p.dissolve.enabled
         or (reacts and p.growth.rate != 0)
-        or bears,
+        or has_births,
     )

@@ -135,7 +135,7 @@ def test_editors_hold_what_is_said_and_are_taken_back():
 def test_parameters_have_the_limits_of_their_knobs():
     """Oracle: the range that the parameter declares."""
     editor = rows(rich(), "/World/Sim")["attribute", "splatSim:rd:feed"].editor
-    assert (editor.minimum, editor.maximum) == (0.0, 0.1) and "fed" in editor.help
+    assert (editor.minimum, editor.maximum) == (0.0, 0.1) and "feed rate" in editor.help.lower()
     life = rows(rich(), "/World/Sim")["attribute", "splatSim:growth:life"].editor
     assert life.value is None and life.none_label == "unlimited"
 

@@ -209,7 +209,7 @@ def test_what_cannot_be_an_affector_is_one_sentence() -> None:
     with pytest.raises(StageError, match=r"/World/Body.radius: found -1.0, expected 0 or more"):
         reader(stage, prim).at(ONE)
     place(field_of(stage), np.diag([1.0, 0.0, 1.0, 1.0]))
-    with pytest.raises(StageError, match="/World/Field at 1: found a transform that cannot be und"):
+    with pytest.raises(StageError, match="/World/Field at 1: found a singular transform"):
         reader(stage, prim)
 
 

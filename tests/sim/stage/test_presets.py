@@ -142,7 +142,7 @@ def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
         author_preset("push", stage, tmp_path / "capture.usdc")
     with pytest.raises(OutputError):
         author_preset("push", stage, tmp_path / "nowhere" / "a.usda")
-    with pytest.raises(StageError, match="found a stage that is no file's"):
+    with pytest.raises(StageError, match="found a stage without a file"):
         author_preset("push", Usd.Stage.CreateInMemory(), tmp_path / "a.usda")
     (tmp_path / "two").mkdir()
     with pytest.raises(StageError, match="found 2 splat fields, expected one"):

@@ -149,7 +149,7 @@ def test_deformers_are_in_the_order_of_the_stack() -> None:
     expected = np.linalg.inv(world(field_of(stage))) @ world(frame, 5)
     assert np.allclose(second.frame, expected) and (first.frame == np.eye(4)).all()
     sim.GetAttribute("splatSim:deform:a:mask").Set("leg")
-    with pytest.raises(StageError, match="deform:a:mask: found 'leg', which is not there, expec"):
+    with pytest.raises(StageError, match="deform:a:mask: found 'leg', which does not exist, expec"):
         only(stage).at(5)
 
 
@@ -241,7 +241,9 @@ def test_relationships_that_lead_nowhere_are_one_sentence() -> None:
     sim = simulation_of(stage)
     target = sim.CreateRelationship("splatSim:conform:target")
     target.SetTargets(["/World/Gone"])
-    with pytest.raises(StageError, match="conform:target: found the target /World/Gone, which is"):
+    with pytest.raises(
+        StageError, match="conform:target: found the target /World/Gone, which does"
+    ):
         only(stage)
     target.SetTargets(["/World", FIELD])
     with pytest.raises(StageError, match="conform:target: found 2 targets, expected one"):
@@ -258,7 +260,7 @@ def test_remarks_are_of_the_simulation_and_of_its_affectors() -> None:
     for prim, name in ((ball, "splatSim:affector:fricton"), (simulation_of(stage), "splatSim:x")):
         prim.CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(0.5)
     first, second = only(stage).remarks
-    assert first.startswith("/World/Sim.splatSim:x: found a property that nobody reads, expected")
+    assert first.startswith("/World/Sim.splatSim:x: found an unknown property, expected")
     assert second.endswith("expected such as splatSim:affector:friction")
 
 

@@ -186,7 +186,7 @@ def test_a_layer_that_is_no_bake_is_not_resumed(tmp_path: Path) -> None:
     """Oracle: the sentence, and its bytes."""
     bake = shot(tmp_path)
     bake.target.write_text("#usda 1.0\n")
-    with pytest.raises(StageError, match="a layer that is no bake"):
+    with pytest.raises(StageError, match="a layer that is not a bake"):
         bake.run(resume=True)
     assert bake.target.read_text() == "#usda 1.0\n"
 

@@ -20,21 +20,21 @@ T = TypeVar("T")
 _LATER = ("bake",)
 """Groups that nobody asks before a bake."""
 _NEEDS = {"scale": "sizes", "thickness": "sizes", "opacity": "fades", "color": "colors",
-          "displacement": "faces"}  # fmt: skip
+          "displacement": "needs_normals"}  # fmt: skip
 """Output of a driver -> what a simulation must have prepared for."""
 _CAUSES = {
     "reacts": "rd:enabled",
     "grows": "growth:rate",
-    "bears": "growth:birthRate",
+    "has_births": "growth:birthRate",
     "flies": "particles:enabled",
     "dissolves": "dissolve:enabled",
     "collides": "affector:role",
     "deforms": "deform",
     "sizes": "growth:sizeFollow",
     "fades": "appearance:keepOpacity",
-    "crowds": "growth:sizeFollow",
+    "needs_neighbors": "growth:sizeFollow",
     "colors": "driver",
-    "faces": "driver",
+    "needs_normals": "driver",
 }
 """Field of `Uses` -> the parameter that is likeliest to have asked for it, by importance."""
 
@@ -139,8 +139,8 @@ def _without(moment: Moment, uses: Uses) -> Moment:
         growth=replace(
             p.growth,
             rate=p.growth.rate if uses.grows else 0.0,
-            birth_rate=p.growth.birth_rate if uses.bears else 0.0,
-            size_follow=p.growth.size_follow if uses.crowds and uses.sizes else 0.0,
+            birth_rate=p.growth.birth_rate if uses.has_births else 0.0,
+            size_follow=p.growth.size_follow if uses.needs_neighbors and uses.sizes else 0.0,
         ),
         particles=replace(p.particles, enabled=p.particles.enabled and uses.flies),
         dissolve=replace(p.dissolve, enabled=p.dissolve.enabled and uses.dissolves),
@@ -150,6 +150,6 @@ def _without(moment: Moment, uses: Uses) -> Moment:
         each
         for each in moment.drivers
         if getattr(uses, _NEEDS[each.parameters.output])
-        and (uses.crowds or each.parameters.source != "crowding")
+        and (uses.needs_neighbors or each.parameters.source != "crowding")
     ]
     return replace(moment, parameters=parameters, drivers=tuple(drivers))

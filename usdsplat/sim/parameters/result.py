@@ -17,17 +17,19 @@ class AppearanceParameters:
 
     covariance: Literal["full", "rigid", "volume"] = knob(
         "full",
-        "what splats do where space is deformed: take all of it, only turn, or keep their volume",
+        "how splats follow a deformation: rotate and stretch (full), only rotate (rigid), or keep "
+        "their volume (volume)",
     )
     max_stretch: float = knob(
         3.0, "largest factor by which a deformation may stretch a splat", range=(1.0, 100.0)
     )
     keep_opacity: bool = knob(
-        False, "whether splats become thinner where a surface is stretched, so that it stays as "
-        "opaque"
+        False,
+        "whether opacity is adapted where a surface is stretched, so that the surface stays "
+        "equally opaque"
     )  # fmt: skip
     sh_min_angle: float = knob(
-        1.0, "smallest turn of a splat that turns its harmonics too", unit="deg",
+        1.0, "smallest rotation of a splat that rotates its harmonics", unit="deg",
         range=(0.0, 180.0),
     )  # fmt: skip
 
@@ -38,33 +40,35 @@ class DriverParameters:
 
     source: Literal["u", "v", "vMinusU", "crowding", "age", "speed", "distance"] = knob(
         "v",
-        "what drives: the pattern, neighbours over their target, age [s], speed [unit/s], or "
-        "distance from where the splat was captured [unit]",
+        "input: the pattern, neighbours over their target, age [s], speed [unit/s], or distance "
+        "from the captured position [unit]",
         uniform=True,
     )
-    in_min: float = knob(0.0, "value of the source where it begins", range=(-INF, INF))
-    in_max: float = knob(1.0, "value of the source where it is complete", range=(-INF, INF))
+    in_min: float = knob(0.0, "source value at which the effect starts", range=(-INF, INF))
+    in_max: float = knob(1.0, "source value at which the effect is complete", range=(-INF, INF))
     ease: Literal["linear", "smooth", "smoother"] = knob(
-        "smooth", "shape of the ramp in between", uniform=True
+        "smooth", "shape of the ramp between in_min and in_max", uniform=True
     )
     output: Literal["scale", "thickness", "opacity", "color", "displacement"] = knob(
         "scale",
-        "what is driven: size, size along the normal, opacity, colour, or place along the normal",
+        "output: size, size along the normal, opacity, colour, or position along the normal",
         uniform=True,
     )
     amount: float = knob(
         1.0,
-        "where it is complete: a factor of scale, thickness and opacity, the mixture with color, "
-        "or the displacement [unit]",
+        "complete effect: factor of scale, thickness and opacity, mixing weight of color, or "
+        "displacement [unit]",
         range=(-INF, INF),
     )
     color: tuple[float, float, float] = knob(
         (1.0, 1.0, 1.0),
-        "of output color: what is mixed in, in the field's colour space",
+        "colour to mix in, in the field's colour space, with output color",
         usd_type="color3f",
     )
     sh_fade: float = knob(
-        1.0, "of output color: how much of the view-dependent colour goes", range=(0.0, 1.0)
+        1.0,
+        "fraction of the view-dependent colour that is removed, with output color",
+        range=(0.0, 1.0),
     )
 
 
@@ -74,34 +78,43 @@ class BakeParameters:
 
     mode: Literal["dense", "clips", "edit", "packed"] = knob(
         "dense",
-        "dense has all splats at each frame, clips the same in a file for every clip_frames "
-        "frames, edit only those that moved (USD 26 and later), packed our compact type",
+        "dense writes all splats at each frame, clips the same in one file per clip_frames "
+        "frames, edit only splats that moved (USD 26 and later), packed the compact type",
         uniform=True,
     )
     clip_frames: int = knob(
-        24, "frames of a clip; counts change only between them", range=(1, 10000), uniform=True
+        24,
+        "frames of a clip; the number of splats changes only between clips",
+        range=(1, 10000),
+        uniform=True,
     )
     checkpoint_every: int = knob(
         24,
-        "frames between the checkpoints that a bake can be resumed from",
+        "frames between checkpoints from which a bake can be resumed",
         range=(1, 10000),
         uniform=True,
     )
     velocities: bool = knob(True, "whether velocities are written", uniform=True)
     pattern: bool = knob(False, "whether u and v are written as primvars", uniform=True)
     rate_sh: int = knob(
-        -1, "frames between samples of the harmonics; negative is one for each turn by 5 degrees",
+        -1, "frames between samples of the harmonics; negative is one per rotation by 5 degrees",
         unit="frame", range=(-1, 10000), uniform=True,
     )  # fmt: skip
     position_epsilon: float = knob(
-        1e-4, "of edit: motion that is written, in mean spacings", range=(0.0, INF), uniform=True
+        1e-4,
+        "smallest motion that mode edit writes, in mean spacings",
+        range=(0.0, INF),
+        uniform=True,
     )
     rotation_epsilon: float = knob(
-        0.2, "of edit: turn that is written", unit="deg", range=(0.0, 180.0), uniform=True
+        0.2, "smallest rotation that mode edit writes", unit="deg", range=(0.0, 180.0), uniform=True
     )
     scale_epsilon: float = knob(
-        0.002, "of edit: relative change of a size that is written", range=(0.0, INF), uniform=True
+        0.002,
+        "smallest relative change of size that mode edit writes",
+        range=(0.0, INF),
+        uniform=True,
     )
     opacity_epsilon: float = knob(
-        1 / 512, "of edit: change of opacity that is written", range=(0.0, 1.0), uniform=True
+        1 / 512, "smallest change of opacity that mode edit writes", range=(0.0, 1.0), uniform=True
     )

@@ -15,29 +15,29 @@ INF = math.inf
 class SimParameters:
     """The simulation as a whole."""
 
-    enabled: bool = knob(True, "whether splats move; where it is off they stay as they are")
+    enabled: bool = knob(True, "whether the simulation runs; while it is off splats do not change")
     substeps: int = knob(
         4,
-        "steps of the solver in a frame: more for what moves fast or settles hard",
+        "solver steps per frame: more for fast motion or stiff settling",
         range=(1, 64),
         uniform=True,
     )
     seed: int = knob(
         0,
-        "of all random numbers: another one gives another variation",
+        "seed of all random numbers; each seed gives another variation",
         range=(0, 2**31 - 1),
         uniform=True,
     )
     space: Literal["local", "world"] = knob(
         "local",
-        "where the simulation takes place: local is the field's own space, which may move; world "
-        "is the space of the stage, seen from where the field is at the first frame",
+        "space of the simulation: local is the field's own space, which may move; world is the "
+        "space of the stage, as seen from the field at the first frame",
         uniform=True,
     )
     start_time: float = knob(
         -INF,
-        "first frame of the simulation; before it splats are as captured; -inf is the first frame "
-        "that is simulated",
+        "first frame of the simulation, before which splats are as captured; -inf is the first "
+        "requested frame",
         unit="time code",
         range=(-INF, INF),
         usd_type="timecode",
@@ -45,31 +45,34 @@ class SimParameters:
     )
     end_time: float = knob(
         INF,
-        "last frame of the simulation; splats stay as they are then",
+        "last frame of the simulation; splats do not change after it",
         unit="time code",
         range=(-INF, INF),
         usd_type="timecode",
         uniform=True,
     )
     max_count: int = knob(
-        4_000_000, "births end when a field has as many splats", range=(0, 2**31 - 1), uniform=True
+        4_000_000,
+        "number of splats of a field at which births end",
+        range=(0, 2**31 - 1),
+        uniform=True,
     )
     dimension: Literal["auto", "2", "3"] = knob(
         "auto",
-        "2 for splats that lie on surfaces, 3 for those that fill a volume, auto finds out",
+        "2 for splats on surfaces, 3 for splats that fill a volume, auto detects it",
         uniform=True,
     )
-    max_speed: float = knob(INF, "fastest that a splat may move", unit="unit/s", range=(0.0, INF))
+    max_speed: float = knob(INF, "largest speed of a splat", unit="unit/s", range=(0.0, INF))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NeighborsParameters:
     """Who is a neighbour of whom."""
 
-    target: float = knob(16.0, "neighbours that a splat is to have", range=(6.0, 48.0))
+    target: float = knob(16.0, "number of neighbours wanted for each splat", range=(6.0, 48.0))
     gain: float = knob(
         0.8,
-        "part of what the number of neighbours is off by that a step corrects",
+        "fraction of the error of the number of neighbours that a step corrects",
         range=(0.0, 1.0),
     )
     h_min: float = knob(
@@ -82,11 +85,13 @@ class NeighborsParameters:
     )  # fmt: skip
     skin: float = knob(
         0.15,
-        "how much longer lists of neighbours are than the radius, as a part of it, so that they "
-        "last for several steps",
+        "margin of neighbour lists, as a fraction of the radius, so that they last for several "
+        "steps",
         range=(0.0, 0.5),
     )
-    k_max: int = knob(64, "longest list; the nearest are kept", range=(8, 512), uniform=True)
+    k_max: int = knob(
+        64, "longest neighbour list; the nearest are kept", range=(8, 512), uniform=True
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,11 +102,11 @@ class RdParameters:
     preset: Literal[
         "custom", "spots", "worms", "labyrinth", "coral", "holes", "chaos", "uskate"
     ] = knob("custom", "a feed and a kill rate by name; custom takes feed and kill")
-    feed: float = knob(0.037, "how fast u is fed, F", range=(0.0, 0.1))
-    kill: float = knob(0.060, "how fast v decays beyond F, k", range=(0.03, 0.075))
-    diffusion_u: float = knob(0.16, "how fast u spreads, in lattice units", range=(0.0, 0.25))
+    feed: float = knob(0.037, "feed rate F of u", range=(0.0, 0.1))
+    kill: float = knob(0.060, "kill rate k: decay of v in addition to F", range=(0.03, 0.075))
+    diffusion_u: float = knob(0.16, "diffusion of u, in lattice units", range=(0.0, 0.25))
     diffusion_v: float = knob(
-        0.08, "how fast v spreads, in lattice units; half of u's makes patterns", range=(0.0, 0.25)
+        0.08, "diffusion of v, in lattice units; patterns form at half of u's", range=(0.0, 0.25)
     )
     pattern_scale: float = knob(
         -1.0,
@@ -112,34 +117,36 @@ class RdParameters:
     )
     substeps: int = knob(
         8,
-        "reaction steps in a frame; a pattern takes some 6000 in all to fill a capture",
+        "reaction steps per frame; a pattern takes about 6000 in all to fill a capture",
         range=(0, 256),
     )
     d_tau: float = knob(
         1.0,
-        "time of a reaction step, in lattice units; split where it would be unstable",
+        "duration of a reaction step, in lattice units; divided where it would be unstable",
         range=(0.0, 2.0),
     )
     domain: Literal["carrier", "self"] = knob(
         "carrier",
-        "where the reaction runs: carrier is an even set of points on the capture, self the splats "
-        "themselves, which are spread evenly first",
+        "points on which the reaction runs: carrier is an even set of points on the capture, self "
+        "the splats themselves, which are distributed evenly first",
         uniform=True,
     )
-    conservative: bool = knob(False, "whether diffusion keeps the sum of u and of v exactly")
-    anisotropy: float = knob(0.0, "how much faster it diffuses along direction", range=(0.0, 0.9))
+    conservative: bool = knob(False, "whether diffusion preserves the sums of u and v exactly")
+    anisotropy: float = knob(
+        0.0, "factor by which diffusion is faster along direction", range=(0.0, 0.9)
+    )
     direction: tuple[float, float, float] = knob(
-        (0.0, 1.0, 0.0), "of anisotropy, in the field's space", usd_type="vector3f"
+        (0.0, 1.0, 0.0), "direction of anisotropy, in the field's space", usd_type="vector3f"
     )
     seed_mode: Literal["points", "selection", "noise"] = knob(
         "points",
-        "where it begins: balls about random points, where the splats' weight is above one half, "
-        "or patches of noise; affectors of the role seed begin it too",
+        "where the pattern starts: balls around random points, splats with a weight above one "
+        "half, or patches of noise; affectors of the role seed start it too",
         uniform=True,
     )
     seed_density: float = knob(
         0.002,
-        "of points and noise: part of the points at which a seed is",
+        "fraction of the points that are seeded, with points and noise",
         range=(0.0, 1.0),
         uniform=True,
     )
@@ -150,10 +157,14 @@ class RelaxParameters:
     """Even spacing."""
 
     iterations: int = knob(
-        20, "sweeps before the first frame, where the reaction's domain is self", range=(0, 200),
+        20,
+        "redistribution sweeps before the first frame, where the reaction's domain is self",
+        range=(0, 200),
         uniform=True,
     )  # fmt: skip
-    strength: float = knob(0.3, "part of the spacing that a sweep corrects", range=(0.0, 0.5))
+    strength: float = knob(
+        0.3, "fraction of the spacing error that a sweep corrects", range=(0.0, 0.5)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,11 +178,9 @@ class GrowthParameters:
     v_max: float = knob(
         0.35, "v above which growth and births have their full rate", range=(0.0, 1.0)
     )
-    birth_rate: float = knob(
-        0.0, "new splats beside each one where v is high", unit="1/s", range=(0.0, INF)
-    )
+    birth_rate: float = knob(0.0, "births per splat where v is high", unit="1/s", range=(0.0, INF))
     crowd_max: float = knob(
-        1.25, "neighbours, as a part of neighbors:target, from which a splat has no children",
+        1.25, "neighbours, as a fraction of neighbors:target, from which a splat has no children",
         range=(0.0, INF),
     )  # fmt: skip
     birth_fade: float = knob(
@@ -179,19 +188,19 @@ class GrowthParameters:
     )
     life: float = knob(
         INF,
-        "age at which splats that were born die; captured ones do not",
+        "age at which born splats die; captured ones do not",
         unit="s",
         range=(0.0, INF),
     )
     starve: float = knob(
         INF,
-        "time with v below v_min after which splats that were born die",
+        "time with v below v_min after which born splats die",
         unit="s",
         range=(0.0, INF),
     )
-    death_fade: float = knob(0.25, "time in which the dying vanish", unit="s", range=(0.0, INF))
+    death_fade: float = knob(0.25, "time in which dying splats vanish", unit="s", range=(0.0, INF))
     size_follow: float = knob(
         0.0,
-        "how far drawn size follows the spacing: 0 keeps it, 1 scales with it",
+        "how far the drawn size follows the spacing: 0 not at all, 1 proportionally",
         range=(0.0, 1.0),
     )

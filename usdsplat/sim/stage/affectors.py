@@ -21,7 +21,7 @@ from usdsplat.sim.stage.bones import Bones
 from usdsplat.sim.stage.parameters import read
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
-from usdsplat.sim.stage.targets import Triangles, outwards, same_or
+from usdsplat.sim.stage.targets import Triangles, facing_outwards, unchanged_or
 
 ROUND = ("Sphere", "Capsule", "Capsule_1", "Cube")
 TYPES = (*ROUND, "Plane", "Mesh", "Skeleton")
@@ -88,24 +88,24 @@ class AffectorReader:
         matrix = self._space.from_prim(self.prim, time)
         if self._kind == "Plane":
             return Solid(kind="plane", matrix=_plane(matrix, self._turn(time)))
-        rotation, _ = spaces.parts(matrix)
+        rotation, _ = spaces.rotation_and_stretch(matrix)
         at, scale = matrix[:3, 3], spaces.size_of(matrix) * larger
         if self._kind == "Sphere":
             size = (self._size("radius", time) * scale, 0.0, 0.0)
-            return Solid(kind="sphere", matrix=spaces.placed(rotation, at), size=size)
+            return Solid(kind="sphere", matrix=spaces.rigid(rotation, at), size=size)
         if self._kind == "Cube":
             half = self._size("size", time) * scale / 2
-            return Solid(kind="box", matrix=spaces.placed(rotation, at), size=(half, half, half))
+            return Solid(kind="box", matrix=spaces.rigid(rotation, at), size=(half, half, half))
         names = ("radiusBottom", "radiusTop") if self._kind == "Capsule_1" else ("radius",) * 2
         low, high = (self._size(name, time) * scale for name in names)
-        # `parts` puts a reflection of x before the stretch, which must not swap the ends
+        # the stretch follows a reflection of x, which must not swap the ends
         turn = self._turn(time)
         if np.linalg.det(matrix[:3, :3]) < 0:
             rotation = rotation @ np.diag([-1.0, 1.0, 1.0]) @ turn @ np.diag([-1.0, 1.0, 1.0])
         else:
             rotation = rotation @ turn
         half = self._size("height", time) * scale / 2
-        return Solid(kind="capsule", matrix=spaces.placed(rotation, at), size=(low, high, half))
+        return Solid(kind="capsule", matrix=spaces.rigid(rotation, at), size=(low, high, half))
 
     def _turn(self, time: Usd.TimeCode) -> F64:
         """Return the rotation from z to the prim's axis, (3, 3)."""
@@ -140,7 +140,7 @@ class MeshBody:
             larger and larger.ValueMightBeTimeVarying()
         )
         stretches = [
-            spaces.parts(space.from_prim(placer, code))[1]
+            spaces.rotation_and_stretch(space.from_prim(placer, code))[1]
             for code in _codes(space.times(placer), space.start)
         ]
         self._stretch = stretches[0]
@@ -156,12 +156,15 @@ class MeshBody:
         matrix = self._space.from_prim(self._triangles.placer, time)
         about = np.eye(4)
         about[:3, :3] *= larger
-        inner = about @ spaces.placed(self._stretch, np.zeros(3)) if self._rigid else matrix @ about
-        made = Surface(points=spaces.carry(inner, points), triangles=outwards(triangles, inner))
-        self._last = same_or(self._last, made)
+        inner = about @ spaces.rigid(self._stretch, np.zeros(3)) if self._rigid else matrix @ about
+        made = Surface(
+            points=spaces.transform_points(inner, points),
+            triangles=facing_outwards(triangles, inner),
+        )
+        self._last = unchanged_or(self._last, made)
         outer = np.eye(4)
         if self._rigid:
-            outer = spaces.placed(spaces.parts(matrix)[0], matrix[:3, 3])
+            outer = spaces.rigid(spaces.rotation_and_stretch(matrix)[0], matrix[:3, 3])
         return Solid(kind="mesh", matrix=outer, surface=self._last, is_rigid=self._rigid)
 
 
@@ -172,13 +175,13 @@ def _plane(matrix: F64, turn: F64) -> F64:
     """
     linear = matrix[:3, :3]
     if not abs(np.linalg.det(linear)) > 0:
-        return spaces.placed(turn, matrix[:3, 3])
+        return spaces.rigid(turn, matrix[:3, 3])
     z = np.linalg.solve(linear.T, turn[:, 2])
     z /= np.linalg.norm(z)
     x = linear @ turn[:, 0]
     x -= z * (x @ z)
     x /= np.linalg.norm(x)
-    return spaces.placed(np.stack([x, np.cross(z, x), z], axis=1), matrix[:3, 3])
+    return spaces.rigid(np.stack([x, np.cross(z, x), z], axis=1), matrix[:3, 3])
 
 
 def _codes(times: Iterable[float], start: Usd.TimeCode) -> list[Usd.TimeCode]:

@@ -320,5 +320,7 @@ def _known(target: Path) -> Mapping[str, Any] | None:
         raise FormatError(str(target), "a damaged file", "a layer of results") from error
     record = read_record(layer)
     if record is None:
-        raise StageError(str(target), "a layer that is no bake", "one to resume, or a new name")
+        raise StageError(
+            str(target), "a layer that is not a bake", "a bake to resume, or a new name"
+        )
     return record

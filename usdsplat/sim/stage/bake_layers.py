@@ -58,7 +58,7 @@ class BakeLayers:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             found = error.strerror or str(error)
-            raise OutputError(str(self.folder), found, "a place to make a folder") from error
+            raise OutputError(str(self.folder), found, "a folder that can be made") from error
         self._remove((*_CLIPS, *_WORK, "samples.usdc"))
 
     def end(self, *, keeps_clips: bool) -> None:
@@ -142,13 +142,13 @@ class BakeLayers:
         """Reject targets that would harm the input or cannot be referred to."""
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
-            raise StageError(root.identifier, "a stage without a file", "one that is saved")
+            raise StageError(root.identifier, "a stage without a file", "a saved one")
         used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
         if self.target.resolve() in {path.resolve() for path in used}:
             raise StageError(str(self.target), "a layer of the stage itself", "another name")
         if not self.target.parent.is_dir():
             found = os.strerror(errno.ENOENT)
-            raise OutputError(str(self.folder), found, "a place to make a folder")
+            raise OutputError(str(self.folder), found, "a folder that can be made")
         if self.target.suffix != ".usda":
             raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
 

@@ -17,8 +17,8 @@ from usdsplat.schema.values import value
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
 from usdsplat.sim.stage.skeletons import Influences, Rigs, matrix_of, skinning_transforms
-from usdsplat.sim.stage.spaces import Space, carry
-from usdsplat.sim.stage.targets import SurfaceReader, Triangles, outwards, related
+from usdsplat.sim.stage.spaces import Space, transform_points
+from usdsplat.sim.stage.targets import SurfaceReader, Triangles, facing_outwards, related
 
 SKELETON = f"{NAMESPACE}:skin:skeleton"
 MESH = f"{NAMESPACE}:skin:mesh"
@@ -71,8 +71,8 @@ class BindingReader:
     def _of_field(self, simulation: Usd.Prim, own: Influences | None) -> SkinBinding:
         """Bind by the primvars of the field."""
         if own is None:
-            found = "no mesh, and a field without joint weights"
-            raise StageError(f"{simulation.GetPath()}.{MESH}", found, "one of both")
+            found = "no mesh, and no joint weights on the field"
+            raise StageError(f"{simulation.GetPath()}.{MESH}", found, "either of them")
         bind = self._bound_from @ own.bind
         return SkinBinding(indices=own.indices, weights=own.weights, bind=bind)
 
@@ -85,9 +85,11 @@ class BindingReader:
         follows = rigs.influences(mesh, self._skeleton, len(points))
         if follows is None:
             found = "a mesh without joint weights"
-            raise StageError(where, found, f"one that {self._skeleton.GetPath()} moves")
+            raise StageError(where, found, f"a mesh bound to {self._skeleton.GetPath()}")
         matrix = self._bound_from @ follows.bind
-        surface = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
+        surface = Surface(
+            points=transform_points(matrix, points), triangles=facing_outwards(triangles, matrix)
+        )
         return SkinBinding(
             indices=None if own is None else own.indices,
             weights=None if own is None else own.weights,

@@ -74,7 +74,7 @@ class Bones:
             above = np.clip(
                 known[second] * scale, below - _STEEPEST * length, below + _STEEPEST * length
             )
-            frame = spaces.placed(_frame(high - low, side), (low + high) / 2)
+            frame = spaces.rigid(_frame(high - low, side), (low + high) / 2)
             size = (float(below), float(above), length / 2)
             solids.append(Solid(kind="capsule", matrix=frame, size=size))
         return tuple(solids)

@@ -28,7 +28,7 @@ def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str
     where = str(prim.GetPath())
     cloud = schema.fetch(prim, start)
     if not len(cloud):
-        raise StageError(where, "no splats", "some to simulate")
+        raise StageError(where, "no splats", "at least one splat")
     numbers = (cloud.positions, cloud.scales, cloud.rotations, cloud.opacities[:, None])
     wrong = ~np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0)
     if wrong.any():
@@ -77,5 +77,5 @@ def per_splat(prim: Usd.Prim, name: str, count: int, time: Usd.TimeCode) -> F32 
 
 def missing(prim: Usd.Prim, name: str, primvar: str, field: Usd.Prim) -> StageError:
     """Return the error that a primvar named by an attribute is missing on the field."""
-    found = f"{primvar!r}, which is not there"
+    found = f"{primvar!r}, which does not exist"
     return StageError(f"{prim.GetPath()}.{name}", found, f"a primvar of {field.GetPath()}")

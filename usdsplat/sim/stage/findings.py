@@ -37,7 +37,7 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
         asked = simulation.GetRelationship(includes)
         for path in asked.GetForwardedTargets() if asked else ():
             if not stage.GetObjectAtPath(path):
-                yield includes, f"{path}, which is not there", "a prim"
+                yield includes, f"{path}, which does not exist", "a prim"
     preset = value(simulation.GetAttribute(f"{NAMESPACE}:rd:preset"), Usd.TimeCode.Default())
     for name in ("rd:feed", "rd:kill"):
         if preset not in (None, "custom") and _ever(simulation, name):

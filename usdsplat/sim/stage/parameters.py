@@ -109,7 +109,7 @@ def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             meant = f"such as {near[0]}" if near else f"one of {NAMESPACE}:{{{','.join(groups)}}}:"
-            said.append(StageError(where, "a property that nobody reads", meant))
+            said.append(StageError(where, "an unknown property", meant))
         elif known[name] and prim.GetAttribute(name).GetNumTimeSamples():
             said.append(StageError(where, "samples over time", "one value for all times"))
     return said

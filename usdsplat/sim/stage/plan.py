@@ -13,7 +13,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.schema import packed, stock, tokens
 from usdsplat.sim.parameters import BakeParameters
-from usdsplat.sim.stage.spool import Keeping
+from usdsplat.sim.stage.spool import SpoolOptions
 
 ARRAYS = {
     "positions": tokens.POSITIONS,
@@ -44,7 +44,7 @@ class BakedField:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Plan:
-    """How a field is written."""
+    """Attributes and precision that a bake writes for one field."""
 
     path: str
     rest: SplatCloud
@@ -61,7 +61,7 @@ class Plan:
     """Whether the field's purpose is the default one."""
     epsilon: dict[str, float]
     """Arrays of the cloud -> tolerance below which a change is not written, in mode edit."""
-    keeping: Keeping
+    keeping: SpoolOptions
 
     @property
     def moves(self) -> bool:
@@ -99,7 +99,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         block_velocities="positions" in writes and not velocities and _has_velocities(prim),
         is_imageable=_purpose(prim) == "default",
         epsilon=_epsilon(field.rest, parameters) if parameters.mode == "edit" else {},
-        keeping=Keeping(
+        keeping=SpoolOptions(
             arrays=tuple(name for name in names if name != "sh"),
             harmonics="sh" in field.writes,
             is_whole=is_whole,

@@ -38,7 +38,7 @@ _REACTION_STEPS = 6000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """Where the preset's prims go, and the size of the capture in that space."""
+    """Paths of the preset's prims, and the box of the capture in their space."""
 
     stage: Usd.Stage
     parent: Sdf.Path
@@ -270,7 +270,7 @@ def _only_field(capture: Usd.Stage) -> Usd.Prim:
     """Return the only field of the stage."""
     where = capture.GetRootLayer().identifier
     if not capture.GetRootLayer().realPath:
-        raise StageError(where, "a stage that is no file's", "one that can be a sublayer")
+        raise StageError(where, "a stage without a file", "one that can be a sublayer")
     fields = [prim for prim in capture.Traverse() if schema.is_splat_field(prim)]
     if len(fields) != 1:
         raise StageError(where, f"{len(fields)} splat fields", "one")
@@ -292,10 +292,10 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     to_world = spaces.to_world(holder, start) if is_above else np.eye(4)
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
-    points = spaces.carry(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
+    points = spaces.transform_points(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
-        raise StageError(str(field.GetPath()), "no splats", "some to simulate")
+        raise StageError(str(field.GetPath()), "no splats", "at least one splat")
     low, high = np.percentile(points, (LEAST, MOST), axis=0)
     extent = np.maximum(high - low, 1e-6 * max(float((high - low).max()), 1e-6))
     return Scene(

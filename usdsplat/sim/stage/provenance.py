@@ -95,9 +95,9 @@ class Provenance:
                 found += f" ({', '.join(_differing(other.get(key) or (), self.input_hash))})"
             elif key != "paramHash":
                 found += f", {_plain(mine[key])}"
-            expected = "those that the bake began with, or a new bake"
+            expected = "those that the bake was started with, or a new bake"
             if key not in ("paramHash", "inputHash"):
-                expected = f"{_plain(other.get(key))}, as the bake began, or a new bake"
+                expected = f"{_plain(other.get(key))}, as when the bake was started, or a new bake"
             raise StageError(f"{target}, resumed", found, expected)
 
 

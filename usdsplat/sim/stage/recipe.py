@@ -211,7 +211,9 @@ class StageRecipe:
         frame = self._space.from_prim(prim, code) if prim else np.eye(4)
         where = f"{self._simulation.GetPath()}.{lead}"
         if not abs(np.linalg.det(frame[:3, :3])) > 0:
-            raise StageError(f"{where}:{FRAME}", "a prim that is squashed flat", "one with a size")
+            raise StageError(
+                f"{where}:{FRAME}", "a prim with a singular transform", "an invertible one"
+            )
         count = math.prod(asked.divisions)
         if asked.type == "lattice" and len(asked.points) not in (0, count):
             found = f"{len(asked.points)} points"

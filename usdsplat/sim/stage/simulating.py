@@ -24,7 +24,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
-from usdsplat.sim.stage.carrying import carried, carried_arrays
+from usdsplat.sim.stage.field_space import changed_arrays, to_field_space
 from usdsplat.sim.stage.plan import BakedField
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
@@ -61,7 +61,7 @@ class Report:
     def sentence(self) -> str:
         """Return the report as a sentence."""
         if not self.frames:
-            return "nothing to do: every frame is there already"
+            return "nothing to do: all frames are baked already"
         count = sum(self.splats.values())
         slowest = sorted(self.stages.items(), key=lambda item: -item[1])[:3]
         where = ", ".join(f"{name} {spent:.1f} s" for name, spent in slowest)
@@ -73,7 +73,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulateOptions:
-    """How a stage is simulated and baked."""
+    """Options of a simulation."""
 
     device: str | Device = "auto"
     """Name of a device, see `open_device`, or an open device, which stays open."""
@@ -150,7 +150,7 @@ class Simulation:
         with reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
-        self._carried: dict[str, frozenset[str]] = {}
+        self._transformed: dict[str, frozenset[str]] = {}
         for path, recipe in self.recipes.items():
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
             if lead > LEAD:
@@ -159,7 +159,7 @@ class Simulation:
                 raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
             self.uses[path] = uses_over(recipe, times)
-            self._carried[path] = carried_arrays(recipe.field_to_simulation(t) for t in times)
+            self._transformed[path] = changed_arrays(recipe.field_to_simulation(t) for t in times)
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
 
@@ -183,16 +183,16 @@ class Simulation:
 
     def frame(self, path: str) -> Frame:
         """Return the splats of a field now, in the field's own space."""
-        solver, arrays = self.solvers[path], self._carried[path]
+        solver, arrays = self.solvers[path], self._transformed[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
             return frame
         to_simulation = self.recipes[path].field_to_simulation(frame.time)
-        return carried(frame, to_simulation, solver.state, arrays)
+        return to_field_space(frame, to_simulation, solver.state, arrays)
 
     def writes(self, path: str) -> frozenset[str]:
         """Return the arrays of a field's cloud that may change."""
-        return self.uses[path].writes | self._carried[path]
+        return self.uses[path].writes | self._transformed[path]
 
     def checkpoint(self) -> dict[str, State]:
         """Return the states for `begin`."""
@@ -329,8 +329,8 @@ def _run(
     clock.lap("writing")
     for path, solver in simulation.solvers.items():
         if solver.trapped:
-            found = f"{counted(solver.trapped, 'splat')} that no push brings out of the affectors"
-            remark(f"{path}: found {found}, expected a way out between them")
+            found = f"{counted(solver.trapped, 'splat')} that remain inside the affectors"
+            remark(f"{path}: found {found}, expected room between them")
     return Report(
         target=str(bake.target),
         frames=len(left),
@@ -362,7 +362,7 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
             path=path,
             rest=recipe.rest,
             writes=simulation.writes(path),
-            is_fixed=not simulation.uses[path].bears,
+            is_fixed=not simulation.uses[path].has_births,
         )
         for path, recipe in simulation.recipes.items()
     ]

@@ -98,7 +98,11 @@ class Rigs:
         shares = weights.reshape(rows, width).astype(np.float64)
         total = shares.sum(axis=1, keepdims=True)
         if not np.isfinite(shares).all() or (shares < 0).any() or (total <= 0).any():
-            raise StageError(where, "weights that do not add up", "weights with a sum above 0")
+            raise StageError(
+                where,
+                "weights that are negative, not finite, or all 0",
+                "finite weights, at least one above 0",
+            )
         geom = _inherited(prim, UsdSkel.Tokens.primvarsSkelGeomBindTransform)
         return Influences(
             indices=np.ascontiguousarray(np.broadcast_to(table, (count, width))),
@@ -219,5 +223,5 @@ def _stack(query: UsdSkel.SkeletonQuery, found: object) -> F64:
         raise StageError(where, f"{len(array)} transforms", f"one for each of {joints} joints")
     if not np.isfinite(array).all():
         where = str(query.GetPrim().GetPath())
-        raise StageError(where, "joints that are nowhere", "transforms that are finite")
+        raise StageError(where, "joint transforms that are not finite", "finite ones")
     return array.transpose(0, 2, 1)

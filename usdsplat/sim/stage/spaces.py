@@ -62,7 +62,7 @@ class Space:
                 raise StageError(where, "a transform that is not finite", "a finite one")
         if not abs(np.linalg.det(ours[:3, :3])) > 0:
             where = f"{self.field.GetPath()} at {time}"
-            raise StageError(where, "a transform that cannot be undone", "one without a scale of 0")
+            raise StageError(where, "a singular transform", "an invertible one")
         if np.array_equal(ours, theirs):
             return np.eye(4)  # exactly the identity, so that nothing is transformed
         return np.asarray(np.linalg.solve(ours, theirs))
@@ -73,12 +73,12 @@ class Space:
         return placing_times([prim, self.field] if self.kind == "local" else [prim])
 
 
-def carry(matrix: F64, points: F32) -> F32:
+def transform_points(matrix: F64, points: F32) -> F32:
     """Transform points, shape (n, 3), by a matrix."""
     return (points @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
 
 
-def parts(matrix: F64) -> tuple[F64, F64]:
+def rotation_and_stretch(matrix: F64) -> tuple[F64, F64]:
     """Split a matrix into rotation and stretch: `linear = rotation @ stretch`, both (3, 3).
 
     The stretch is symmetric, multiplied by a reflection of x if the matrix mirrors.
@@ -103,7 +103,7 @@ def size_of(matrix: F64) -> float:
     return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
 
 
-def placed(rotation: F64, at: F64) -> F64:
+def rigid(rotation: F64, at: F64) -> F64:
     """Return the matrix of a rotation, (3, 3), followed by a translation, (3,)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, at

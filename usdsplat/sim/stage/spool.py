@@ -33,8 +33,8 @@ _CLOUD = ("positions", "rotations", "scales", "opacities")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Keeping:
-    """What is kept of a field."""
+class SpoolOptions:
+    """Arrays of a field that a spool keeps, and at what rate."""
 
     arrays: tuple[str, ...]
     """Arrays of the cloud, except harmonics."""
@@ -74,7 +74,7 @@ class Pending:
 class Spool:
     """Frames of one field."""
 
-    def __init__(self, folder: Path, name: str, keeping: Keeping, rest: SplatCloud) -> None:
+    def __init__(self, folder: Path, name: str, keeping: SpoolOptions, rest: SplatCloud) -> None:
         self._rest = rest
         self._rest_box: F32 | None = None
         self._folder = folder

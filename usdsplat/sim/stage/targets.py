@@ -12,7 +12,7 @@ from usdsplat.schema import shapes
 from usdsplat.schema.values import value
 from usdsplat.sim.specs import Surface
 from usdsplat.sim.stage.skeletons import Rigs
-from usdsplat.sim.stage.spaces import Space, carry
+from usdsplat.sim.stage.spaces import Space, transform_points
 
 SHAPES = ("Sphere", "Cube", "Cylinder", "Cylinder_1", "Cone", "Capsule", "Capsule_1", "Plane")
 SIZES = ("radius", "radiusBottom", "radiusTop", "height", "size", "width", "length", "axis")
@@ -27,7 +27,7 @@ class Triangles:
         self._is_mesh = bool(prim.IsA(UsdGeom.Mesh))
         if not self._is_mesh and prim.GetTypeName() not in SHAPES:
             kind = f"a prim of type {prim.GetTypeName()!s}"
-            raise StageError(str(prim.GetPath()), kind, "a Mesh, or a shape of UsdGeom's")
+            raise StageError(str(prim.GetPath()), kind, "a Mesh, or a UsdGeom shape")
         skinned = rigs.skin(prim) if self._is_mesh else None
         self._skin = skinned[0] if skinned else None
         self.placer = skinned[1] if skinned else prim
@@ -84,7 +84,7 @@ class Triangles:
             shapes.topology(self.prim, time), points=len(points), levels=0, rest=rest, where=where
         )
         if not len(cut.triangles):
-            raise StageError(where, "a mesh without faces", "one that has some")
+            raise StageError(where, "a mesh without faces", "a mesh with faces")
         self._built = len(points), cut.triangles
         return cut.triangles
 
@@ -106,12 +106,14 @@ class SurfaceReader:
         """
         points, triangles = self.triangles.at(time)
         matrix = self._space.from_prim(self.triangles.placer, time)
-        made = Surface(points=carry(matrix, points), triangles=outwards(triangles, matrix))
-        self._last = same_or(self._last, made)
+        made = Surface(
+            points=transform_points(matrix, points), triangles=facing_outwards(triangles, matrix)
+        )
+        self._last = unchanged_or(self._last, made)
         return self._last
 
 
-def outwards(triangles: I32, matrix: np.ndarray) -> I32:
+def facing_outwards(triangles: I32, matrix: np.ndarray) -> I32:
     """Return triangles that are counter-clockwise from outside after `matrix`, as they were before
     it."""
     if np.linalg.det(matrix[:3, :3]) >= 0:
@@ -119,7 +121,7 @@ def outwards(triangles: I32, matrix: np.ndarray) -> I32:
     return np.ascontiguousarray(triangles[:, ::-1])
 
 
-def same_or(last: Surface | None, made: Surface) -> Surface:
+def unchanged_or(last: Surface | None, made: Surface) -> Surface:
     """Return the last surface if the new one is equal to it, so that results cached for it remain
     valid."""
     if last is None:
@@ -143,5 +145,5 @@ def related(prim: Usd.Prim, name: str) -> Usd.Prim | None:
         raise StageError(where, f"{len(targets)} targets", "one")
     found = prim.GetStage().GetPrimAtPath(targets[0].GetPrimPath())
     if not found:
-        raise StageError(where, f"the target {targets[0]}, which is not there", "a prim")
+        raise StageError(where, f"the target {targets[0]}, which does not exist", "a prim")
     return found

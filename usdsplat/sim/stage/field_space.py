@@ -16,7 +16,7 @@ SHOWN = "carrying:rotations"
 _RIGID = 1e-9
 
 
-def carried_arrays(matrices: Iterable[F64]) -> frozenset[str]:
+def changed_arrays(matrices: Iterable[F64]) -> frozenset[str]:
     """Return the arrays of a cloud that any of these matrices change, shape (4, 4)."""
     found: set[str] = set()
     for matrix in matrices:
@@ -30,7 +30,7 @@ def carried_arrays(matrices: Iterable[F64]) -> frozenset[str]:
     return frozenset(found)
 
 
-def carried(frame: Frame, matrix: F64, state: State, arrays: frozenset[str]) -> Frame:
+def to_field_space(frame: Frame, matrix: F64, state: State, arrays: frozenset[str]) -> Frame:
     """Return a frame in the field's space.
 
     Args:
@@ -38,7 +38,7 @@ def carried(frame: Frame, matrix: F64, state: State, arrays: frozenset[str]) -> 
         matrix: From the field's space to the simulation's, shape (4, 4).
         state: State of the frame. It keeps the last quaternions; each frame takes the sign nearer
             to them, so that they can be interpolated.
-        arrays: The result of `carried_arrays` for all frames; others do not change.
+        arrays: The result of `changed_arrays` for all frames; others do not change.
     """
     cloud = frame.cloud
     moved = edit.transform(cloud, np.linalg.inv(matrix))
