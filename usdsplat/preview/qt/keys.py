@@ -1,6 +1,6 @@
-"""Every key and every gesture, once: menus and the help read this table.
+"""Table of keys and gestures, used by menus and the help.
 
-Letters that fly or choose a manipulator stay with the viewport, so channels have Shift.
+Letters for flight and manipulators are reserved for the viewport, so channels use Shift.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ Place = Literal["window", "viewport"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """Something to do, and how."""
+    """An action with its menu entry and keys."""
 
     name: str
-    """What a window calls it."""
+    """Name of the action."""
     menu: str
-    """The menu it is in, which is its heading in the help too."""
+    """Menu, and heading in the help."""
     text: str
     keys: tuple[str, ...] = ()
-    """The first one is shown in the menu."""
+    """Keys; the first one is shown in the menu."""
     place: Place = "window"
-    """Where the keys hold: everywhere in the window, or in viewport and timeline only."""
+    """Scope of the keys: the whole window, or viewport and timeline only."""
     is_checkable: bool = False
     begins: bool = False
-    """Whether a line stands before it in its menu."""
+    """Whether a separator precedes it in its menu."""
 
 
 KEYS = (
@@ -114,11 +114,11 @@ GESTURES = (
     ("Drag the wipe", "cut the comparison elsewhere"),
     ("Drop a file", "open it in this window"),
 )
-"""What the viewport does by itself, for the help."""
+"""Gestures of the viewport, for the help."""
 
 
 def help_html() -> str:
-    """All of it, as a page."""
+    """Return the help page."""
     sections = []
     for menu in MENUS:
         rows = [(", ".join(key.keys), key.text) for key in KEYS if key.menu == menu and key.keys]
