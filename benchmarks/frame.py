@@ -34,7 +34,7 @@ from benchmarks.scenes import (
     view_of,
 )
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import bins, blend, peak, project, reference
+from usdsplat.kernels import bins, blend, project, ray_hit, reference
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.devices import open_device
@@ -62,7 +62,7 @@ def probe_ns(device: Device) -> float:
     grid = bins.grid_of(0, 0, TILE, TILE * tiles)
     image = np.empty((TILE * tiles, TILE * 4), np.float32)
     work = np.empty(tiles, np.int64)
-    nothing = np.empty((0, peak.PEAK), np.float32), np.empty((0, 0), np.float32)
+    nothing = np.empty((0, ray_hit.RAY_HIT), np.float32), np.empty((0, 0), np.float32)
     spent = []
     for _ in range(6):
         before = time.process_time()

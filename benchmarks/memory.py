@@ -37,7 +37,7 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
     from usdsplat.kernels.bins import TILE
     from usdsplat.kernels.devices import open_device
-    from usdsplat.render.memory import estimate, fitting
+    from usdsplat.render.memory import PictureRequest, estimate, fitting
     from usdsplat.render.renderer import BAND_PIXELS, Renderer
     from usdsplat.render.settings import RenderSettings
 
@@ -47,13 +47,21 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     else:
         cloud, view_matrix, k = garden(int(name.rpartition(" ")[2]))
         scene, view = scene_of(cloud), view_of(view_matrix, lens_of(k, size), size)
-    renderer = Renderer(open_device())
+    device = open_device()
+    renderer = Renderer(device)
     before = resident("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
     settings = RenderSettings(sorting="zDepth", color_mode="scene")
 
     def needed(tiles: int) -> Estimate:
-        return estimate(scene, view, settings, AOVS, band_pixels=tiles * TILE * size[0])
+        return estimate(
+            scene,
+            view,
+            settings,
+            PictureRequest(aovs=AOVS),
+            band_pixels=tiles * TILE * size[0],
+            threads=device.threads,
+        )
 
     tiles = max(1, min(BAND_PIXELS // size[0] // TILE, -(-size[1] // TILE)))
     said, limit = needed(tiles), 0.0

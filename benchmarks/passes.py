@@ -149,12 +149,12 @@ def show_passes(device: str, scenes: Sequence[str]) -> None:
         add_wall(walled, view, renderer)
         of_plain = partial(draw, renderer, scene, view)
         by_camera = replace(PLAIN, sorting="cameraDistance")
-        by_ray = replace(PLAIN, sorting="rayHitDistance")
+        by_ray_hit = replace(PLAIN, sorting="rayHitDistance")
         spent = measured(
             {
                 "plain: zDepth, colour": partial(of_plain, PLAIN, ("color",)),
                 "cameraDistance": partial(of_plain, by_camera, ("color",)),
-                "rayHitDistance": partial(of_plain, by_ray, ("color",)),
+                "rayHitDistance": partial(of_plain, by_ray_hit, ("color",)),
                 "a mesh through it": partial(draw, renderer, walled, view, PLAIN, ("color",)),
                 "+ Z and ids": partial(
                     of_plain, PLAIN, ("color", "depth", "primId", "instanceId", "elementId")
@@ -166,7 +166,7 @@ def show_passes(device: str, scenes: Sequence[str]) -> None:
                 "16 samples": partial(of_plain, replace(PLAIN, samples=16), ("color",)),
                 "all AOVs": partial(of_plain, PLAIN, AOVS),
                 "all AOVs, mesh, rayHitDistance": partial(
-                    draw, renderer, walled, view, by_ray, AOVS
+                    draw, renderer, walled, view, by_ray_hit, AOVS
                 ),
             }
         )

@@ -33,6 +33,7 @@ from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.neighbors import Neighbors, nearest
 from usdsplat.sim.parameters import (
     AffectorParameters,
+    AppearanceParameters,
     NeighborsParameters,
     RdParameters,
     SettleParameters,
@@ -223,7 +224,7 @@ def shapes(device: CpuDevice, points: F32) -> Iterator[Part]:
             name=f"covariances, {name} deformed",
             run=lambda given=given: transport(
                 device, given, state.rest_rotations, state.rest_scales, state.rotations,
-                state.scales,
+                state.scales, AppearanceParameters(),
             ),
             bytes=36 + 28 + 28 + 16, flops=600 * part, goal=25 if part == 1 else None,
         )  # fmt: skip

@@ -15,6 +15,7 @@ from usdsplat.interchange import export_capture as export_capture
 from usdsplat.interchange import import_capture as import_capture
 from usdsplat.interchange.procedural import capture as _capture
 from usdsplat.kernels.devices import open_device as open_device
+from usdsplat.preview.opening import StageLoading as StageLoading
 from usdsplat.preview.opening import open_document as open_document
 from usdsplat.preview.picking import pick as pick
 from usdsplat.preview.saving import save_view as save_view
@@ -23,6 +24,10 @@ from usdsplat.preview.values import Opened as Opened
 from usdsplat.preview.values import Picture as Picture
 from usdsplat.preview.values import SimulationStatus as SimulationStatus
 from usdsplat.preview.values import ViewState as ViewState
+from usdsplat.products.drawing import DrawOptions as DrawOptions
+from usdsplat.products.drawing import draw_frames as draw_frames
+from usdsplat.products.planning import plan_pictures as plan_pictures
+from usdsplat.products.request import RenderRequest as RenderRequest
 from usdsplat.render.settings import RenderSettings as RenderSettings
 from usdsplat.sim.stage.authoring import author as _author
 from usdsplat.sim.stage.simulating import Simulation as Simulation

@@ -12,7 +12,6 @@ from pxr import Sdf, Usd, UsdGeom
 from tests.cli.conftest import ball
 from tests.renders import seen
 from usdsplat import schema
-from usdsplat.cli import summary
 
 
 def test_a_captures_numbers_are_those_of_its_splats(run_json, capture):
@@ -95,24 +94,6 @@ def test_text_leaves_out_what_says_nothing(run, capture):
     assert "ids" not in out
 
 
-def test_a_cloud_that_is_not_finite_can_still_be_described():
-    """Oracle: counted by hand; the bounds are those of what is left."""
-    cloud = ball(4)
-    cloud.positions[0] = np.nan
-    cloud.positions[1] = np.inf
-    cloud.opacities[0] = np.nan
-    told = summary.of_cloud(cloud)
-    assert told["not_finite"] == 7
-    np.testing.assert_array_equal(told["bounds"][0], cloud.positions[2:].min(axis=0))
-
-
-def test_flat_splats_have_no_anisotropy_and_do_not_hide_that_of_others():
-    """Oracle: two splats by hand, of which the flat one's ratio is no number for JSON."""
-    cloud = ball(2)
-    cloud.scales[:] = [[0.1, 0.2, 0.0], [0.1, 0.4, 0.2]]
-    assert summary.of_cloud(cloud)["anisotropy"]["p50"] == pytest.approx(4)
-
-
 def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
     """Oracle: the data's README: one statue twice, half a turn about z apart."""
     told = run_json("info", data / "splats" / "statue_angel.compressed.ply")
@@ -122,12 +103,6 @@ def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
     assert "+y looks like up, as in 'rub': --axes if that is so" in out
     told = run_json("info", data / "splats" / "statue_angel.sog")["frame_guess"]
     assert (told["up"], told["agrees"], told["remark"]) == ("-y", True, "")
-
-
-def test_an_empty_cloud_has_no_bounds():
-    """Oracle: there is nothing to take a minimum of."""
-    told = summary.of_cloud(ball(0))
-    assert (told["splats"], told["bounds"], told["scale"]) == (0, None, None)
 
 
 def test_real_captures_are_described(run_json, data):

@@ -5,95 +5,14 @@ from __future__ import annotations
 import io
 import re
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from tests.cli.conftest import ball
-from usdsplat import formats, schema
-from usdsplat.cli.report.charts import BARS, histogram
-from usdsplat.cli.report.values import round_down
-from usdsplat.cli.report.views import SIDE, views
-from usdsplat.core import axes
-from usdsplat.core.cloud import SplatCloud
-
-COLORS = np.eye(3)
-"""Red is to the right, green above, blue towards who looks from the front."""
-
-
-def jack() -> SplatCloud:
-    """Three balls on the axes right, up and back, and many dark ones in the middle."""
-    rng = np.random.default_rng(0)
-    n = 200
-    positions = np.concatenate([np.repeat(np.eye(3), 20, axis=0), rng.normal(0, 0.05, (n, 3))])
-    colors = np.concatenate([np.repeat(COLORS, 20, axis=0), np.zeros((n, 3))])
-    return SplatCloud(
-        positions=positions.astype(np.float32),
-        scales=np.full((n + 60, 3), 0.02, np.float32),
-        rotations=np.tile(np.float32([1, 0, 0, 0]), (n + 60, 1)),
-        opacities=np.full(n + 60, 0.95, np.float32),
-        sh=((colors[:, None] - 0.5) / 0.28209479).astype(np.float32),
-    )
-
-
-def middle(pixels: np.ndarray, channel: int) -> tuple[float, float]:
-    """Where a colour is in a picture, right and up of its middle, -1 to 1."""
-    others = np.delete(pixels.astype(float), channel, axis=2).max(axis=2)
-    weight = np.maximum(pixels[..., channel] - others - 60, 0)
-    rows, columns = np.mgrid[:SIDE, :SIDE] + 0.5
-    x, y = (float((weight * at).sum() / weight.sum()) for at in (columns, rows))
-    return 2 * x / SIDE - 1, 1 - 2 * y / SIDE
-
-
-@pytest.mark.parametrize(("up_axis", "frame"), [("Y", "rub"), ("Z", "rfu")])
-def test_pictures_show_the_sides_that_they_are_named_after(up_axis: str, frame: str) -> None:
-    """Oracle: where right, up and back are on each side of a thing, by words."""
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, up_axis)
-    cloud = jack()
-    turn = axes.change("rub", frame).astype(np.float32)
-    schema.author(stage, "/Jack", replace(cloud, positions=cloud.positions @ turn.T))
-    front, right, top = views(stage, None, frame)
-    where = {
-        side.title.partition(":")[0]: [middle(side.pixels, channel) for channel in range(3)]
-        for side in (front, right, top)
-    }
-    unit = 2 * front.bar / float(front.bar_text)  # of the world, where the picture is 2 wide
-    for side, one, other, expected in (
-        ("front", 0, 1, (1, -1)),
-        ("right", 2, 1, (-1, -1)),
-        ("top", 0, 2, (1, 1)),
-    ):
-        apart = np.subtract(where[side][one], where[side][other])
-        np.testing.assert_allclose(apart, np.multiply(expected, unit), atol=0.01, err_msg=side)
-    names = {"rub": ("x right, y up", "-z right, y up", "x right, -z up")}
-    names["rfu"] = ("x right, z up", "y right, z up", "x right, y up")
-    assert [side.title.partition(": ")[2] for side in (front, right, top)] == list(names[frame])
-
-
-def test_bars_count_what_they_say() -> None:
-    """Oracle: NumPy, and numbers that were laid out by hand."""
-    even = histogram("a", np.linspace(0, 1, 60_001), limits=(0.0, 1.0))
-    assert even.counts.sum() == 60_001 and abs(even.counts - 1000).max() <= 1
-    assert [text for _, text in even.ticks()] == ["0", "0.5", "1"]
-    powers = histogram("b", 10.0 ** np.linspace(-3, 1, 4001), logarithmic=True)
-    assert powers.counts.sum() == 4001 and len(powers.counts) == BARS
-    assert powers.median == pytest.approx(0.1)
-    assert powers.place(0.1) == pytest.approx(0.5, abs=1e-3)
-    odd = histogram("c", np.array([0.0, np.nan, np.inf, -1, 2, 2]), logarithmic=True)
-    assert (odd.counts.sum(), odd.beyond, odd.median) == (2, 4, 2)
-    assert histogram("d", np.array([0.0]), logarithmic=True) is None
-    same = histogram("e", np.full(9, 3.0))
-    assert same.counts.sum() == 9 and same.edges[0] < 3 < same.edges[-1]
-    outlier = histogram("f", np.append(np.linspace(0, 1, 9999), 1e9))
-    assert outlier.edges[-1] < 1.1 and outlier.counts.sum() == 10_000
-
-
-def test_round_numbers() -> None:
-    """Oracle: by hand."""
-    assert [round_down(x) for x in (1, 1.9, 2, 4.99, 5, 0.03)] == [1, 1, 2, 2, 5, 0.02]
+from usdsplat import formats
+from usdsplat.products.report.views import SIDE
 
 
 def test_a_page_of_a_capture_is_a_picture(run, run_json, capture, tmp_path, compiled) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from usdsplat.cli.values import bytes_of, crop_of, names_of, overscan_of, said_bytes
+from usdsplat.cli.values import bytes_of, crop_of, names_of, overscan_of
 from usdsplat.core.errors import UsageError
 
 
@@ -53,10 +53,3 @@ def test_a_crop_without_area_is_refused(text):
 def test_what_is_not_given_is_no_opinion():
     """Oracle: None."""
     assert [read(None) for read in (bytes_of, crop_of, overscan_of, names_of)] == [None] * 4
-
-
-def test_sizes_are_said_with_a_digit_that_matters():
-    """Oracle: by hand."""
-    assert said_bytes(2.5 * 2**30) == "2.50 GiB"
-    assert said_bytes(300 * 2**20) == "300 MiB"
-    assert said_bytes(0.25 * 2**20) == "0.2 MiB"

@@ -145,7 +145,12 @@ def test_ids_name_the_prims_that_are_drawn():
 def test_auto_sorting_follows_the_visible_prims(agreed):
     """Oracle: pictures with the sorting named; hidden prims have no say."""
     stage = two_fields()
-    schema.author(stage, "/World/A", random_cloud(1, n=80), sorting_mode="cameraDistance")
+    schema.author(
+        stage,
+        "/World/A",
+        random_cloud(1, n=80),
+        drawing=schema.DrawingHints(sorting_mode="cameraDistance"),
+    )
     if agreed:
         UsdGeom.Imageable(stage.GetPrimAtPath("/World/B")).MakeInvisible()
     with Engine(stage) as engine:

@@ -232,7 +232,13 @@ def test_the_way_of_rasterising_is_kept(tmp_path: Path, antialiased: bool) -> No
 def test_what_the_file_cannot_say_is_noted(stage, tmp_path: Path) -> None:
     """Oracle: the facts of the stage."""
     moving = cloud(n=2, moving=True)
-    schema.author(stage, "/A", moving, color_space="lin_rec709_scene", rasterize_mode="antialiased")
+    schema.author(
+        stage,
+        "/A",
+        moving,
+        color_space="lin_rec709_scene",
+        drawing=schema.DrawingHints(rasterize_mode="antialiased"),
+    )
     notes = " / ".join(export_capture(stage, tmp_path / "a.ply").notes)
     assert "lin_rec709_scene" in notes
     assert "ids are not written" in notes

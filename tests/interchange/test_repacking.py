@@ -85,9 +85,11 @@ def test_modes_colour_space_and_memory_of_the_import_stay(tmp_path: Path) -> Non
         "/Splats",
         cloud(),
         color_space="lin_rec709_scene",
-        rasterize_mode="antialiased",
-        sorting_mode="cameraDistance",
-        projection_mode="tangential",
+        drawing=schema.DrawingHints(
+            rasterize_mode="antialiased",
+            sorting_mode="cameraDistance",
+            projection_mode="tangential",
+        ),
     )
     repack(stage, tmp_path / "b.usdc", form="packed")
     found = opened(tmp_path / "b.usdc", "/Splats")

@@ -11,10 +11,14 @@ import pytest
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels import ahead, jit, sort, store, total
 from usdsplat.kernels.compiling import on_compile
+from usdsplat.kernels.launch import kernel
 
 PATIENCE = 60.0
 """[s] For a machine with much else to do."""
-KERNELS = [("total.clear", "f4:3C"), ("total.add", "f4:3C f4:3C")]
+KERNELS = [
+    ("total.clear", "(int64,int64) (f4:3C)"),
+    ("total.add", "(int64,int64) (f4:3C,f4:3C)"),
+]
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -34,7 +38,8 @@ def test_who_needs_what_is_being_compiled_waits_for_it(folder, compiled_here):
     out = image.copy()
     with ahead.compiling(KERNELS, jobs=1):
         assert len(jit.COMING) == 2
-        jit.parallel(total.add.py_func)(out, image)
+        again = kernel(over="total", writes=("total",), axes=2)(total.add.function)
+        again.on_cpu((out, image))
         kept = [path for path in folder.rglob("*") if path.stat().st_size > 5000]
     assert compiled_here == ["add"]
     np.testing.assert_array_equal(out, image + image)

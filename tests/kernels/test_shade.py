@@ -129,7 +129,8 @@ def test_every_level_of_a_pyramid_keeps_the_mean(device, size):
     levels, texels = np.array(levels, texture.LEVEL), np.zeros(end, np.float32)
     texels[: pixels.size] = pixels.ravel()
     for k in range(len(levels) - 1):
-        device.run(texture.halve, texels, levels, k)
+        small = int(levels["height"][k + 1]), int(levels["width"][k + 1])
+        device.run(texture.halve, texels, levels, k, small)
     for level in levels:
         n = int(level["width"] * level["height"])
         mean = texels[level["first"] :][: 3 * n].reshape(-1, 3).mean(axis=0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.devices import device_of
-from usdsplat.kernels import bins, blend, median, peak, project, sort
+from usdsplat.kernels import bins, blend, median, project, ray_hit, sort
 from usdsplat.kernels.device import CpuDevice
 
 rng = np.random.default_rng(11)
@@ -63,8 +63,8 @@ def some_records(n, size, *, needles=False):
 ROUNDING = 2 * 2.0**-24
 """Of each term of an exponent: difference, products and coefficient err by half an ulp each, and
 not all of them the same way."""
-NOTHING_BEHIND = (np.empty((0, peak.PEAK), np.float32), np.empty((0, 0), np.float32))
-"""Peaks and depths of surfaces where there are no surfaces."""
+NOTHING_BEHIND = (np.empty((0, ray_hit.RAY_HIT), np.float32), np.empty((0, 0), np.float32))
+"""Ray hits and depths of surfaces where there are no surfaces."""
 
 
 def lists_of(device, records, window, chunks=3):

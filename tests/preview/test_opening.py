@@ -13,7 +13,7 @@ from tests.preview.stage_model.stages import rich
 from tests.sim.stage.scenes import save_shot
 from usdsplat import formats, schema
 from usdsplat.core.errors import FormatError, StageError, UsageError, UsdSplatError
-from usdsplat.preview.opening import changed_files, document_of, open_document, reload
+from usdsplat.preview.opening import StageLoading, changed_files, document_of, open_document, reload
 from usdsplat.preview.values import Busy, Problem, StageChanged, ViewState
 
 
@@ -100,9 +100,11 @@ def test_options_of_a_stage_hold_and_a_users_edits_are_stronger(opened, shot, tm
     given.Save()
     document, _ = opened(
         shot,
-        variants=("/World/Part:season=autumn",),
-        mask=("/World/Ball", "/World/Part"),
-        session_layer=tmp_path / "given.usda",
+        loading=StageLoading(
+            variants=("/World/Part:season=autumn",),
+            mask=("/World/Ball", "/World/Part"),
+            session_layer=tmp_path / "given.usda",
+        ),
     )
     part = document.stage.GetPrimAtPath("/World/Part")
     assert part.GetVariantSets().GetVariantSelection("season") == "autumn"
@@ -110,7 +112,7 @@ def test_options_of_a_stage_hold_and_a_users_edits_are_stronger(opened, shot, tm
     assert radius(document) == 5.0
     document.edits.set_value("/World/Ball.radius", 6.0)
     assert radius(document) == 6.0
-    muted, _ = opened(shot, mute=("weak",))
+    muted, _ = opened(shot, loading=StageLoading(mute=("weak",)))
     assert not muted.stage.GetPrimAtPath("/World/Cloud")
 
 
@@ -127,12 +129,12 @@ def test_a_capture_becomes_a_stage_and_says_what_goes_on(opened, capture):
 @pytest.mark.parametrize(
     ("name", "options", "error"),
     [
-        ("scan.ply", {"mute": ("x",)}, UsageError),
-        ("scan.ply", {"variants": ("/A:b=c",)}, UsageError),
+        ("scan.ply", {"loading": StageLoading(mute=("x",))}, UsageError),
+        ("scan.ply", {"loading": StageLoading(variants=("/A:b=c",))}, UsageError),
         ("scan.ply", {"axes": "sideways"}, UsageError),
         ("shot.usda", {"axes": "rdf"}, UsageError),
-        ("shot.usda", {"mask": ("/None",)}, StageError),
-        ("shot.usda", {"variants": ("nonsense",)}, UsageError),
+        ("shot.usda", {"loading": StageLoading(mask=("/None",))}, StageError),
+        ("shot.usda", {"loading": StageLoading(variants=("nonsense",))}, UsageError),
         ("none.usda", {}, StageError),
         ("none.ply", {}, FormatError),
         ("broken.ply", {}, FormatError),

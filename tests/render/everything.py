@@ -130,7 +130,7 @@ def _moved(view: View, time: float) -> View:
     return replace(view, camera=replace(view.camera, world_to_camera=tuple(matrix.ravel())))
 
 
-def _holdout(case: Case) -> Any:
+def holdout_of(case: Case) -> Any:
     """What the case's holdout has in some rows, or None."""
 
     def flat(x0: int, y0: int, x1: int, y1: int) -> Any:
@@ -156,7 +156,7 @@ def drawn(device: Device, case: Case, *, size: tuple[int, int], splats: int) -> 
     renderer = Renderer(device)
     bands = renderer.render(
         scene, view, settings_of(**case.settings), case.aovs,
-        sampler=lambda time: (scene, _moved(view, time)), holdout=_holdout(case),
+        sampler=lambda time: (scene, _moved(view, time)), holdout=holdout_of(case),
         band_pixels=size[0] * size[1] // 2 + size[0],
     )  # fmt: skip
     parts = [{name: array.copy() for name, array in band.arrays.items()} for band in bands]
@@ -174,7 +174,7 @@ def drawn_deep(
     """A case as a deep picture, band by band."""
     scene, view = scene_of(case, splats), view_on(case, size)
     settings = settings_of(**case.settings, deep_error=error)
-    bands = Renderer(device).render_deep(scene, view, settings, holdout=_holdout(case))
+    bands = Renderer(device).render_deep(scene, view, settings, holdout=holdout_of(case))
     return [
         DeepSamples(*(each.copy() for each in (s.counts, s.depth, s.depth_back, s.color, s.left)))
         for _, _, s in bands

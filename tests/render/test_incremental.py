@@ -214,6 +214,6 @@ def test_blocks_that_a_view_does_not_see_change_no_picture(monkeypatch):
                 never.setattr(spatial_order, "LEAST", LARGE + 1)
                 assert_equal(picture(plain, view, aovs=AOVS), found)
             scratch = renderer._idle[0]
-            marks = scratch.get("closed", (-(-LARGE // 1024),), np.uint8)
+            marks = scratch.splats.closed(-(-LARGE // 1024))
             closed.append(renderer._device.fetch(marks).sum())
         assert max(closed) > 0, "or nothing was left out"

@@ -8,14 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.render.rendering import lens, random_cloud, scene_of, view_of
+from tests.render import everything
+from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
+from usdsplat.kernels import project
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
+from usdsplat.render.buffers import Sizes
+from usdsplat.render.memory import PictureRequest
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
 
 VIEW = view_of(lens())
+SIZE = (256, 256)
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="scene")
 
 
@@ -24,10 +29,11 @@ def scene():
     return scene_of((random_cloud(1), np.eye(4)))
 
 
-def needed(scene, *aovs, settings=SETTINGS, size=(256, 256), rows=64, **options):
+def needed(scene, *aovs, settings=SETTINGS, size=SIZE, rows=64, **options):
     view = View(camera=view_of(lens()).camera, framing=Framing(resolution=size))
     band = rows * size[0]
-    return memory.estimate(scene, view, settings, aovs or ("color",), band_pixels=band, **options)
+    request = PictureRequest(aovs=aovs or ("color",), **options)
+    return memory.estimate(scene, view, settings, request, band_pixels=band, threads=2)
 
 
 @pytest.mark.parametrize("budget", [0, 100])
@@ -38,23 +44,95 @@ def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene, budget):
     for _ in renderer.render(scene, view_of(lens()), settings, ("color",)):
         pass
     screen = memory.Screen.of(view_of(lens()))
-    seen, pairs = memory._seen(scene.draw_list(budget), screen)
+    visible, crossings, pairs = memory._visible(scene.draw_list(budget), screen)
     assert renderer.stats.visible > 0
-    assert seen == pytest.approx(renderer.stats.visible, rel=0.33)
+    assert visible == pytest.approx(renderer.stats.visible, rel=0.33)
     assert pairs == pytest.approx(renderer.stats.pairs, rel=0.33)
+    made = renderer._idle[0].allocated()["tiles.crossings"]
+    assert crossings == pytest.approx(made / 8, rel=0.33)
+
+
+@pytest.mark.parametrize("name", everything.CASES)
+def test_a_picture_allocates_what_is_declared(name):
+    """Oracle: the bytes of every buffer that a renderer has after one band."""
+    case = everything.CASES[name]
+    scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
+    settings = settings_of(**case.settings)
+    renderer = Renderer(open_device(threads=2))
+    for _ in renderer.render(
+        scene, view, settings, case.aovs, sampler=lambda _: (scene, view),
+        holdout=everything.holdout_of(case),
+    ):  # fmt: skip
+        pass
+    check(
+        renderer,
+        scene,
+        view,
+        settings,
+        PictureRequest(aovs=case.aovs, holds_out=bool(case.holdout)),
+    )
+
+
+@pytest.mark.parametrize("name", everything.DEEP)
+def test_a_deep_picture_allocates_what_is_declared(name):
+    """Oracle: as above."""
+    case = everything.CASES[name]
+    scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
+    settings = settings_of(**case.settings)
+    renderer = Renderer(open_device(threads=2))
+    for _ in renderer.render_deep(scene, view, settings, holdout=everything.holdout_of(case)):
+        pass
+    request = PictureRequest(aovs=(), holds_out=bool(case.holdout), deep=True)
+    check(renderer, scene, view, settings, request)
+
+
+def check(renderer, scene, view, settings, request) -> None:
+    """Compare the buffers of a renderer with what `memory` says of its picture."""
+    made = renderer._idle[0].allocated()
+    layout = scene.draw_list(settings.splat_budget)
+    visible = made["splats.ordered"] // (4 * project.RECORD)
+    shown = made.get("display.records", 0) // (4 * project.RECORD)
+    if settings.samples == 1:
+        assert renderer.stats.visible == (shown // 2 or visible)
+        assert renderer.stats.pairs == made["tiles.lists"] // 4
+    sizes = Sizes(
+        slots=layout.slots,
+        blocks=len(layout.block_starts),
+        visible=visible,
+        shown=shown,
+        chunks=4 * 2,
+        height=SIZE[1],
+        width=SIZE[0],
+        tile_rows=-(-SIZE[1] // 16),
+        tile_columns=-(-SIZE[0] // 16),
+        crossings=made["tiles.crossings"] // 8,
+        pairs=made["tiles.lists"] // 4,
+        triangle_pairs=made.get("triangles.lists", 0) // 4,
+    )
+    used = memory.buffers_of(scene, view, settings, request)
+    declared = {name: buffer.nbytes(sizes) for name, buffer in used.items()}
+    spare = {"splats.ties", "splats.closed"}
+    if request.holds_out:  # a flat holdout is a depth, a deep one is walked through
+        spare |= {name for name in declared if name.endswith((".through", ".ray_depths"))}
+        spare |= {"tiles.work", "pixels.holdout_depth", "pixels.holdout_covered"}
+    assert made.keys() - spare == declared.keys() - spare
+    assert {name: declared.get(name, made[name]) for name in made} == made
 
 
 def test_display_modes_take_what_they_make(scene):
-    """Oracle: the arrays: nine features of each splat twice; records, order, ranks twice more."""
-    seen, _ = memory._seen(scene.draw_list(), memory.Screen.of(VIEW))
+    """Oracle: the arrays: nine features of each splat twice; records, order, ranks twice more, and
+    a byte for whether it is opaque."""
+    visible, *_ = memory._visible(scene.draw_list(), memory.Screen.of(VIEW))
 
     def per_splat(mode):
         settings = replace(SETTINGS, display_mode=mode)
-        estimate = memory.estimate(scene, VIEW, settings, ("color",), band_pixels=1 << 20)
-        return estimate.splats / seen
+        estimate = memory.estimate(
+            scene, VIEW, settings, PictureRequest(), band_pixels=1 << 20, threads=2
+        )
+        return estimate.splats / visible
 
     assert per_splat("normals") - per_splat("splats") == pytest.approx(2 * 9 * 4)
-    assert per_splat("ellipses") - per_splat("splats") == pytest.approx(2 * (12 + 1 + 1) * 4)
+    assert per_splat("ellipses") - per_splat("splats") == pytest.approx(2 * (12 + 1 + 1) * 4 + 1)
     assert per_splat("points") == per_splat("splats")
 
 

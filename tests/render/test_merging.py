@@ -79,10 +79,10 @@ def psnr(found, expected):
 
 
 def decided(seen, eye, stops):
-    """Pixels where no contribution peaks within float32's reach of the surface, nor an outline
+    """Pixels where no ray hit lies within float32's reach of the surface, nor an outline
     passes: elsewhere either answer is right."""
-    peaks, alphas = reference_rays.peak_depths(seen, eye), reference_rays.alphas(seen, eye)
-    close = ((np.abs(peaks - stops) < 2e-4) & (alphas > 0)).any(axis=0)
+    ray_hits, alphas = reference_rays.ray_hit_depths(seen, eye), reference_rays.alphas(seen, eye)
+    close = ((np.abs(ray_hits - stops) < 2e-4) & (alphas > 0)).any(axis=0)
     hit = np.isfinite(stops)
     outline = np.zeros_like(hit)
     for axis in (0, 1):
@@ -104,12 +104,12 @@ def test_splats_are_hidden_where_they_peak_behind_a_surface(kind, model, sorting
     bare = picture(add(scene_of(), "/mesh", mesh_of(kind)), view_of(eye), aovs=("color",))
     found = picture(scene, view_of(eye), sorting=sorting, aovs=("color", "depth"))
     seen, stops = reference.footprints(parts, eye), depth_of(kind, eye)
-    rays = reference_rays.trace(seen, eye, by_ray=sorting == "rayHitDistance", stops=stops)
+    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", stops=stops)
     expected = rays.color + rays.through[..., None] * bare["color"]
     sure = decided(seen, eye, stops)
     assert sure.mean() > 0.8
     assert psnr(found["color"][sure], expected[sure]) > 60
-    through = reference_rays.trace(seen, eye, by_ray=sorting == "rayHitDistance")
+    through = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance")
     assert psnr(found["color"][sure], through.color[sure]) < 40  # it matters here
     assert (found["depth"] <= stops * (1 + 1e-4))[sure].all()
     assert (found["depth"] >= eye.near).all()
@@ -126,8 +126,8 @@ def test_matte_things_hide_and_are_not_there() -> None:
     sure = decided(seen, eye, stops)
     for sorting in ("zDepth", "rayHitDistance"):
         found = picture(scene, view, sorting=sorting, aovs=("color",))["color"]
-        by_ray = sorting == "rayHitDistance"
-        rays = reference_rays.trace(seen, eye, by_ray=by_ray, stops=stops, keeps=keeps)
+        by_ray_hit = sorting == "rayHitDistance"
+        rays = reference_rays.trace(seen, eye, sort_by_ray_hit=by_ray_hit, stops=stops, keeps=keeps)
         assert psnr(found[sure], rays.color[sure]) > 60
 
 
@@ -235,7 +235,7 @@ def test_a_deep_holdout_dims_what_is_behind_each_sample(sorting) -> None:
     found = picture(scene, view_of(eye), holdout=holdout, sorting=sorting, aovs=("color",))["color"]
     bare = picture(add(scene_of(), "/mesh", mesh_of("ball")), view_of(eye), aovs=("color",))
     seen, stops = reference.footprints(parts, eye), depth_of("ball", eye)
-    rays = reference_rays.trace(seen, eye, by_ray=sorting == "rayHitDistance", stops=stops)
+    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", stops=stops)
 
     def held(at):
         """What the samples nearer than `at`, shape (..., h, w), let through."""

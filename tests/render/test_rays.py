@@ -34,7 +34,7 @@ def test_the_order_of_each_pixel_is_that_of_its_ray(model: str) -> None:
     scene = scene_of(*parts, projection_mode=mode)
     found = picture(scene, view_of(eye), sorting="rayHitDistance", aovs=("color", "depth"))
     seen = reference.footprints(parts, eye)
-    rays = reference_rays.trace(seen, eye, by_ray=True)
+    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=True)
     assert difference(found["color"], rays.color) > 60
     flat = reference.render(parts, eye)
     assert difference(found["color"], flat.color) < 50  # the order matters in this scene
@@ -51,7 +51,7 @@ def test_first_and_expected_depth_are_those_of_the_contributions(sorting: str) -
     aovs = ("color", "depthFront", "depthExpected")
     found = picture(scene_of(*parts), view_of(eye), aovs=aovs, sorting=sorting)
     seen = reference.footprints(parts, eye)
-    rays = reference_rays.trace(seen, eye, by_ray=sorting == "rayHitDistance")
+    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance")
     whole = rays.color[..., 3]
     front = reference_rays.median(rays, 0.0, whole)
     assert np.isclose(found["depthFront"], front, rtol=1e-4).mean() > 0.995

@@ -161,9 +161,6 @@ def test_other_prims_are_no_fields(stage: Usd.Stage) -> None:
     ("option", "value"),
     [
         ("form", "double"),
-        ("rasterize_mode", "sharp"),
-        ("projection_mode", "fisheye"),
-        ("sorting_mode", "random"),
         ("color_space", "no_such_space"),
     ],
 )
@@ -174,6 +171,16 @@ def test_options_that_cannot_be_are_refused_before_anything_is_written(
     with pytest.raises(UsageError, match=value):
         schema.author(stage, "/Splats", cloud(), **{option: value})
     assert not stage.GetPrimAtPath("/Splats")
+
+
+@pytest.mark.parametrize(
+    ("hint", "value"),
+    [("rasterize_mode", "sharp"), ("projection_mode", "fisheye"), ("sorting_mode", "random")],
+)
+def test_hints_that_cannot_be_are_refused(hint: str, value: str) -> None:
+    """Oracle: the documented error."""
+    with pytest.raises(UsageError, match=f"{hint}: found '{value}'"):
+        schema.DrawingHints(**{hint: value})
 
 
 def test_data_attributes_are_those_that_the_cloud_depends_on(stage: Usd.Stage) -> None:

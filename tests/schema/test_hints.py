@@ -84,7 +84,7 @@ def test_modes_are_written_and_read(stage: Usd.Stage, form: str) -> None:
         "projection_mode": "tangential",
         "sorting_mode": "rayHitDistance",
     }
-    schema.author(stage, "/Splats", cloud(1), form=form, **modes)
+    schema.author(stage, "/Splats", cloud(1), form=form, drawing=schema.DrawingHints(**modes))
     prim = schema.author(stage, "/Splats", cloud(2), form=form)
     for name, value in modes.items():
         assert getattr(schema, name)(prim) == value

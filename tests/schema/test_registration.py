@@ -59,7 +59,8 @@ def test_too_late_stock_works_and_packed_says_how_to_cure_it() -> None:
         + """
 import usdsplat.schema as schema
 from usdsplat.core.errors import SchemaUnavailableError
-prim = schema.author(s, "/Stock", cloud(), rasterize_mode="antialiased")
+hints = schema.DrawingHints(rasterize_mode="antialiased")
+prim = schema.author(s, "/Stock", cloud(), drawing=hints)
 assert schema.fetch(prim).sh.sum() == 24 and schema.rasterize_mode(prim) == "antialiased"
 assert {finding.path for finding in schema.validate(s)} == {"/"}
 for action in (lambda: schema.author(s, "/Packed", cloud(), form="packed"),

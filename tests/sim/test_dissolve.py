@@ -14,6 +14,7 @@ from usdsplat.sim.dissolve import TIMES, Dissolve
 from usdsplat.sim.flight import fly
 from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
 from usdsplat.sim.state import ALIVE, FREE, PINNED, State
+from usdsplat.sim.timeline import Step
 
 DEVICE = open_device()
 UP = np.float32([0, 0.6, 0.8])
@@ -188,7 +189,7 @@ def test_steps_of_flight_converge_to_what_assembling_places() -> None:
         dissolve.release(state, normals(state), now=0.0)
         for step in range(steps):
             now, dt = step / steps, 1 / steps
-            fly(DEVICE, state, FLIGHT, to_world=ONE, now=now, dt=dt, seed=1)
+            fly(DEVICE, state, FLIGHT, Step(now, dt, 1), to_world=ONE)
         mirror = at_rest(100)
         assemble = made(mirror, mode="assemble", speed=1.5, start=1.0, duration=0.0)
         assemble.place(

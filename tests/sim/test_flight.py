@@ -16,6 +16,7 @@ from usdsplat.kernels.sim.flight import flight
 from usdsplat.sim.flight import fly
 from usdsplat.sim.parameters import ParticlesParameters
 from usdsplat.sim.state import ALIVE, FREE, PINNED, State
+from usdsplat.sim.timeline import Step
 
 DEVICE = open_device()
 ONE = np.eye(4)
@@ -47,8 +48,8 @@ def state_of(positions, velocities=0.0) -> State:
 def run(state: State, particles: ParticlesParameters, seconds: float, steps: int, **options):
     """`steps` equal steps."""
     for step in range(steps):
-        settings = {"to_world": ONE, "dt": seconds / steps, "seed": 1} | options
-        fly(DEVICE, state, particles, now=step * seconds / steps, **settings)
+        each = Step(step * seconds / steps, seconds / steps, 1)
+        fly(DEVICE, state, particles, each, **{"to_world": ONE, **options})
     return state
 
 
@@ -130,7 +131,7 @@ def test_whirls_change_over_time() -> None:
         particles = ParticlesParameters(turbulence=1.0, turbulence_speed=speed, drag=1e3)
         states = [state_of(points), state_of(points)]
         for state, now in zip(states, (0.0, 4.0), strict=True):
-            fly(DEVICE, state, particles, to_world=ONE, now=now, dt=0.1, seed=1)
+            fly(DEVICE, state, particles, Step(now, 0.1, 1), to_world=ONE)
         first, second = (state.velocities.ravel() for state in states)
         assert abs(np.corrcoef(first, second)[0, 1] - correlation) < 0.05
 
@@ -163,6 +164,6 @@ def test_threads_do_not_matter() -> None:
     for device in (CpuDevice(threads=1), CpuDevice()):
         state = state_of(points)
         for step in range(5):
-            fly(device, state, particles, to_world=ONE, now=step / 24, dt=1 / 24, seed=1)
+            fly(device, state, particles, Step(step / 24, 1 / 24, 1), to_world=ONE)
         digests.add(state.digest())
     assert len(digests) == 1

@@ -19,6 +19,8 @@ from usdsplat.sim.population import (
     grow,
 )
 from usdsplat.sim.state import ALIVE, BORN, DYING, FREE, PINNED, State
+from usdsplat.sim.support import Neighborhood
+from usdsplat.sim.timeline import Step
 
 DEVICE = open_device()
 EAGER = GrowthParameters(birth_rate=1e3, v_min=0.1, v_max=0.2, birth_fade=0.5, death_fade=0.5)
@@ -50,18 +52,17 @@ def normals(n, seed=1) -> np.ndarray:
 
 def have(state, growth=EAGER, *, device=DEVICE, **options) -> np.ndarray:
     """Births of a step."""
-    settings = {
+    around = {
         "crowding": np.zeros(len(state), np.float32),
         "normals": normals(len(state)),
         "dimension": 2,
         "target": 16.0,
-        "h_target": 0.15,
-        "maximum": 10**6,
-        "seed": 5,
-        "now": 1.0,
-        "dt": 0.1,
-    } | options
-    return births(device, state, growth, **settings)
+        "usual_support": 0.15,
+    }
+    around |= {name: options.pop(name) for name in around.keys() & options.keys()}
+    step = Step(options.pop("now", 1.0), options.pop("dt", 0.1), options.pop("seed", 5))
+    settings = {"maximum": 10**6} | options
+    return births(device, state, growth, step, Neighborhood(**around), **settings)
 
 
 def depth(opacities) -> np.ndarray:
@@ -109,7 +110,7 @@ def test_09_ids_ascend_and_optical_depth_is_conserved() -> None:
     first = state.next_id
     for step in range(12):
         state.step = step
-        parents = have(state, h_target=0.3, now=step / 10)
+        parents = have(state, usual_support=0.3, now=step / 10)
         new = len(state) - len(parents)
         assert np.array_equal(state.parents[new:], state.ids[parents])
         assert np.array_equal(state.ids[new:], first + np.arange(len(parents)))
@@ -196,7 +197,7 @@ def test_harmonics_stay_shared_and_stay_apart() -> None:
 
 
 def test_rate_of_births() -> None:
-    """Oracle: rate times time times S(v) (h / h_target)^d, in the mean over splats that begin
+    """Oracle: rate times time times S(v) (h / usual_support)^d, in the mean over splats that begin
     anywhere, and to one child for each; crowded children have none."""
     for dimension, speed in ((2, 0.5), (3, 0.5), (2, 6.0)):
         growth = GrowthParameters(birth_rate=speed, v_min=0.1, v_max=0.3)
@@ -206,7 +207,7 @@ def test_rate_of_births() -> None:
         count = np.zeros(5000)
         for _ in range(40):
             crowding = (9 * (np.arange(len(state)) >= 5000)).astype(np.float32)
-            born = have(state, growth, dimension=dimension, h_target=0.2, crowding=crowding)
+            born = have(state, growth, dimension=dimension, usual_support=0.2, crowding=crowding)
             count += np.bincount(born, minlength=5000)
         assert abs(count.mean() / (4.0 * rate.mean()) - 1) < 0.02
         assert np.all(np.abs(count - 4.0 * rate) <= 1 + 1e-4)

@@ -10,8 +10,10 @@ import pytest
 from usdsplat.core import sh as harmonics
 from usdsplat.core import sh_rotation
 from usdsplat.kernels.devices import open_device
+from usdsplat.sim.parameters import AppearanceParameters
 from usdsplat.sim.transport import rotate_harmonics, thin, transport
 
+PLAIN = AppearanceParameters()
 IDENTITY = np.eye(3, dtype=np.float32)
 
 
@@ -51,7 +53,8 @@ def gradients(n=2000, *, most=3.0, seed=2):
 def carry(f, q, s, *, before=None, **options):
     """(rotations, scales, areas) of a transport."""
     rotations, scales = (q if before is None else before).copy(), np.empty_like(s)
-    areas = transport(open_device(), f, q, s, rotations, scales, **options)
+    appearance = AppearanceParameters(**options)
+    areas = transport(open_device(), f, q, s, rotations, scales, appearance)
     return rotations, scales, areas
 
 
@@ -104,7 +107,7 @@ def test_not_a_number_is_at_rest() -> None:
 def test_rigid_splats_keep_their_size_and_turn_with_the_polar_rotation() -> None:
     """Oracle: R of F = R U by NumPy's singular value decomposition in float64."""
     (q, s), f = splats(), gradients()
-    rotations, scales, _ = carry(f, q, s, policy="rigid")
+    rotations, scales, _ = carry(f, q, s, covariance="rigid")
     u, _, v = np.linalg.svd(f.astype(np.float64))
     assert np.array_equal(scales, s)
     np.testing.assert_allclose(axes_of(rotations), u @ v @ axes_of(q), atol=3e-6)
@@ -113,7 +116,7 @@ def test_rigid_splats_keep_their_size_and_turn_with_the_polar_rotation() -> None
 def test_volume_is_kept_if_asked() -> None:
     """Oracle: closed form: the product of the axes."""
     (q, s), f = splats(anisotropy=100), gradients()
-    _, scales, _ = carry(f, q, s, policy="volume")
+    _, scales, _ = carry(f, q, s, covariance="volume")
     volume = s.astype(np.float64).prod(axis=1)
     np.testing.assert_allclose(scales.astype(np.float64).prod(axis=1), volume, rtol=1e-5)
 
@@ -143,7 +146,7 @@ def test_orientation_has_no_jumps() -> None:
         turn = [[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]]
         f = np.float32(turn @ np.diag([1, 1 + 0.2 * math.sin(a / 2), 1]))
         before = rotations.copy()
-        transport(open_device(), np.tile(f, (200, 1, 1)), q, s, rotations, scales)
+        transport(open_device(), np.tile(f, (200, 1, 1)), q, s, rotations, scales, PLAIN)
         dots = (before * rotations).sum(axis=1)
         assert dots.min() > 0.99
         if k == steps // 2:
@@ -233,7 +236,9 @@ def test_threads_do_not_matter() -> None:
     for threads in (1, None):
         device = open_device(threads=threads)
         rotations, scales, flags = q.copy(), np.empty_like(s), np.zeros(5000, np.uint8)
-        areas = transport(device, f, q, s, rotations, scales, keep_opacity=True)
+        areas = transport(
+            device, f, q, s, rotations, scales, AppearanceParameters(keep_opacity=True)
+        )
         results.append((rotations, scales, areas, *rotate_harmonics(device, f, sh, sh, flags)))
     for one, all_of_them in zip(*results, strict=True):
         assert np.array_equal(one, all_of_them)

@@ -28,7 +28,7 @@ from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from usdsplat.cli.report import Report
+    from usdsplat.products.report import Report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ def run(options: Options) -> int:
     from usdsplat.interchange.files import is_usd
 
     if options.plot:
-        from usdsplat.cli.report import check_target
+        from usdsplat.products.report import check_target
 
         check_target(options.plot, options.file)
     if is_usd(options.file):
@@ -71,8 +71,8 @@ def run(options: Options) -> int:
 
 def _stage(options: Options) -> dict[str, Any]:
     """Describe a stage, and draw it if asked."""
-    from usdsplat.cli import summary
     from usdsplat.cli.stages import open_stage
+    from usdsplat.products import summary
 
     time = time_code(options.frame)
     with console.progress() as progress:
@@ -80,7 +80,7 @@ def _stage(options: Options) -> dict[str, Any]:
         described = summary.of_stage(stage, time, progress=progress)
     described = {"file": str(options.file), **described}
     if options.plot:
-        from usdsplat.cli import report
+        from usdsplat.products import report
 
         _draw(options, described, partial(report.of_stage, stage, time))
     return described
@@ -89,13 +89,13 @@ def _stage(options: Options) -> dict[str, Any]:
 def _capture(options: Options) -> dict[str, Any]:
     """Describe a capture, and draw it if asked."""
     from usdsplat import formats
-    from usdsplat.cli import summary
+    from usdsplat.products import summary
 
     with console.progress() as progress:
         capture = formats.read(options.file, progress=progress)
     described = {"file": str(options.file), **summary.of_capture(capture)}
     if options.plot:
-        from usdsplat.cli import report
+        from usdsplat.products import report
 
         _draw(options, described, partial(report.of_capture, capture))
     return described
@@ -105,8 +105,8 @@ def _draw(
     options: Options, described: dict[str, Any], make: Callable[[str, list[str]], Report]
 ) -> None:
     """Write the page that `make` makes of a title and what is printed."""
-    from usdsplat.cli import report
     from usdsplat.kernels.compiling import on_compile
+    from usdsplat.products import report
 
     assert options.plot is not None  # who calls has asked
     with on_compile(console.announce_compilation()):

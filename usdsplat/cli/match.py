@@ -33,7 +33,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
-    from usdsplat.cli.matching import Report
+    from usdsplat.products.matching import MatchReport
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,11 +73,11 @@ class Options:
 
 def run(options: Options) -> int:
     """Fit, write the layer, print what was found."""
-    from usdsplat.cli.matching import Request, match
     from usdsplat.cli.stages import open_stage
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.files import check_not_input, check_suffix, layer_files
     from usdsplat.kernels.compiling import on_compile
+    from usdsplat.products.matching import MatchRequest, match
 
     _check_flags(options)
     check_suffix(options.output)
@@ -96,7 +96,7 @@ def run(options: Options) -> int:
         report = match(
             engine,
             stage,
-            Request(
+            MatchRequest(
                 target=options.output,
                 camera=options.camera,
                 prims=options.prim,
@@ -131,7 +131,7 @@ def _check_flags(options: Options) -> None:
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
 
 
-def _told(report: Report) -> str:
+def _told(report: MatchReport) -> str:
     """The report for people, a few lines."""
     before, after = report.delta_e["before"], report.delta_e["after"]
     samples = f"{report.used} of {report.samples} {report.kind}"

@@ -47,13 +47,10 @@ from usdsplat.cli.render_options import (
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.images.aovs import AOVS
-from usdsplat.images.frames import has_place, parse_frames
 
 if TYPE_CHECKING:
-    from pxr import Usd
-
-    from usdsplat.cli.request import Picture, Request
     from usdsplat.delegate.engine import Engine
+    from usdsplat.products.request import RenderRequest
 
 AOV_HELP = f"all, or of {', '.join(AOVS)}, commas between; default: the product's, or color"
 
@@ -97,15 +94,19 @@ class Options:
 
 def run(options: Options) -> int:
     """Draw; print each file as it is finished."""
-    from usdsplat.cli.drawing import draw_frames, work_of
-    from usdsplat.cli.planning import plan
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
+    from usdsplat.products.drawing import DrawOptions, draw_frames, work_of
+    from usdsplat.products.frames import first_frame, frames_to_draw
+    from usdsplat.products.planning import plan_pictures
 
     request = _request(options)
-    memory_limit = bytes_of(options.memory_limit)
+    drawing = DrawOptions(
+        existing="resume" if options.resume else "replace",
+        memory_limit=bytes_of(options.memory_limit),
+    )
     if options.threads is not None:
         images.limit_threads(options.threads)
     report = []
@@ -120,19 +121,18 @@ def run(options: Options) -> int:
             options.stage, options.stage_opening, axes=options.axes, keep=keep, progress=progress
         )
         check_prims(stage, "--matte", request.matte)
-        first = _frames(options, stage, ())[0]
+        first = first_frame(stage, options.frames)
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
-            pictures = plan(engine, request)
-            frames = _frames(options, stage, pictures)
-            engine.expect(work_of(pictures, frames))
+            plans = plan_pictures(engine, request)
+            frames = frames_to_draw(stage, options.frames, plans)
+            engine.expect(work_of(plans, frames))
             _warn(engine)
             for drawn in draw_frames(
                 engine,
-                pictures,
+                plans,
                 frames,
                 source=str(options.stage),
-                resume=options.resume,
-                memory_limit=memory_limit,
+                options=drawing,
                 progress=progress,
                 remark=console.remark,
             ):
@@ -154,13 +154,13 @@ def _warn(engine: Engine) -> None:
             console.remark(warning)
 
 
-def _request(options: Options) -> Request:
+def _request(options: Options) -> RenderRequest:
     """What the flags ask for."""
-    from usdsplat.cli.request import Request
+    from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
     flags = (options.drawing, options.sampling, options.color, file)
-    return Request(
+    return RenderRequest(
         output=options.output,
         camera=framing.camera,
         resolution=resolution_of(framing.resolution),
@@ -181,15 +181,3 @@ def _request(options: Options) -> Request:
         settings_prim=options.settings,
         product=options.product,
     )
-
-
-def _frames(options: Options, stage: Usd.Stage, pictures: tuple[Picture, ...]) -> tuple[float, ...]:
-    """The frames to draw: those asked for, or the stage's range as far as the names have room."""
-    if options.frames is not None:
-        return parse_frames(options.frames)
-    if not stage.HasAuthoredTimeCodeRange():
-        return (0.0,)
-    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    if last > first and any(has_place(picture.output) for picture in pictures):
-        return tuple(first + i for i in range(int(last - first) + 1))
-    return (first,)

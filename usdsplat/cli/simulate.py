@@ -36,6 +36,8 @@ from usdsplat.images.frames import LIMIT, parse_frames
 if TYPE_CHECKING:
     from pxr import Usd
 
+    from usdsplat.sim.stage.simulating import Existing
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
@@ -92,7 +94,7 @@ def run(options: Options) -> int:
 
 def _make(options: Options, preset: str, source: Path, target: Path) -> int:
     """Write a stage to start from."""
-    from usdsplat.cli.presets import make_stage
+    from usdsplat.products.presets import make_stage
 
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
@@ -116,7 +118,7 @@ def _bake(options: Options, source: Path, target: Path) -> int:
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.sim.stage.overrides import override
-    from usdsplat.sim.stage.simulating import simulate
+    from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
     if not is_usd(source):
         found = f"{source}, which is a capture"
@@ -134,10 +136,9 @@ def _bake(options: Options, source: Path, target: Path) -> int:
             stage,
             target,
             _frames(options, stage),
-            device=options.device,
-            threads=options.threads,
-            resume=options.resume,
-            force=options.force,
+            SimulateOptions(
+                device=options.device, threads=options.threads, existing=_existing(options)
+            ),
             progress=progress,
             remark=console.remark,
         )
@@ -147,6 +148,13 @@ def _bake(options: Options, source: Path, target: Path) -> int:
         print(target)
         console.remark(report.sentence())
     return 0
+
+
+def _existing(options: Options) -> Existing:
+    """Return what becomes of a bake that is there already."""
+    if options.resume:
+        return "resume"
+    return "replace" if options.force else "error"
 
 
 def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:

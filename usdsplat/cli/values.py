@@ -6,13 +6,9 @@ import math
 import re
 
 from usdsplat.core.errors import UsageError
+from usdsplat.core.wording import UNITS
 from usdsplat.images.aovs import AOVS
-
-UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
-MOST_PIXELS = 65536
-"""Of a side: more is a slip of the finger, not a picture."""
-
-Window = tuple[int, int, int, int]
+from usdsplat.products.request import MOST_PIXELS, Window
 
 
 def time_code(value: float | None) -> float | None:
@@ -95,13 +91,6 @@ def bytes_of(text: str | None) -> int | None:
     if size <= 0:
         raise UsageError("--memory-limit", repr(text), "bytes such as 800M or 6G")
     return size
-
-
-def said_bytes(size: float) -> str:
-    """A number of bytes as people say it."""
-    if size >= UNITS["G"]:
-        return f"{size / UNITS['G']:.2f} GiB"
-    return f"{size / UNITS['M']:.{1 if size < 10 * UNITS['M'] else 0}f} MiB"
 
 
 def _whole(text: str) -> tuple[int, ...]:

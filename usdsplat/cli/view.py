@@ -110,7 +110,7 @@ def run(options: Options) -> int:
 
 def _opener(path: Path, options: Options) -> Callable[..., Document]:
     """What opens the file, told by `publish` where news go; in the thread that has the stage."""
-    from usdsplat.preview.opening import open_document
+    from usdsplat.preview.opening import StageLoading, open_document
 
     opening = options.opening
     return partial(
@@ -119,10 +119,12 @@ def _opener(path: Path, options: Options) -> Callable[..., Document]:
         device=options.device,
         threads=options.threads,
         axes=options.axes,
-        variants=opening.variant,
-        mute=opening.mute,
-        mask=opening.mask,
-        session_layer=opening.session_layer,
+        loading=StageLoading(
+            variants=opening.variant,
+            mute=opening.mute,
+            mask=opening.mask,
+            session_layer=opening.session_layer,
+        ),
     )
 
 

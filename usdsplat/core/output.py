@@ -8,8 +8,13 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 from usdsplat.core.errors import OutputError, UsdSplatError
+
+Existing = Literal["error", "resume", "replace"]
+"""What becomes of results that exist already: they are an error, are kept and continued, or are
+replaced."""
 
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 

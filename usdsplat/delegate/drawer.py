@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -45,6 +46,11 @@ class Drawer:
         """Announce what will be drawn. This has no effect after the device is open."""
         splats = self._param.scene.draw_list().total
         self._seconds = sum(each.seconds(splats, self._threads) for each in work)
+
+    @property
+    def threads(self) -> int:
+        """Threads of the CPU that a picture may use; does not open the device."""
+        return self._threads or os.cpu_count() or 1
 
     @property
     def renderer(self) -> Renderer:

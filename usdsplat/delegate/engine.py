@@ -25,7 +25,7 @@ from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
 from usdsplat.render.cost import Work
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.memory import Estimate, estimate
+from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
 from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -326,19 +326,16 @@ class Engine:
         self,
         view: View,
         settings: RenderSettings | None = None,
-        aovs: tuple[str, ...] = ("color",),
+        request: PictureRequest = COLOR_ALONE,
         *,
         band_pixels: int = BAND_PIXELS,
-        holds_out: bool = False,
-        deep: bool = False,
-        baked: bool = False,
-        pictures: int = 1,
     ) -> Estimate:
         """Estimate the memory of a picture; arguments as in `memory.estimate`."""
         self.sync()
+        settings = self._resolved(settings)
         return estimate(
-            self._param.scene, view, self._resolved(settings), aovs, band_pixels=band_pixels,
-            holds_out=holds_out, deep=deep, baked=baked, pictures=pictures,
+            self._param.scene, view, settings, request, band_pixels=band_pixels,
+            threads=self._drawer.threads,
         )  # fmt: skip
 
     # --- the end ---------------------------------------------------------------------------

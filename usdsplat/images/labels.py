@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from usdsplat.images.layout import Metadata
 
 
@@ -19,4 +21,12 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
         "usdsplat:frame": float(frame),
         "usdsplat:samples": samples,
         "usdsplat:exposure": float(exposure),
+    }
+
+
+def as_text(metadata: Metadata) -> dict[str, str]:
+    """Return header entries for a format that holds text only: numbers and tuples as JSON."""
+    return {
+        key: value if isinstance(value, str) else json.dumps(value)
+        for key, value in metadata.items()
     }

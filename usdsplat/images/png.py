@@ -19,6 +19,7 @@ import usdsplat
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import UsageError
 from usdsplat.images.color import color_space, conversion, is_identity
+from usdsplat.images.labels import as_text
 from usdsplat.images.layout import Band, ImageLayout
 from usdsplat.images.writer import ImageWriter
 
@@ -93,7 +94,6 @@ def _spec(layout: ImageLayout) -> oiio.ImageSpec:
         spec.attribute("XResolution", RESOLUTION)
         spec.attribute("YResolution", RESOLUTION * layout.pixel_aspect_ratio)
         spec.attribute("ResolutionUnit", "in")
-    for key, value in layout.metadata.items():
-        if isinstance(value, str):
-            spec.attribute(key, value)
+    for key, value in as_text(layout.metadata).items():
+        spec.attribute(key, value)
     return spec

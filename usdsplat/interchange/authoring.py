@@ -19,7 +19,7 @@ from usdsplat.interchange.placement import (
     set_default_prim,
     set_op,
 )
-from usdsplat.schema import Form
+from usdsplat.schema import DrawingHints, Form
 
 IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """Options for reading captures that will be authored: most arrays are then not copied."""
@@ -83,7 +83,7 @@ def author_field(
         form=form,
         time=time,
         color_space=capture.color_space,
-        rasterize_mode="antialiased" if capture.antialiased else "classic",
+        drawing=DrawingHints(rasterize_mode="antialiased" if capture.antialiased else "classic"),
     )
     set_op(prim, None if bake_axes else placed.matrix)
     set_default_prim(stage, where)

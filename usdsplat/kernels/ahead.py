@@ -12,7 +12,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -73,7 +73,8 @@ def compile_task(task: Task) -> None:
         Exception: Whatever the compiler raises.
     """
     if task.device == "cpu":
-        _cpu_kernel(task.name).compile(signatures.decode(task.types))
+        dispatcher, types = _cpu_form(task.name, task.types)
+        dispatcher.compile(types)
         return
     assert task.capability is not None
     if task.name in (SORT, SUM):
@@ -174,7 +175,8 @@ def _missing(kernels: Sequence[tuple[str, str]]) -> dict[str, Task]:
     processor = cpu_target.target_context.codegen().magic_tuple()
     missing = {}
     for name, types in kernels:
-        key = cpu_key(_cpu_kernel(name).py_func, types, processor)
+        dispatcher, form = _cpu_form(name, types)
+        key = cpu_key(dispatcher.py_func, signatures.encode(form), processor)
         if not store.has(key):
             missing[key] = Task(device="cpu", capability=None, name=name, types=types)
     return missing
@@ -219,8 +221,21 @@ def _problem_of(task: Task) -> str:
     return store.refusal()
 
 
+def _cpu_form(name: str, types: str) -> tuple[Any, tuple[Any, ...]]:
+    """Return what Numba compiles for the CPU, and its argument types."""
+    from usdsplat.kernels.launch import Kernel, flattened
+
+    found, form = _host_kernel(name), signatures.decode(types)
+    if not isinstance(found, Kernel):
+        return found, form
+    from numba.core.types import Tuple
+
+    shape, flat = flattened(form[-1])
+    return found.cpu(shape), (*form[:-1], Tuple(flat))
+
+
 @functools.cache
-def _cpu_kernel(name: str) -> Any:
+def _host_kernel(name: str) -> Any:
     module, _, function = name.rpartition(".")
     return getattr(importlib.import_module(f"{HERE}.{module}"), function)
 
@@ -228,9 +243,11 @@ def _cpu_kernel(name: str) -> Any:
 def _load_cuda_kernel(name: str) -> None:
     """Import the module that defines a GPU kernel, or derive it from the CPU kernel."""
     from usdsplat.kernels.cuda.device import form_of
+    from usdsplat.kernels.launch import Kernel
 
     if name.startswith("cuda."):
         importlib.import_module(_module_of(name))
     else:
-        made: Callable[..., Any] | None = form_of(_cpu_kernel(name))
+        found = _host_kernel(name)
+        made = found.gpu if isinstance(found, Kernel) else form_of(found)
         assert made is not None, name

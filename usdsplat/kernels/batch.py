@@ -11,8 +11,8 @@ import numpy as np
 from .bins import SLACK, TILE, spans
 from .jit import scalar
 from .lanes import bits, floor, higher, load, lower, store
-from .peak import CENTER, REACH
 from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+from .ray_hit import CENTER, REACH
 
 LOOK = 32
 """Splats of a batch, and so between two looks at which rows of a tile are saturated."""
@@ -120,15 +120,15 @@ def load_stops(stops, top, left, g, stop):
 
 
 @scalar
-def behind_surfaces(peaks, lists, first, count, least, most):
-    """Which splats of a batch peak behind all of a tile's surfaces, and which may behind some."""
+def behind_surfaces(ray_hits, lists, first, count, least, most):
+    """Return masks of a batch: rays hit the splat behind all surfaces of the tile; behind some."""
     hidden, mixed = np.uint64(0), np.uint64(0)
     for i in range(count):
         k = np.uint64(lists[first + i])
         bit = np.uint64(1) << np.uint64(i)
-        if peaks[k, CENTER] - peaks[k, REACH] > most:
+        if ray_hits[k, CENTER] - ray_hits[k, REACH] > most:
             hidden |= bit
-        elif peaks[k, CENTER] + peaks[k, REACH] > least:
+        elif ray_hits[k, CENTER] + ray_hits[k, REACH] > least:
             mixed |= bit
     return hidden, mixed
 

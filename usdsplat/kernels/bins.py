@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from .jit import parallel, scalar, serial
+from .jit import launcher, parallel, scalar, serial
 from .lanes import choose, floor, higher, load, lower, root, store
 from .project import HALF_HEIGHT, HALF_WIDTH, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
 
@@ -337,6 +337,7 @@ def tile_starts(counts, starts):
     return starts[starts.shape[0] - 1]
 
 
+@launcher(gpu="bins.tile_lists")
 def tile_lists(records, grid, tiles, chunks, get):
     """Make the list of each tile.
 

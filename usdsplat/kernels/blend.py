@@ -6,8 +6,8 @@ all splats of the batch that touch the row go by, found by the bits of a mask. A
 ended keeps its transmittance with the sign turned: it neither changes again nor decays into
 denormals.
 
-Where surfaces are, each splat is compared with them pixel by pixel, at the depth where it peaks
-along the pixel's own ray; what lies behind is skipped, and the pixel goes on, because a list in the
+Where surfaces are, each splat is compared with them pixel by pixel, at the depth where the
+pixel's own ray hits it; what lies behind is skipped, and the pixel goes on, because a list in the
 order of centres is not in the order of those depths.
 
 What is blended is colour, or any other three numbers of a splat: its paint.
@@ -51,7 +51,7 @@ from .lanes import (
     store,
     store_mixed,
 )
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
+from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
 CHANNELS = 4
 ROW = CHANNELS * TILE
@@ -115,7 +115,7 @@ def is_alive(through):
 
 
 @exact
-def peaks_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
+def ray_hits_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
     """`peak_at` of 16 pixels."""
     one = np.float32(1)
     a, b = first + gx * dx, second + gy * dx
@@ -195,13 +195,13 @@ def blend_row(state, batch, slopes, touched):
 
 
 @parallel
-def blend(records, paints, column, starts, lists, grid, peaks, stops, is_parallel, image, work):
+def blend(records, paints, column, starts, lists, grid, ray_hits, stops, is_parallel, image, work):
     """Blend all tiles of a band.
 
     Args:
         records, starts, lists, grid: What `bins` made.
         paints: Three numbers of each splat from column `column` on; shape (n, >= column + 3) f32.
-        peaks: Of the records, shape (n, PEAK) f32; read only where there are surfaces.
+        ray_hits: Of the records, shape (n, RAY_HIT) f32; read only where there are surfaces.
         stops: Planar depth of surfaces, +inf where there is none, shape (y1 - y0, x1 - x0) f32; or
             of no size when there are none at all.
         is_parallel: Whether rays are: the camera is orthographic.
@@ -241,7 +241,7 @@ def blend(records, paints, column, starts, lists, grid, peaks, stops, is_paralle
             there = ~np.uint64(0) >> np.uint64(64 - count)
             mixed = np.uint64(0)
             if least < np.float32(np.inf):
-                hidden, mixed = behind_surfaces(peaks, lists, first, count, least, most)
+                hidden, mixed = behind_surfaces(ray_hits, lists, first, count, least, most)
                 there &= ~hidden
             for y in range(TILE):
                 if live[y] == 0:
@@ -270,10 +270,10 @@ def blend(records, paints, column, starts, lists, grid, peaks, stops, is_paralle
                     if (mixed >> i) & one:
                         k = np.uint64(lists[first + np.int64(i)])
                         dy = np.float32(y) - batch[i + np.uint64(LOOK)]
-                        d0, d1, d2 = row_at(peaks[k, HX], peaks[k, HY], peaks[k, HZ], dy)
-                        depth = peaks_at(
-                            dx, peaks[k, GX], peaks[k, GY], d0, d1, d2, peaks[k, CENTER],
-                            peaks[k, REACH], is_parallel,
+                        d0, d1, d2 = row_at(ray_hits[k, HX], ray_hits[k, HY], ray_hits[k, HZ], dy)
+                        depth = ray_hits_at(
+                            dx, ray_hits[k, GX], ray_hits[k, GY], d0, d1, d2, ray_hits[k, CENTER],
+                            ray_hits[k, REACH], is_parallel,
                         )  # fmt: skip
                         behind = load(stop, np.uint64(y * TILE))
                         alpha = choose(depth <= behind, alpha, np.float32(0))

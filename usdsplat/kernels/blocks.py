@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 from .project import BLOCK, LOG_CUTOFF, ORTHOGRAPHIC
 
 BOX = 8
@@ -77,8 +77,8 @@ def is_outside(cam, m, box):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def boxes(positions, scales, opacities, out):
+@kernel(over="out", writes=("out",), grain=1)
+def boxes(block, positions, scales, opacities, out):
     """Bound the blocks of a field.
 
     Args:
@@ -86,30 +86,29 @@ def boxes(positions, scales, opacities, out):
         out: Receives (blocks, BOX) f32. A block with a centre that is not finite has no bound.
     """
     n = positions.shape[0]
-    for block in prange(out.shape[0]):
-        first, end = block * BLOCK, min(n, (block + 1) * BLOCK)
-        for a in range(3):
-            low, high = np.float32(np.inf), np.float32(-np.inf)
-            for i in range(first, end):
-                low, high = min(low, positions[i, a]), max(high, positions[i, a])
-            middle = np.float32(0.5) * low + np.float32(0.5) * high
-            half = max(high - middle, middle - low)
-            out[block, a] = middle
-            out[block, 3 + a] = half if half >= np.float32(0) else np.float32(np.inf)
-        reach, most = np.float32(0), np.float32(0)
+    first, end = block * BLOCK, min(n, (block + 1) * BLOCK)
+    for a in range(3):
+        low, high = np.float32(np.inf), np.float32(-np.inf)
         for i in range(first, end):
-            opacity = opacities[i]
-            if opacity > np.float32(0):
-                count = np.float32(2) * (np.float32(math.log(opacity)) - LOG_CUTOFF)
-                count = np.float32(math.sqrt(max(count, np.float32(0))))
-                most = max(most, count)
-                largest = max(scales[i, 0], max(scales[i, 1], scales[i, 2]))
-                reach = max(reach, largest * count)
-        out[block, 6], out[block, 7] = reach, most
+            low, high = min(low, positions[i, a]), max(high, positions[i, a])
+        middle = np.float32(0.5) * low + np.float32(0.5) * high
+        half = max(high - middle, middle - low)
+        out[block, a] = middle
+        out[block, 3 + a] = half if half >= np.float32(0) else np.float32(np.inf)
+    reach, most = np.float32(0), np.float32(0)
+    for i in range(first, end):
+        opacity = opacities[i]
+        if opacity > np.float32(0):
+            count = np.float32(2) * (np.float32(math.log(opacity)) - LOG_CUTOFF)
+            count = np.float32(math.sqrt(max(count, np.float32(0))))
+            most = max(most, count)
+            largest = max(scales[i, 0], max(scales[i, 1], scales[i, 2]))
+            reach = max(reach, largest * count)
+    out[block, 6], out[block, 7] = reach, most
 
 
-@parallel
-def cull(camera, matrices, boxes, closed):
+@kernel(over=("matrices", "boxes"), writes=("closed",), axes=2)
+def cull(instance, block, camera, matrices, boxes, closed):
     """Find the blocks that a view cannot see.
 
     Args:
@@ -117,6 +116,5 @@ def cull(camera, matrices, boxes, closed):
         boxes: What `boxes` made.
         closed: Receives 1 for each block of each instance that is not seen, (m * blocks,) u8.
     """
-    for item in prange(matrices.shape[0] * boxes.shape[0]):
-        m = matrices[item // boxes.shape[0]]
-        closed[item] = is_outside(camera[0], m, boxes[item % boxes.shape[0]])
+    is_closed = is_outside(camera[0], matrices[instance], boxes[block])
+    closed[instance * boxes.shape[0] + block] = is_closed

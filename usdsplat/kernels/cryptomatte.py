@@ -65,6 +65,45 @@ def gather(ids, weights, numbers, all_ids, all_weights):
 
 
 @parallel
+def rank(ids, weights, shown, left, hashes, out):
+    """Write Cryptomatte's channels of a picture of one sample: what gathering it alone gives.
+
+    Args:
+        ids, weights: Prims of the splats and their weights, the heaviest first, shape (h, w, n);
+            -1 where there is no more.
+        shown: Prim of the surface behind the splats, -1 where there is none, shape (h, w) i32; or
+            of no size where there are no surfaces.
+        left: How much of it the splats let through, shape (h, w) f32; or of no size.
+        hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
+        out: Shape (h, w, 2 n) f32, of which all is written.
+    """
+    for y in prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            surface, total = -1, np.float32(0)
+            if shown.shape[0] > 0:
+                surface = shown[y, x]
+                total = left[y, x] if surface >= 0 else np.float32(0)
+                for slot in range(ids.shape[2]):
+                    if surface >= 0 and ids[y, x, slot] == surface:
+                        total = weights[y, x, slot] + total
+            slot = 0
+            for place in range(ids.shape[2]):
+                while slot < ids.shape[2] and surface >= 0 and ids[y, x, slot] == surface:
+                    slot += 1
+                prim, weight = -1, np.float32(0)
+                if slot < ids.shape[2]:
+                    prim, weight = ids[y, x, slot], weights[y, x, slot]
+                if total > weight:
+                    prim, weight = surface, total
+                    total = np.float32(0)
+                else:
+                    slot += 1
+                here = prim >= 0 and weight > np.float32(0)
+                out[y, x, 2 * place] = hashes[prim] if here else np.float32(0)
+                out[y, x, 2 * place + 1] = weight if here else np.float32(0)
+
+
+@parallel
 def finish(all_ids, all_weights, scale, hashes, out):
     """Write Cryptomatte's channels: id and coverage, the heaviest prim first.
 

@@ -7,10 +7,9 @@ that is not negative. Source: Morton 1966.
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
-from .project import BLOCK
+from .jit import scalar
+from .launch import kernel
 
 CELLS = 1 << 10
 """Along each axis."""
@@ -40,8 +39,8 @@ def cell_of(x, low, scale):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def codes(positions, low, scale, out):
+@kernel(over="positions", writes=("out",))
+def codes(i, positions, low, scale, out):
     """Number the cells of splats.
 
     Args:
@@ -50,10 +49,7 @@ def codes(positions, low, scale, out):
         scale: Cells a scene unit along each axis, shape (3,) f64.
         out: Receives codes, shape (n,) u32, below 2**30.
     """
-    n = positions.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            x = spread(cell_of(positions[i, 0], low[0], scale[0]))
-            y = spread(cell_of(positions[i, 1], low[1], scale[1]))
-            z = spread(cell_of(positions[i, 2], low[2], scale[2]))
-            out[i] = np.uint32(x | (y << np.uint32(1)) | (z << np.uint32(2)))
+    x = spread(cell_of(positions[i, 0], low[0], scale[0]))
+    y = spread(cell_of(positions[i, 1], low[1], scale[1]))
+    z = spread(cell_of(positions[i, 2], low[2], scale[2]))
+    out[i] = np.uint32(x | (y << np.uint32(1)) | (z << np.uint32(2)))

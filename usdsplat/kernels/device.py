@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numba.np.ufunc import parallel as launcher
 
 from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.kernels.launch import Kernel, chunk_of
 
 _WORKQUEUE_LOCK = threading.Lock()
 """Numba's own `workqueue` layer aborts the process when two threads launch at once; TBB and OpenMP,
@@ -144,10 +145,14 @@ class CpuDevice:
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with this device's threads and return what it returns."""
+        rounds = CHUNK
+        if isinstance(kernel, Kernel):
+            rounds = chunk_of(kernel, kernel.size(args), self.threads)
+            kernel, args = kernel.on_cpu, (args,)
         with self._launch:
             threads, chunk = numba.get_num_threads(), numba.get_parallel_chunksize()
             numba.set_num_threads(self.threads)
-            numba.set_parallel_chunksize(CHUNK)
+            numba.set_parallel_chunksize(rounds)
             try:
                 return kernel(*args)
             finally:

@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
-from .peak import CENTER, PEAK
+from .jit import scalar
+from .launch import kernel
 from .project import (
     BLUE,
     HALF_HEIGHT,
@@ -25,9 +24,8 @@ from .project import (
     B,
     C,
 )
+from .ray_hit import CENTER, RAY_HIT
 
-BLOCK = 1024
-"""Splats of one block."""
 LOG_2 = np.float32(math.log(2.0))
 EDGE = np.float32(1.5)
 """How fast a contribution falls at an edge across the shorter axis [1 / pixel]."""
@@ -70,63 +68,53 @@ def ellipse(record, source, part):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def dots(records, peaks, radius):
+@kernel(over="records", writes=("records", "ray_hits"))
+def dots(k, records, ray_hits, radius):
     """Make every splat a round dot at the depth of its centre.
 
     Args:
         records: Shape (n, RECORD) f32.
-        peaks: Shape (n, PEAK) f32, or of no size.
+        ray_hits: Shape (n, RAY_HIT) f32, or of no size.
         radius: [pixel].
     """
-    n = records.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            a = np.float32(-1) / (radius * radius)
-            outline(records[k], a, np.float32(0), a, radius, radius)
-            if peaks.shape[0] > 0:
-                for i in range(PEAK):
-                    if i != CENTER:
-                        peaks[k, i] = np.float32(0)
+    a = np.float32(-1) / (radius * radius)
+    outline(records[k], a, np.float32(0), a, radius, radius)
+    if ray_hits.shape[0] > 0:
+        for i in range(RAY_HIT):
+            if i != CENTER:
+                ray_hits[k, i] = np.float32(0)
 
 
-@parallel
-def opaque(records, out):
+@kernel(over="records", writes=("out",))
+def opaque(k, records, out):
     """out[k] = whether splat k is more opaque than FAINTEST, u8."""
-    n = records.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            out[k] = records[k, LOG_OPACITY] > np.float32(math.log(FAINTEST))
+    out[k] = records[k, LOG_OPACITY] > np.float32(math.log(FAINTEST))
 
 
-@parallel
-def rings(records):
+@kernel(over="records", writes=("records",))
+def rings(k, records):
     """Make of every splat, which is there twice in a row, an ellipse and, behind it, its rim.
 
     Args:
         records: Shape (2 n, RECORD) f32, all of them more opaque than FAINTEST.
     """
-    n = records.shape[0] // 2
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            inner, outer = records[2 * k], records[2 * k + 1]
-            ellipse(outer, inner, np.float32(1))
-            ellipse(inner, inner, RIM)
-            for i in range(RED, BLUE + 1):
-                outer[i] *= DARK
+    if k % 2 == 1:
+        return
+    inner, outer = records[k], records[k + 1]
+    ellipse(outer, inner, np.float32(1))
+    ellipse(inner, inner, RIM)
+    for i in range(RED, BLUE + 1):
+        outer[i] *= DARK
 
 
-@parallel
-def directions(records, normals, column):
+@kernel(over="records", writes=("records",))
+def directions(k, records, normals, column):
     """Colour every splat by its normal n: 0.5 n + 0.5.
 
     Args:
         records: Shape (n, RECORD) f32.
         normals: Three numbers of each from a column on, f32.
     """
-    n = records.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            for i in range(3):
-                half = np.float32(0.5)
-                records[k, RED + i] = half * normals[k, column + i] + half
+    for i in range(3):
+        half = np.float32(0.5)
+        records[k, RED + i] = half * normals[k, column + i] + half

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 from .show import byte
 
 # --- 1. mathematics: one pixel ---------------------------------------------------------
@@ -39,99 +39,87 @@ def put(out, y, x, color):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def depths(depth, white, per_unit, ramp, background, square, out):
+@kernel(over="depth", writes=("out",), axes=2)
+def depths(y, x, depth, white, per_unit, ramp, background, square, out):
     """Colour depths, shape (h, w) f32, by a ramp of shape (n, 3) u8 that begins where depths are
     `white` less 1 / `per_unit` of the whole; infinite ones are nothing."""
     last = np.float32(ramp.shape[0] - 1)
-    for y in prange(depth.shape[0]):
-        for x in range(depth.shape[1]):
-            z = depth[y, x]
-            if abs(z) < np.float32(np.inf):
-                part = np.float32(1) - (z - white) * per_unit
-                part = min(max(part, np.float32(0)), np.float32(1))
-                put(out, y, x, ramp[np.uint32(part * last + np.float32(0.5))])
-            else:
-                put(out, y, x, background[y // square & 1, x])
+    z = depth[y, x]
+    if abs(z) < np.float32(np.inf):
+        part = np.float32(1) - (z - white) * per_unit
+        part = min(max(part, np.float32(0)), np.float32(1))
+        put(out, y, x, ramp[np.uint32(part * last + np.float32(0.5))])
+    else:
+        put(out, y, x, background[y // square & 1, x])
 
 
-@parallel
-def vectors(vector, low, per_unit, background, square, out):
+@kernel(over="vector", writes=("out",), axes=2)
+def vectors(y, x, vector, low, per_unit, background, square, out):
     """Colour vectors, shape (h, w, 3) f32: each component from `low` on, shape (3,) f32, times
     `per_unit`, shape (3,) f32, is a code value in 0..1; vectors of no length are nothing."""
     zero = np.float32(0)
-    for y in prange(vector.shape[0]):
-        for x in range(vector.shape[1]):
-            a, b, c = vector[y, x, 0], vector[y, x, 1], vector[y, x, 2]
-            if a == zero and b == zero and c == zero:
-                put(out, y, x, background[y // square & 1, x])
-            else:
-                out[y, x, 0] = byte((a - low[0]) * per_unit[0])
-                out[y, x, 1] = byte((b - low[1]) * per_unit[1])
-                out[y, x, 2] = byte((c - low[2]) * per_unit[2])
+    a, b, c = vector[y, x, 0], vector[y, x, 1], vector[y, x, 2]
+    if a == zero and b == zero and c == zero:
+        put(out, y, x, background[y // square & 1, x])
+    else:
+        out[y, x, 0] = byte((a - low[0]) * per_unit[0])
+        out[y, x, 1] = byte((b - low[1]) * per_unit[1])
+        out[y, x, 2] = byte((c - low[2]) * per_unit[2])
 
 
-@parallel
-def motions(motion, depth, per_pixel, hues, background, square, out):
+@kernel(over="motion", writes=("out",), axes=2)
+def motions(y, x, motion, depth, per_pixel, hues, background, square, out):
     """Colour motion, shape (h, w, 2) f32: hue by angle from a wheel of shape (n, 3) f32 [0..1],
     value by length times `per_pixel`; nothing is where depths are infinite."""
     count = hues.shape[0]
     turns = np.float32(count / (2 * math.pi))
-    for y in prange(motion.shape[0]):
-        for x in range(motion.shape[1]):
-            if not depth[y, x] < np.float32(np.inf):
-                put(out, y, x, background[y // square & 1, x])
-                continue
-            u, v = motion[y, x, 0], motion[y, x, 1]
-            at = math.floor(np.float32(math.atan2(v, u)) * turns + np.float32(0.5)) % count
-            value = min(np.float32(math.sqrt(u * u + v * v)) * per_pixel, np.float32(1))
-            for c in range(3):
-                out[y, x, c] = byte(hues[at, c] * value)
+    if not depth[y, x] < np.float32(np.inf):
+        put(out, y, x, background[y // square & 1, x])
+        return
+    u, v = motion[y, x, 0], motion[y, x, 1]
+    at = math.floor(np.float32(math.atan2(v, u)) * turns + np.float32(0.5)) % count
+    value = min(np.float32(math.sqrt(u * u + v * v)) * per_pixel, np.float32(1))
+    for c in range(3):
+        out[y, x, c] = byte(hues[at, c] * value)
 
 
-@parallel
-def hashed(ids, shift, colors, background, square, out):
+@kernel(over="ids", writes=("out",), axes=2)
+def hashed(y, x, ids, shift, colors, background, square, out):
     """Colour ids, shape (h, w) i32, by the high bits of their hashes, `shift` bits left out, from
     colors of shape (2**n, 3) u8; ids below 0 are nothing."""
-    for y in prange(ids.shape[0]):
-        for x in range(ids.shape[1]):
-            if ids[y, x] < 0:
-                put(out, y, x, background[y // square & 1, x])
-            else:
-                put(out, y, x, colors[mixed(ids[y, x]) >> shift])
+    if ids[y, x] < 0:
+        put(out, y, x, background[y // square & 1, x])
+    else:
+        put(out, y, x, colors[mixed(ids[y, x]) >> shift])
 
 
-@parallel
-def counted(ids, colors, background, square, out):
+@kernel(over="ids", writes=("out",), axes=2)
+def counted(y, x, ids, colors, background, square, out):
     """Colour numbers, shape (h, w) i32, by colors of shape (n, 3) u8; those below 0 are nothing."""
-    for y in prange(ids.shape[0]):
-        for x in range(ids.shape[1]):
-            if 0 <= ids[y, x] < colors.shape[0]:
-                put(out, y, x, colors[ids[y, x]])
-            else:
-                put(out, y, x, background[y // square & 1, x])
+    if 0 <= ids[y, x] < colors.shape[0]:
+        put(out, y, x, colors[ids[y, x]])
+    else:
+        put(out, y, x, background[y // square & 1, x])
 
 
-@parallel
-def mattes(matte, shift, colors, background, square, out):
+@kernel(over="matte", writes=("out",), axes=2)
+def mattes(y, x, matte, shift, colors, background, square, out):
     """Colour Cryptomatte, shape (h, w, ranks, 2) f32, pairs of hash bits and coverage: the mean of
     the hashes' colours, and of the background where nothing covers."""
-    for y in prange(matte.shape[0]):
-        bits = matte[y].view(np.uint32)
-        for x in range(matte.shape[1]):
-            left = np.float32(1)
-            red, green, blue = np.float32(0), np.float32(0), np.float32(0)
-            for rank in range(matte.shape[2]):
-                weight = matte[y, x, rank, 1]
-                if weight <= np.float32(0):
-                    break
-                color = colors[mixed(bits[x, rank, 0]) >> shift]
-                red += weight * np.float32(color[0])
-                green += weight * np.float32(color[1])
-                blue += weight * np.float32(color[2])
-                left -= weight
-            left = max(left, np.float32(0))
-            back = background[y // square & 1, x]
-            out[y, x, 0] = byte((red + left * np.float32(back[0])) / np.float32(255))
-            out[y, x, 1] = byte((green + left * np.float32(back[1])) / np.float32(255))
-            out[y, x, 2] = byte((blue + left * np.float32(back[2])) / np.float32(255))
+    left = np.float32(1)
+    red, green, blue = np.float32(0), np.float32(0), np.float32(0)
+    bits = matte[y, x].view(np.uint32)
+    for rank in range(matte.shape[2]):
+        weight = matte[y, x, rank, 1]
+        if weight <= np.float32(0):
+            break
+        color = colors[mixed(bits[rank, 0]) >> shift]
+        red += weight * np.float32(color[0])
+        green += weight * np.float32(color[1])
+        blue += weight * np.float32(color[2])
+        left -= weight
+    left = max(left, np.float32(0))
+    back = background[y // square & 1, x]
+    out[y, x, 0] = byte((red + left * np.float32(back[0])) / np.float32(255))
+    out[y, x, 1] = byte((green + left * np.float32(back[1])) / np.float32(255))
+    out[y, x, 2] = byte((blue + left * np.float32(back[2])) / np.float32(255))

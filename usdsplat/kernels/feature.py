@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 from .project import DEPTH
 
 BLOCK = 1024
@@ -55,49 +55,45 @@ def normal_of(m, inverse, position, q, s, is_parallel):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@kernel(over="found", writes=("out",), team=True)
 def features(
-    matrices, inverses, is_parallel, positions, rotations, scales, block, base, sources, found,
-    records, out,
+    item, lane, lanes, matrices, inverses, is_parallel, positions, rotations, scales, block, base,
+    sources, found, records, out,
 ):  # fmt: skip
     """Write the normals and depths of the visible splats of all instances of one field.
 
     Args:
-        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `peaks`
+        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `ray_hits`
             takes them.
         is_parallel: Whether rays are: the camera is orthographic.
         records: What `project` made.
         out: Receives FEATURES floats for each used slot, but for the albedo.
     """
-    n = positions.shape[0]
-    blocks = (n + block - 1) // block
-    for item in prange(matrices.shape[0] * blocks):
-        m, inverse = matrices[item // blocks], inverses[item // blocks]
-        slot = base + item * block
-        for at in range(slot, slot + found[item]):
-            i = sources[at]
-            x, y, z = normal_of(m, inverse, positions[i], rotations[i], scales[i], is_parallel)
-            out[at, NORMAL], out[at, NORMAL + 1], out[at, NORMAL + 2] = x, y, z
-            out[at, EXPECTED] = records[at, DEPTH]
-            out[at, EXPECTED + 1], out[at, EXPECTED + 2] = np.float32(0), np.float32(0)
+    blocks = (positions.shape[0] + block - 1) // block
+    m, inverse = matrices[item // blocks], inverses[item // blocks]
+    slot = base + item * block
+    for at in range(slot + lane, slot + found[item], lanes):
+        i = sources[at]
+        x, y, z = normal_of(m, inverse, positions[i], rotations[i], scales[i], is_parallel)
+        out[at, NORMAL], out[at, NORMAL + 1], out[at, NORMAL + 2] = x, y, z
+        out[at, EXPECTED] = records[at, DEPTH]
+        out[at, EXPECTED + 1], out[at, EXPECTED + 2] = np.float32(0), np.float32(0)
 
 
-@parallel
-def labels(order, first_slots, numbers, out):
-    """out[k] = the number that belongs to the appearance of the splat of rank k.
+@kernel(over="order", writes=("out",))
+def labels(k, order, first_slots, numbers, out):
+    """Write the number that belongs to the appearance of the splat of rank k.
 
     Args:
         order: Slots by depth; first_slots: first slot of each appearance, ascending.
         numbers: One for each appearance, any dtype.
+        out: Receives one for each rank.
     """
-    for block in prange((order.shape[0] + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(order.shape[0], (block + 1) * BLOCK)):
-            at = np.searchsorted(first_slots, order[k], side="right") - 1
-            out[k] = numbers[at]
+    out[k] = numbers[np.searchsorted(first_slots, order[k], side="right") - 1]
 
 
-@parallel
-def unit(image, surface, left, out):
+@kernel(over="image", writes=("image", "out"), axes=2)
+def unit(y, x, image, surface, left, out):
     """Normalise summed normals, a surface's behind them included.
 
     Args:
@@ -106,20 +102,18 @@ def unit(image, surface, left, out):
         left: What the splats let through of it, (h, w) f32; of no size where there is none.
         out: Receives unit normals, 0 where nothing is, (h, w, 3) f32.
     """
-    for y in prange(image.shape[0]):
-        for x in range(image.shape[1]):
-            a, b, c = image[y, x, 0], image[y, x, 1], image[y, x, 2]
-            if left.shape[0] > 0 and left[y, x] > np.float32(0):
-                a += left[y, x] * surface[y, x, 0]
-                b += left[y, x] * surface[y, x, 1]
-                c += left[y, x] * surface[y, x, 2]
-            length = np.float32(math.sqrt(a * a + b * b + c * c))
-            scale = np.float32(1) / length if length > np.float32(0) else np.float32(0)
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale
+    a, b, c = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+    if left.shape[0] > 0 and left[y, x] > np.float32(0):
+        a += left[y, x] * surface[y, x, 0]
+        b += left[y, x] * surface[y, x, 1]
+        c += left[y, x] * surface[y, x, 2]
+    length = np.float32(math.sqrt(a * a + b * b + c * c))
+    scale = np.float32(1) / length if length > np.float32(0) else np.float32(0)
+    out[y, x, 0], out[y, x, 1], out[y, x, 2] = a * scale, b * scale, c * scale
 
 
-@parallel
-def expected(image, left, depth, out):
+@kernel(over="image", writes=("image", "out"), axes=2)
+def expected(y, x, image, left, depth, out):
     """Write the mean of all depths, a surface's behind them included; +inf where nothing is.
 
     Args:
@@ -127,10 +121,8 @@ def expected(image, left, depth, out):
         left: As `unit` takes it; depth: of the surface, (h, w) f32.
         out: Receives planar depths [scene unit], (h, w) f32.
     """
-    for y in prange(image.shape[0]):
-        for x in range(image.shape[1]):
-            total, weight = image[y, x, 0], image[y, x, 3]
-            if left.shape[0] > 0 and left[y, x] > np.float32(0):
-                total += left[y, x] * depth[y, x]
-                weight += left[y, x]
-            out[y, x] = total / weight if weight > np.float32(0) else np.float32(np.inf)
+    total, weight = image[y, x, 0], image[y, x, 3]
+    if left.shape[0] > 0 and left[y, x] > np.float32(0):
+        total += left[y, x] * depth[y, x]
+        weight += left[y, x]
+    out[y, x] = total / weight if weight > np.float32(0) else np.float32(np.inf)

@@ -8,6 +8,7 @@ see `sources`: after an edit, exactly the kernels that may depend on it are comp
 from __future__ import annotations
 
 import functools
+import inspect
 import pickle
 import sys
 from collections.abc import Callable
@@ -125,11 +126,50 @@ def routine(function: Callable[..., Any]) -> Any:
     return numba.njit(**FLAGS)(function)
 
 
-def serial(function: Callable[..., Any]) -> Any:
-    """A loop for one thread. It does not hold the GIL."""
-    return _compile(function, {"nogil": True})
+def serial(
+    function: Callable[..., Any] | None = None, *, writes: tuple[str, ...] = (), gpu: str = ""
+) -> Any:
+    """A loop for one thread, which does not hold the GIL: run by a device, or called by others.
+
+    Args:
+        writes: Names of the arguments that it changes.
+        gpu: What a GPU runs in its place, such as "sort.settle": function `settle` of module
+            `kernels.cuda.sort`. It is called with the device and the same arguments. If empty, the
+            CPU runs it for a GPU too.
+    """
+    if function is None:
+        return functools.partial(serial, writes=writes, gpu=gpu)
+    return declared(_compile(function, {"nogil": True}), function, writes, gpu)
 
 
-def parallel(function: Callable[..., Any]) -> Any:
-    """A loop for all threads of the device; `prange` marks what may run at once."""
-    return _compile(function, {"nogil": True, "parallel": True})
+def loop(function: Callable[..., Any], *, allocates: bool) -> Any:
+    """A loop for all threads of the device, without counts of references to arrays: those take
+    longer than most items. Only a loop that makes arrays needs them."""
+    return _compile(function, {"nogil": True, "parallel": True, "_nrt": allocates})
+
+
+def parallel(
+    function: Callable[..., Any] | None = None, *, writes: tuple[str, ...] = (), gpu: str = ""
+) -> Any:
+    """A loop for all threads of the CPU, where `launch.kernel` does not do: over tiles, or in
+    steps. `prange` marks what may run at once. The arguments are those of `serial`."""
+    if function is None:
+        return functools.partial(parallel, writes=writes, gpu=gpu)
+    return declared(_compile(function, {"nogil": True, "parallel": True}), function, writes, gpu)
+
+
+def launcher(*, writes: tuple[str, ...] = (), gpu: str = "") -> Any:
+    """A function of the host that calls several kernels. The arguments are those of `serial`."""
+    return lambda function: declared(function, function, writes, gpu)
+
+
+def declared(kernel: Any, function: Callable[..., Any], writes: tuple[str, ...], gpu: str) -> Any:
+    """Note on a kernel what it writes, as places of arguments from 0, and its form for a GPU.
+
+    Raises:
+        ValueError: If a name is none of an argument.
+    """
+    names = list(inspect.signature(function).parameters)
+    kernel.writes = frozenset(names.index(name) for name in writes)
+    kernel.gpu = gpu
+    return kernel

@@ -16,8 +16,8 @@ from .batch import FIELDS, LOOK, load_batch, load_stops, look
 from .bins import TILE
 from .blend import END, alpha_at
 from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
+from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
 ROW = 3 * TILE
 """Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list
@@ -46,16 +46,16 @@ def pass_row(state, row, u, a, slope, rest, place):
 
 
 @scalar
-def pass_row_before(state, stop, row, u, a, slope, rest, place, peak, dy, is_parallel):
-    """`pass_row`, but for the pixels where the splat peaks behind `stop`: those it leaves."""
+def pass_row_before(state, stop, row, u, a, slope, rest, place, ray_hit, dy, is_parallel):
+    """As `pass_row`, but skip the pixels where the ray hit is behind `stop`."""
     at = np.uint64(row * ROW)
     behind = np.uint64(row * TILE)
-    first, second, third = row_at(peak[HX], peak[HY], peak[HZ], dy)
-    gx, gy, center, reach = peak[GX], peak[GY], peak[CENTER], peak[REACH]
+    first, second, third = row_at(ray_hit[HX], ray_hit[HY], ray_hit[HZ], dy)
+    gx, gy, center, reach = ray_hit[GX], ray_hit[GY], ray_hit[CENTER], ray_hit[REACH]
     for x in range(TILE):
         j = at + np.uint64(x)
         dx = np.float32(x) - u
-        depth = peak_at(dx, gx, gy, first, second, third, center, reach, is_parallel)
+        depth = ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel)
         alpha = alpha_at(dx, a, slope, rest)
         alpha = alpha if depth <= stop[behind + np.uint64(x)] else np.float32(0)
         t = state[j]
@@ -71,11 +71,11 @@ def pass_row_before(state, stop, row, u, a, slope, rest, place, peak, dy, is_par
 
 
 @parallel
-def median(records, starts, lists, grid, peaks, stops, is_parallel, image, covered, part, ranks):
+def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks):
     """Find the splat in which part of every pixel's coverage is passed, once `blend` has finished.
 
     Args:
-        records, starts, lists, grid, peaks, stops, is_parallel, image: As `blend` had and left
+        records, starts, lists, grid, ray_hits, stops, is_parallel, image: As `blend` had and left
             them.
         covered: 1 where a surface shows behind the splats, shape (y1 - y0, x1 - x0) u8; or of no
             size when there are none.
@@ -116,16 +116,16 @@ def median(records, starts, lists, grid, peaks, stops, is_parallel, image, cover
                 counter[0] = first - begin + i + 1
                 place = counter.view(np.float32)[0]
                 if least < np.float32(np.inf):
-                    peak = peaks[lists[first + i]]
-                    if peak[CENTER] - peak[REACH] > most:
+                    ray_hit = ray_hits[lists[first + i]]
+                    if ray_hit[CENTER] - ray_hit[REACH] > most:
                         continue
-                    if peak[CENTER] + peak[REACH] > least:
+                    if ray_hit[CENTER] + ray_hit[REACH] > least:
                         for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):
                             if live[y]:
                                 dy = np.float32(y) - v
                                 pass_row_before(
                                     state, stop, y, u, a, b * dy, c * dy * dy + log_opacity,
-                                    place, peak, dy, is_parallel,
+                                    place, ray_hit, dy, is_parallel,
                                 )  # fmt: skip
                         continue
                 for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 
 VIEW = np.dtype([("fx", "f8"), ("fy", "f8"), ("cx", "f8"), ("cy", "f8"), ("is_parallel", "i4")])
 """Focal lengths and principal point [pixel], and whether rays are parallel."""
@@ -38,8 +38,8 @@ def apply(m, x, y, z):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def positions(view, camera_to_world, depth, x0, y0, out):
+@kernel(over="depth", writes=("out",), axes=2)
+def positions(y, x, view, camera_to_world, depth, x0, y0, out):
     """Write the place in the world of every pixel, 0 where nothing is.
 
     Args:
@@ -49,23 +49,21 @@ def positions(view, camera_to_world, depth, x0, y0, out):
         x0, y0: Pixel of the first column and row.
         out: Receives positions, shape (h, w, 3) f32.
     """
-    for y in prange(depth.shape[0]):
-        for x in range(depth.shape[1]):
-            z = np.float64(depth[y, x])
-            if not z < np.inf:
-                out[y, x, 0] = out[y, x, 1] = out[y, x, 2] = np.float32(0)
-                continue
-            px, py, pz = unproject(view[0], np.float64(x0 + x), np.float64(y0 + y), z)
-            px, py, pz = apply(camera_to_world, px, py, pz)
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = (
-                np.float32(px),
-                np.float32(py),
-                np.float32(pz),
-            )
+    z = np.float64(depth[y, x])
+    if not z < np.inf:
+        out[y, x, 0] = out[y, x, 1] = out[y, x, 2] = np.float32(0)
+        return
+    px, py, pz = unproject(view[0], np.float64(x0 + x), np.float64(y0 + y), z)
+    px, py, pz = apply(camera_to_world, px, py, pz)
+    out[y, x, 0], out[y, x, 1], out[y, x, 2] = (
+        np.float32(px),
+        np.float32(py),
+        np.float32(pz),
+    )
 
 
-@parallel
-def seen(prims, rows, elements, hit, bary, splats, out):
+@kernel(over="rows", writes=("out",), axes=2)
+def seen(y, x, prims, rows, elements, hit, bary, splats, out):
     """Say of the surfaces among what is seen which appearance and where on it.
 
     Args:
@@ -77,18 +75,18 @@ def seen(prims, rows, elements, hit, bary, splats, out):
         out: Receives (rows, elements (h, w) i32, weights (h, w, 2) f32): those of a splat (-1, -1).
     """
     all_rows, all_elements, weights = out
-    for y in prange(rows.shape[0]):
-        for x in range(rows.shape[1]):
-            if rows[y, x] < 0 and prims[y, x] >= 0:
-                all_rows[y, x], all_elements[y, x] = splats + hit[0, y, x], hit[1, y, x]
-                weights[y, x, 0], weights[y, x, 1] = bary[y, x, 0], bary[y, x, 1]
-            else:
-                all_rows[y, x], all_elements[y, x] = rows[y, x], elements[y, x]
-                weights[y, x, 0], weights[y, x, 1] = np.float32(-1), np.float32(-1)
+    if rows[y, x] < 0 and prims[y, x] >= 0:
+        all_rows[y, x], all_elements[y, x] = splats + hit[0, y, x], hit[1, y, x]
+        weights[y, x, 0], weights[y, x, 1] = bary[y, x, 0], bary[y, x, 1]
+    else:
+        all_rows[y, x], all_elements[y, x] = rows[y, x], elements[y, x]
+        weights[y, x, 0], weights[y, x, 1] = np.float32(-1), np.float32(-1)
 
 
-@parallel
-def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x0, y0, sign, out):
+@kernel(over="depth", writes=("out",), axes=2)
+def motion(
+    y, x, views, moves, turns, first, deltas, depth, rows, elements, weights, x0, y0, sign, out
+):
     """Write by how many pixels what is seen at each pixel moves to another frame.
 
     Args:
@@ -107,42 +105,40 @@ def motion(views, moves, turns, first, deltas, depth, rows, elements, weights, x
         sign: 1 for the way to the other frame, -1 for the way from it.
         out: Receives (right, up) [pixel], 0 where nothing is, shape (h, w, 2) f32.
     """
-    for y in prange(depth.shape[0]):
-        for x in range(depth.shape[1]):
-            z, row = np.float64(depth[y, x]), rows[y, x]
-            out[y, x, 0], out[y, x, 1] = np.float32(0), np.float32(0)
-            if row < 0 or not z < np.inf:
-                continue
-            column, line = np.float64(x0 + x), np.float64(y0 + y)
-            px, py, pz = unproject(views[0], column, line, z)
-            px, py, pz = apply(moves[row], px, py, pz)
-            if first[row] != STILL:
-                b, c = -1.0, -1.0
-                if weights.shape[0] > 0:
-                    b, c = np.float64(weights[y, x, 0]), np.float64(weights[y, x, 1])
-                dx, dy, dz = 0.0, 0.0, 0.0
-                if b < 0.0:
-                    at = first[row] + elements[y, x]
-                    dx, dy, dz = (
-                        np.float64(deltas[at, 0]),
-                        np.float64(deltas[at, 1]),
-                        np.float64(deltas[at, 2]),
-                    )
-                else:
-                    at = first[row] + 3 * np.int64(elements[y, x])
-                    a = 1.0 - b - c
-                    dx = a * deltas[at, 0] + b * deltas[at + 1, 0] + c * deltas[at + 2, 0]
-                    dy = a * deltas[at, 1] + b * deltas[at + 1, 1] + c * deltas[at + 2, 1]
-                    dz = a * deltas[at, 2] + b * deltas[at + 1, 2] + c * deltas[at + 2, 2]
-                t = turns[row]
-                px += t[0, 0] * dx + t[0, 1] * dy + t[0, 2] * dz
-                py += t[1, 0] * dx + t[1, 1] * dy + t[1, 2] * dz
-                pz += t[2, 0] * dx + t[2, 1] * dy + t[2, 2] * dz
-            other = views[1]
-            if not other.is_parallel:
-                if not pz > 0.0:
-                    continue
-                px, py = px / pz, py / pz
-            u, v = other.fx * px + other.cx, other.fy * py + other.cy
-            out[y, x, 0] = np.float32(sign * (u - column))
-            out[y, x, 1] = np.float32(sign * (line - v))
+    z, row = np.float64(depth[y, x]), rows[y, x]
+    out[y, x, 0], out[y, x, 1] = np.float32(0), np.float32(0)
+    if row < 0 or not z < np.inf:
+        return
+    column, line = np.float64(x0 + x), np.float64(y0 + y)
+    px, py, pz = unproject(views[0], column, line, z)
+    px, py, pz = apply(moves[row], px, py, pz)
+    if first[row] != STILL:
+        b, c = -1.0, -1.0
+        if weights.shape[0] > 0:
+            b, c = np.float64(weights[y, x, 0]), np.float64(weights[y, x, 1])
+        dx, dy, dz = 0.0, 0.0, 0.0
+        if b < 0.0:
+            at = first[row] + elements[y, x]
+            dx, dy, dz = (
+                np.float64(deltas[at, 0]),
+                np.float64(deltas[at, 1]),
+                np.float64(deltas[at, 2]),
+            )
+        else:
+            at = first[row] + 3 * np.int64(elements[y, x])
+            a = 1.0 - b - c
+            dx = a * deltas[at, 0] + b * deltas[at + 1, 0] + c * deltas[at + 2, 0]
+            dy = a * deltas[at, 1] + b * deltas[at + 1, 1] + c * deltas[at + 2, 1]
+            dz = a * deltas[at, 2] + b * deltas[at + 1, 2] + c * deltas[at + 2, 2]
+        t = turns[row]
+        px += t[0, 0] * dx + t[0, 1] * dy + t[0, 2] * dz
+        py += t[1, 0] * dx + t[1, 1] * dy + t[1, 2] * dz
+        pz += t[2, 0] * dx + t[2, 1] * dy + t[2, 2] * dz
+    other = views[1]
+    if not other.is_parallel:
+        if not pz > 0.0:
+            return
+        px, py = px / pz, py / pz
+    u, v = other.fx * px + other.cx, other.fy * py + other.cy
+    out[y, x, 0] = np.float32(sign * (u - column))
+    out[y, x, 1] = np.float32(sign * (line - v))

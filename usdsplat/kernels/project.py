@@ -174,7 +174,7 @@ def squared_distance(m, position):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("out", "found"), gpu="project.project")
 def project(
     camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
     base, out, found,

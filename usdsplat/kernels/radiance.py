@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
 from .color import convert
-from .jit import parallel, scalar
+from .jit import scalar
 from .lanes import fetch
+from .launch import kernel
 
 AHEAD = 12
 """Splats between asking for harmonics and reading them: rows are anywhere where a field is laid
@@ -96,9 +96,10 @@ def harmonics(sh, c, degree, x, y, z):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@kernel(over="found", writes=("paints",), team=True, exact=True)
 def radiance(
-    sights, positions, sh, degree, conversion, converts, block, base, sources, found, paints, column
+    item, lane, lanes, sights, positions, sh, degree, conversion, converts, block, base, sources,
+    found, paints, column,
 ):  # fmt: skip
     """Colour the visible splats of all instances of one field.
 
@@ -113,37 +114,36 @@ def radiance(
         sources: Each slot's row in the field.
         paints, column: Where the colour goes: three columns of each used slot, f32.
     """
-    n, width = positions.shape[0], 3 * (degree + 1) * (degree + 1)
+    width = 3 * (degree + 1) * (degree + 1)
     stride = np.uint64(3 * sh.shape[1])
-    blocks = (n + block - 1) // block
-    for item in prange(sights.shape[0] * blocks):
-        m = sights[item // blocks]
-        slot = base + item * block
-        x, y, z = np.float32(0), np.float32(0), np.float32(0)
-        end = slot + found[item]
-        for at in range(slot, end):
-            if at + AHEAD < end:
-                later = np.uint64(sources[at + AHEAD])
-                for c in range(0, width, LINE):
-                    fetch(sh, later * stride + np.uint64(c))
-                if degree > 0:
-                    fetch(positions, later * np.uint64(3))
-            i = sources[at]
+    blocks = (positions.shape[0] + block - 1) // block
+    m = sights[item // blocks]
+    slot = base + item * block
+    x, y, z = np.float32(0), np.float32(0), np.float32(0)
+    end = slot + found[item]
+    for at in range(slot + lane, end, lanes):
+        if at + AHEAD < end:
+            later = np.uint64(sources[at + AHEAD])
+            for c in range(0, width, LINE):
+                fetch(sh, later * stride + np.uint64(c))
             if degree > 0:
-                px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
-                dx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
-                dy = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
-                dz = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
-                length = math.sqrt(dx * dx + dy * dy + dz * dz)
-                inverse = 1.0 / length if length > 0.0 else 0.0
-                x, y, z = (
-                    np.float32(dx * inverse),
-                    np.float32(dy * inverse),
-                    np.float32(dz * inverse),
-                )
-            r = harmonics(sh[i], 0, degree, x, y, z)
-            g = harmonics(sh[i], 1, degree, x, y, z)
-            b = harmonics(sh[i], 2, degree, x, y, z)
-            if converts:
-                r, g, b = convert(r, g, b, conversion)
-            paints[at, column], paints[at, column + 1], paints[at, column + 2] = r, g, b
+                fetch(positions, later * np.uint64(3))
+        i = sources[at]
+        if degree > 0:
+            px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+            dx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
+            dy = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
+            dz = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
+            length = math.sqrt(dx * dx + dy * dy + dz * dz)
+            inverse = 1.0 / length if length > 0.0 else 0.0
+            x, y, z = (
+                np.float32(dx * inverse),
+                np.float32(dy * inverse),
+                np.float32(dz * inverse),
+            )
+        r = harmonics(sh[i], 0, degree, x, y, z)
+        g = harmonics(sh[i], 1, degree, x, y, z)
+        b = harmonics(sh[i], 2, degree, x, y, z)
+        if converts:
+            r, g, b = convert(r, g, b, conversion)
+        paints[at, column], paints[at, column + 1], paints[at, column + 2] = r, g, b

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from .bins import MOST_PAIRS, TILE, offsets
-from .jit import parallel, scalar
+from .jit import launcher, parallel, scalar
 from .triangles import Z, depth_from, depth_plane, edge, find, orientation
 
 FEW = 2
@@ -178,6 +178,7 @@ def fill(view, shapes, boxes, grid, chunks, counts, lists):
                         row[y * g.columns + x] = at + 1
 
 
+@launcher(gpu="raster.tile_lists")
 def tile_lists(view, shapes, boxes, grid, tiles, chunks, get):
     """Make the list of each tile: what `bins.tile_lists` returns, of triangles.
 
@@ -196,7 +197,7 @@ def tile_lists(view, shapes, boxes, grid, tiles, chunks, get):
     return starts, lists, int(pairs)
 
 
-@parallel
+@parallel(writes=("depth", "winner"), gpu="raster.raster")
 def raster(view, shapes, boxes, grid, starts, lists, depth, winner):
     """Find the nearest triangle of each pixel of a band.
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
 from .color import convert
-from .jit import parallel
+from .launch import kernel
 
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def recolor(image, conversion):
+@kernel(over="image", writes=("image",), axes=2)
+def recolor(y, x, image, conversion):
     """Un-premultiply, convert and premultiply again, in place.
 
     Args:
@@ -20,14 +19,12 @@ def recolor(image, conversion):
             (h, w, 3), as if A were 1.
         conversion: 13 numbers, see `color`.
     """
-    for y in prange(image.shape[0]):
-        for x in range(image.shape[1]):
-            alpha = image[y, x, 3] if image.shape[2] > 3 else np.float32(1)
-            if alpha > np.float32(0):
-                r, g, b = convert(
-                    image[y, x, 0] / alpha,
-                    image[y, x, 1] / alpha,
-                    image[y, x, 2] / alpha,
-                    conversion,
-                )
-                image[y, x, 0], image[y, x, 1], image[y, x, 2] = r * alpha, g * alpha, b * alpha
+    alpha = image[y, x, 3] if image.shape[2] > 3 else np.float32(1)
+    if alpha > np.float32(0):
+        r, g, b = convert(
+            image[y, x, 0] / alpha,
+            image[y, x, 1] / alpha,
+            image[y, x, 2] / alpha,
+            conversion,
+        )
+        image[y, x, 0], image[y, x, 1], image[y, x, 2] = r * alpha, g * alpha, b * alpha

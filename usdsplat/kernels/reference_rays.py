@@ -1,7 +1,7 @@
-"""Every pixel's own ray in plain float64 NumPy: the oracle of `peak`, `walk` and surfaces.
+"""Every pixel's own ray in plain float64 NumPy: the oracle of `ray_hit`, `walk` and surfaces.
 
-All splats are evaluated at all pixels, so it is for small scenes. A Gaussian's peak along a ray is
-found with the inverse of its covariance, as the formula is printed.
+All splats are evaluated at all pixels, so it is for small scenes. A Gaussian's maximum along a ray
+is found with the inverse of its covariance, as the formula is printed.
 
 Source: Radl et al. 2024, "StopThePop", equation for the point of maximum contribution.
 """
@@ -27,7 +27,7 @@ class Rays:
     alpha: F64
     """Shape (n, h, w)."""
     depth: F64
-    """Key of the order, or where splats peak, shape (n, h, w)."""
+    """Key of the order, or depths of ray hits, shape (n, h, w)."""
     splat: npt.NDArray[Any]
     """Row in the footprints, shape (n, h, w)."""
     color: F64
@@ -36,8 +36,8 @@ class Rays:
     """Transmittance of all, also of what holds out, shape (h, w)."""
 
 
-def peak_depths(seen: Footprints, lens: Lens) -> F64:
-    """Where each splat peaks along each pixel's ray: planar depth, shape (n, h, w).
+def ray_hit_depths(seen: Footprints, lens: Lens) -> F64:
+    """Return where each pixel's ray hits each splat: planar depth, shape (n, h, w).
 
     Held within the depths of the ellipsoid in which a contribution counts, and not before the near
     plane.
@@ -77,7 +77,7 @@ def trace(
     seen: Footprints,
     lens: Lens,
     *,
-    by_ray: bool,
+    sort_by_ray_hit: bool,
     stops: F64 | None = None,
     keeps: F64 | None = None,
 ) -> Rays:
@@ -85,16 +85,18 @@ def trace(
 
     Args:
         seen: What the lens sees.
-        by_ray: Whether that order is by the peaks along the ray, or that of `seen`.
-        stops: Depth of surfaces: what peaks behind is left out, shape (h, w).
+        sort_by_ray_hit: Whether that order is by ray hits, or that of `seen`.
+        stops: Depth of surfaces: ray hits behind them are left out, shape (h, w).
         keeps: 0 for what only holds out, shape (n,).
     """
-    alpha, peaks = alphas(seen, lens), peak_depths(seen, lens)
+    alpha, ray_hits = alphas(seen, lens), ray_hit_depths(seen, lens)
     if stops is not None:
-        alpha = np.where(peaks <= stops, alpha, 0.0)
-    depth = peaks if by_ray else np.broadcast_to(seen.camera[:, 2, None, None], alpha.shape)
+        alpha = np.where(ray_hits <= stops, alpha, 0.0)
+    depth = (
+        ray_hits if sort_by_ray_hit else np.broadcast_to(seen.camera[:, 2, None, None], alpha.shape)
+    )
     key = np.where(alpha > 0, depth, np.inf)
-    order = np.argsort(key, axis=0, kind="stable") if by_ray else None
+    order = np.argsort(key, axis=0, kind="stable") if sort_by_ray_hit else None
     splat = np.broadcast_to(np.arange(len(alpha))[:, None, None], alpha.shape)
     if order is not None:
         alpha = np.take_along_axis(alpha, order, axis=0)

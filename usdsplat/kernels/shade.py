@@ -238,7 +238,7 @@ def shade_stretch(
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("out",), gpu="shade.shade")
 def shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
     """Shade the nearest triangle of each pixel of a band.
 

@@ -50,7 +50,7 @@ def byte(value):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("out",))
 def show(
     image, matrix, shaper, shaper_scale, cube, table, table_scale, channel, backs, square, out
 ):

@@ -12,6 +12,7 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar, serial
+from .launch import kernel
 
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
@@ -24,7 +25,7 @@ PASSES = 3
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@serial
+@serial(writes=("visible",), gpu="sort.visible_slots")
 def visible_slots(found, starts, blocks, visible):
     """List the used slots in order; returns how many.
 
@@ -52,7 +53,7 @@ def ordered_bits(bits):
     return np.uint32(bits ^ np.uint32(0xFFFFFFFF)) if bits & sign else np.uint32(bits | sign)
 
 
-@parallel
+@parallel(writes=("work", "histogram"), gpu="sort.depth_order")
 def depth_order(visible, count, keys, chunks, work, histogram):
     """Sort slots by key, stably; returns which of the two halves of `work` holds the result.
 
@@ -96,32 +97,26 @@ def depth_order(visible, count, keys, chunks, work, histogram):
     return source
 
 
-@parallel
-def name_rows(rows, sources):
+@kernel(over="sources", writes=("sources",))
+def name_rows(at, rows, sources):
     """Where a budget leaves a part of a field, go from rows of the part to rows of the field.
 
     Args:
         rows: Of each splat of the part in its field, shape (n,) i32, n > 0.
         sources: Slots of the part, of which unused ones hold anything; changed in place, i32.
     """
-    count = sources.shape[0]
-    for block in prange((count + BLOCK - 1) // BLOCK):
-        for at in range(block * BLOCK, min(count, (block + 1) * BLOCK)):
-            sources[at] = rows[min(max(sources[at], 0), rows.shape[0] - 1)]
+    sources[at] = rows[min(max(sources[at], 0), rows.shape[0] - 1)]
 
 
-@parallel
-def gather(order, records, out):
+@kernel(over="order", writes=("out",))
+def gather(k, order, records, out):
     """out[k] = records[order[k]]: what blending reads, in the order it reads it."""
-    n = order.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            slot = order[k]
-            for c in range(records.shape[1]):
-                out[k, c] = records[slot, c]
+    slot = order[k]
+    for c in range(records.shape[1]):
+        out[k, c] = records[slot, c]
 
 
-@serial
+@serial(writes=("slots", "work"), gpu="sort.settle")
 def settle(bits, slots, count, sources, first_slots, work):
     """Put splats of equal keys in the order of their appearances and, there, of their rows.
 

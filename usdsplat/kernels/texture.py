@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 
 BLACK, CLAMP, REPEAT, MIRROR = range(4)
 """What lies outside [0, 1]."""
@@ -128,27 +128,24 @@ def taps(i, n):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def halve(texels, levels, k):
+@kernel(over="size", writes=("texels",), axes=2)
+def halve(y, x, texels, levels, k, size):
     """Fill level k + 1 of a pyramid from level k.
 
     Args:
         texels: All levels, f32.
         levels: LEVEL records.
+        size: Rows and columns of level k + 1.
     """
-    target = levels[k + 1]
-    for y in prange(target.height):
-        big, small = levels[k], levels[k + 1]
-        wy = taps(y, big.height)
-        for x in range(small.width):
-            wx = taps(x, big.width)
-            for c in range(CHANNELS):
-                total = np.float32(0)
-                for j in range(3):
-                    if wy[j] > np.float32(0):
-                        for i in range(3):
-                            if wx[i] > np.float32(0):
-                                row = (2 * y + j) * big.width + 2 * x + i
-                                value = texels[big.first + row * CHANNELS + c]
-                                total += wy[j] * wx[i] * value
-                texels[small.first + (y * small.width + x) * CHANNELS + c] = total
+    big, small = levels[k], levels[k + 1]
+    wy, wx = taps(y, big.height), taps(x, big.width)
+    for c in range(CHANNELS):
+        total = np.float32(0)
+        for j in range(3):
+            if wy[j] > np.float32(0):
+                for i in range(3):
+                    if wx[i] > np.float32(0):
+                        row = (2 * y + j) * big.width + 2 * x + i
+                        value = texels[big.first + row * CHANNELS + c]
+                        total += wy[j] * wx[i] * value
+        texels[small.first + (y * small.width + x) * CHANNELS + c] = total

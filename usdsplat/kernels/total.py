@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel
+from .launch import kernel
 
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def clear(total):
+@kernel(over="total", writes=("total",), axes=2)
+def clear(y, x, total):
     """Begin with nothing; shape (h, w, n) f32."""
-    for y in prange(total.shape[0]):
-        for x in range(total.shape[1]):
-            for c in range(total.shape[2]):
-                total[y, x, c] = np.float32(0)
+    for c in range(total.shape[2]):
+        total[y, x, c] = np.float32(0)
 
 
-@parallel
-def add(total, image):
+@kernel(over="total", writes=("total",), axes=2)
+def add(y, x, total, image):
     """Add the first n channels of a picture, shape (h, w, >= n) f32, to a sum of n, in place."""
-    for y in prange(total.shape[0]):
-        for x in range(total.shape[1]):
-            for c in range(total.shape[2]):
-                total[y, x, c] += image[y, x, c]
+    for c in range(total.shape[2]):
+        total[y, x, c] += image[y, x, c]
 
 
-@parallel
-def scale(total, factor):
+@kernel(over="total", writes=("total",), axes=2)
+def scale(y, x, total, factor):
     """Multiply a sum by a number, f32, in place."""
-    for y in prange(total.shape[0]):
-        for x in range(total.shape[1]):
-            for c in range(total.shape[2]):
-                total[y, x, c] *= factor
+    for c in range(total.shape[2]):
+        total[y, x, c] *= factor

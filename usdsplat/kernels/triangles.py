@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import block_kernel
 
 BLOCK = 1024
 """Vertices or triangles of one block. It depends on nothing, so results depend on no thread
@@ -264,8 +264,8 @@ def box_of(view, double_sided, mirrored, a, b, c, box):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def place(view, appearances, firsts, matrices, points, vertices):
+@block_kernel(over="vertices", writes=("vertices",))
+def place(first, last, view, appearances, firsts, matrices, points, vertices):
     """Take the points of all appearances to camera space and to the screen.
 
     Args:
@@ -276,23 +276,19 @@ def place(view, appearances, firsts, matrices, points, vertices):
         points: Points of all meshes, f32, shape (p, 3).
         vertices: Receives VERTEX rows, f64.
     """
-    total = vertices.shape[0]
-    for block in prange((total + BLOCK - 1) // BLOCK):
-        eye = view[0]
-        i = block * BLOCK
-        end = min(i + BLOCK, total)
-        while i < end:
-            k = find(firsts, i)
-            offset = appearances[k].points - firsts[k]
-            m = matrices[k]
-            stop = min(end, firsts[k + 1])
-            for j in range(i, stop):
-                place_one(eye, m, points[j + offset], vertices[j])
-            i = stop
+    eye, i = view[0], first
+    while i < last:
+        k = find(firsts, i)
+        offset = appearances[k].points - firsts[k]
+        m = matrices[k]
+        stop = min(last, firsts[k + 1])
+        for j in range(i, stop):
+            place_one(eye, m, points[j + offset], vertices[j])
+        i = stop
 
 
-@parallel
-def boxes(view, appearances, firsts, vertex_firsts, vertices, triangles, out):
+@block_kernel(over="out", writes=("out",))
+def boxes(first, last, view, appearances, firsts, vertex_firsts, vertices, triangles, out):
     """Find where on the screen each triangle of each appearance may be.
 
     Args:
@@ -303,20 +299,16 @@ def boxes(view, appearances, firsts, vertex_firsts, vertices, triangles, out):
         out: Receives x0 y0 x1 y1 of each triangle [pixel], end exclusive, i32; zeros where it is
             not drawn.
     """
-    total = out.shape[0]
-    for block in prange((total + BLOCK - 1) // BLOCK):
-        eye = view[0]
-        i = block * BLOCK
-        end = min(i + BLOCK, total)
-        while i < end:
-            k = find(firsts, i)
-            look = appearances[k]
-            offset, base = look.rows - firsts[k], vertex_firsts[k]
-            stop = min(end, firsts[k + 1])
-            for j in range(i, stop):
-                corner = triangles[j + offset]
-                box_of(
-                    eye, look.double_sided, look.mirrored, vertices[base + corner[0]],
-                    vertices[base + corner[1]], vertices[base + corner[2]], out[j],
-                )  # fmt: skip
-            i = stop
+    eye, i = view[0], first
+    while i < last:
+        k = find(firsts, i)
+        look = appearances[k]
+        offset, base = look.rows - firsts[k], vertex_firsts[k]
+        stop = min(last, firsts[k + 1])
+        for j in range(i, stop):
+            corner = triangles[j + offset]
+            box_of(
+                eye, look.double_sided, look.mirrored, vertices[base + corner[0]],
+                vertices[base + corner[1]], vertices[base + corner[2]], out[j],
+            )  # fmt: skip
+        i = stop

@@ -1,8 +1,8 @@
 """Walk through what each pixel sees, one contribution after the other.
 
 `blend` and `median` treat 16 pixels at a time and know only the order of centres. Here each pixel
-has its own list: in that order, or, for rayHitDistance, by the depths at which the splats peak
-along its own ray. Those are kept in a sorted window; what lies nearer than anything that may still
+has its own list: in that order, or, for rayHitDistance, by the depths at which its own ray hits
+the splats. Those are kept in a sorted window; what lies nearer than anything that may still
 come is taken out of it, so the order is exact and no list is cut short.
 
 What is done with a contribution is the mode: sum paint, find the median, weigh prims for
@@ -23,27 +23,25 @@ from .batch import FIELDS, LOOK, load_batch
 from .bins import TILE
 from .blend import END, alpha_at
 from .jit import parallel, scalar
-from .peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from .project import DEPTH
+from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
+from .weigh import NONE, number_prims, strongest
 
 PAINT, MEDIAN, WEIGH, COUNT, FILL = range(5)
 
 WALK = np.dtype(
     [
-        ("mode", "i4"), ("column", "i4"), ("by_ray", "i4"), ("is_parallel", "i4"),
+        ("mode", "i4"), ("column", "i4"), ("sort_by_ray_hit", "i4"), ("is_parallel", "i4"),
         ("prims", "i4"), ("part", "f4"), ("error", "f4"), ("near", "f4"),
     ]
 )  # fmt: skip
 """What a walk is for: its mode, the first column of the paints, whether pixels have orders of their
 own, whether rays are parallel, how many prims there are, the part of the coverage that MEDIAN looks
 for, by how much merging may change the opacity in front of any depth, and the near plane: the eye
-may be inside a Gaussian, whose peak along a ray then is behind it."""
+may be inside a Gaussian, whose ray hit then may be behind it."""
 
 DEPTHS = -1
 """Column that stands for the depth of each contribution."""
-
-RANKS = 6
-"""Prims of a pixel that Cryptomatte keeps."""
 
 FLUSH = 8
 """Splats between two looks at what may leave the windows."""
@@ -52,7 +50,6 @@ STATE = 8
 THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
 """Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
 or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
-NONE = np.int32(-1)
 
 
 # --- 1. mathematics: one contribution to one pixel --------------------------------------
@@ -72,33 +69,19 @@ def held_through(offsets, depths, through, pixel, depth):
     return through[low - 1] if low > first else np.float32(1)
 
 
-@scalar
-def strongest(table, count, x, names, ids, weights, row, column):
-    """Write the prims that weigh most in pixel x, the heaviest first, and forget their weights."""
-    for rank in range(RANKS):
-        best, most = NONE, np.float32(0)
-        for j in range(count):
-            if table[j * TILE + x] > most:
-                best, most = np.int32(j), table[j * TILE + x]
-        ids[row, column, rank] = names[best] if best >= 0 else NONE
-        weights[row, column, rank] = most
-        if best >= 0:
-            table[best * TILE + x] = np.float32(0)
-
-
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
 @parallel
 def walk(
-    options, records, paints, keeps, labels, starts, lists, grid, peaks, stops, covered, holdout,
+    options, records, paints, keeps, labels, starts, lists, grid, ray_hits, stops, covered, holdout,
     out,
 ):  # fmt: skip
     """Walk all pixels of a band.
 
     Args:
         options: One WALK record, shape (1,).
-        records, starts, lists, grid, peaks, stops: As `blend` takes them.
+        records, starts, lists, grid, ray_hits, stops: As `blend` takes them.
         paints: Three numbers of each splat from a column on, f32; of column DEPTHS none.
         keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
         labels: Number of each splat's prim, shape (n,) i32; read only by WEIGH.
@@ -119,7 +102,7 @@ def walk(
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
         mode, column, error = options[0].mode, options[0].column, options[0].error
-        by_ray, is_parallel = options[0].by_ray, options[0].is_parallel
+        sort_by_ray_hit, is_parallel = options[0].sort_by_ray_hit, options[0].is_parallel
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
@@ -135,24 +118,19 @@ def walk(
         near = np.empty(TILE * n, np.float32)
         strength = np.empty(TILE * n, np.float32)
         ranked = np.empty(TILE * n, np.int32)
-        if by_ray:
+        if sort_by_ray_hit:
             bound[n] = np.float32(np.inf)
             for i in range(n):
                 k = n - 1 - i
                 rank = lists[begin + k]
-                bound[k] = min(bound[k + 1], peaks[rank, CENTER] - peaks[rank, REACH])
+                bound[k] = min(bound[k + 1], ray_hits[rank, CENTER] - ray_hits[rank, REACH])
         prims = 0
         weighed = n if mode == WEIGH else 0
         known = np.full(options[0].prims if mode == WEIGH else 0, NONE, np.int32)
         local = np.empty(weighed, np.int32)
         names = np.empty(weighed, np.int32)
         if mode == WEIGH:
-            for k in range(n):
-                label = labels[lists[begin + k]]
-                if known[label] < 0:
-                    known[label], names[prims] = prims, label
-                    prims += 1
-                local[k] = known[label]
+            prims = number_prims(labels, lists, begin, n, known, local, names)
         table = np.zeros(TILE * min(weighed, options[0].prims), np.float32)
         state = np.zeros(TILE * STATE, np.float32)
         mark = np.zeros(TILE, np.int32)
@@ -203,14 +181,14 @@ def walk(
                     rest = fields[f + 4] * dy * dy + fields[f + 5]
                     for x in range(TILE):
                         alphas[np.uint64(x)] = alpha_at(np.float32(x) - u, a, slope, rest)
-                    if by_ray or has_stops:
+                    if sort_by_ray_hit or has_stops:
                         first, second, third = row_at(
-                            peaks[rank, HX], peaks[rank, HY], peaks[rank, HZ], dy
+                            ray_hits[rank, HX], ray_hits[rank, HY], ray_hits[rank, HZ], dy
                         )
-                        gx, gy = peaks[rank, GX], peaks[rank, GY]
-                        center, reach = peaks[rank, CENTER], peaks[rank, REACH]
+                        gx, gy = ray_hits[rank, GX], ray_hits[rank, GY]
+                        center, reach = ray_hits[rank, CENTER], ray_hits[rank, REACH]
                         for x in range(TILE):
-                            depths[np.uint64(x)] = peak_at(
+                            depths[np.uint64(x)] = ray_hit_at(
                                 np.float32(x) - u, gx, gy, first, second, third, center, reach,
                                 is_parallel,
                             )  # fmt: skip
@@ -218,14 +196,14 @@ def walk(
                     for x in range(x0, x1):
                         if alphas[x] <= np.float32(0) or alive[x] == 0:
                             continue
-                        depth = max(depths[x], options[0].near) if by_ray else center
+                        depth = max(depths[x], options[0].near) if sort_by_ray_hit else center
                         if has_stops:
                             stop = stops[row, left + x - g.x0]
                             if depths[x] > stop:
                                 continue
                             depth = min(depth, stop)
                         j = x * n + tail[x]
-                        if by_ray:  # sorted by depth; equal ones keep their order
+                        if sort_by_ray_hit:  # sorted by depth; equal ones keep their order
                             first_of = x * n + head[x]
                             while j > first_of and near[j - 1] > depth:
                                 near[j], strength[j] = near[j - 1], strength[j - 1]
@@ -240,7 +218,7 @@ def walk(
                     s, place = x * STATE, left + x - g.x0
                     pixel = row * width + place
                     j, end = x * n + head[x], x * n + tail[x]
-                    while j < end and (not by_ray or near[j] <= bound[k]):
+                    while j < end and (not sort_by_ray_hit or near[j] <= bound[k]):
                         rank, alpha, depth = lists[begin + ranked[j]], strength[j], near[j]
                         label = local[ranked[j]] if mode == WEIGH else NONE
                         j += 1
@@ -314,7 +292,7 @@ def walk(
                     ranks[row, place] = mark[x]
                     depths_out[row, place] = state[s + SEEN]
                 elif mode == WEIGH:
-                    strongest(table, prims, x, names, ids, weights, row, place)
+                    strongest(table, x, prims, names, ids, weights, row, place)
                 elif mode == COUNT:
                     counts[row, place] = mark[x]
                 elif has_stops and (has_keeps or holds):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from usdsplat.core.errors import UsageError
@@ -12,6 +13,20 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.simulating.runner import Runner
 from usdsplat.preview.sources import Sources, files_of_capture
 from usdsplat.preview.values import Busy, Event, Problem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageLoading:
+    """What of a stage is composed and loaded."""
+
+    variants: tuple[str, ...] = ()
+    """Selections, each "/Prim:set=name"."""
+    mute: tuple[str, ...] = ()
+    """Regular expressions; layers in whose identifier one is found are left out."""
+    mask: tuple[str, ...] = ()
+    """Paths of the prims to load, and nothing else; none for all."""
+    session_layer: Path | None = None
+    """A layer of opinions stronger than the stage's own, weaker than a user's."""
 
 
 class _Telling:
@@ -37,10 +52,7 @@ def open_document(
     publish: Callable[[Event], None] = lambda event: None,
     device: str = "auto",
     threads: int | None = None,
-    variants: tuple[str, ...] = (),
-    mute: tuple[str, ...] = (),
-    mask: tuple[str, ...] = (),
-    session_layer: Path | None = None,
+    loading: StageLoading = StageLoading(),
     axes: str | None = None,
 ) -> Document:
     """Open a stage, or any capture onto a stage in memory; no file is ever written.
@@ -52,10 +64,7 @@ def open_document(
         path: Of a file that USD reads, or of a capture.
         publish: Told what happens to the document, first how its reading goes.
         device, threads: As `Engine` takes them.
-        variants: Selections, each "/Prim:set=name".
-        mute: Regular expressions; layers in whose identifier one is found are left out.
-        mask: Paths of the prims to load, and nothing else.
-        session_layer: A layer of opinions stronger than the stage's own, weaker than a user's.
+        loading: What of a stage is composed; a capture takes the default only.
         axes: Where x, y and z of a capture point; None believes the file.
 
     Raises:
@@ -67,14 +76,18 @@ def open_document(
     path = Path(path)
     sources = Sources(path, is_capture=not is_usd(path), axes=axes)
     if sources.is_capture:
-        _check_options(path, variants=variants, mute=mute, mask=mask, session_layer=session_layer)
+        _check_loading(path, loading)
         sources.note(files_of_capture(path))
         stage = _import(path, axes, publish)
     else:
         if axes is not None:
             raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
         stage = opening.open_as_asked(
-            path, variants=variants, mute=mute, mask=mask, session_layer=session_layer
+            path,
+            variants=loading.variants,
+            mute=loading.mute,
+            mask=loading.mask,
+            session_layer=loading.session_layer,
         )
         sources.note(layer_files(stage))
         for remark in composition_remarks(stage):
@@ -159,9 +172,9 @@ def _import(path: Path, axes: str | None, publish: Callable[[Event], None]) -> o
         telling.end()
 
 
-def _check_options(path: Path, **given: object) -> None:
+def _check_loading(path: Path, loading: StageLoading) -> None:
     """Refuse what does nothing for a capture."""
-    for name, value in given.items():
-        if value:
-            flag = f"--{name.removesuffix('s').replace('_', '-')}"
+    for item in fields(loading):
+        if getattr(loading, item.name):
+            flag = f"--{item.name.removesuffix('s').replace('_', '-')}"
             raise UsageError(flag, f"a capture, {path}", "a stage")

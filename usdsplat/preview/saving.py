@@ -1,60 +1,34 @@
-"""What a viewport shows, into files: one picture, or one for each frame, or a movie.
+"""Save what a viewport shows: one picture, one for each frame, or a movie.
 
 All is drawn in full at the viewport's size. PNG, JPEG and movies hold what the screen shows, with
-exposure, channel, wipe and background; EXR holds what a compositor wants, linear and with alpha.
+exposure, channel, wipe and background; an EXR is what `usdsplat render` writes of the same view.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
-import numpy as np
-
-from usdsplat.core.errors import UnknownFormatError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.images import cryptomatte, open_writer
-from usdsplat.images.aovs import find_aovs
-from usdsplat.images.camera import camera_metadata
+from usdsplat.images import ColorMode
 from usdsplat.images.frames import frame_paths
-from usdsplat.images.labels import picture_metadata
-from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.images.layout import Metadata
 from usdsplat.interchange.files import check_not_input, layer_files
-from usdsplat.preview import movie
+from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.drawing import Shown, Side
 from usdsplat.preview.sources import files_of_capture
-from usdsplat.preview.values import Image, ViewState
-from usdsplat.render.framing import conform
-
-FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
-"""Suffix -> Pillow's name, of pictures as a screen shows them."""
-QUALITY = 95
-"""Of a JPEG [0..100]."""
-DISPLAY = "srgb_rec709_display"
-
-
-def save_image(image: Image, path: Path | str) -> Path:
-    """Write display RGB, shape (h, w, 3), as PNG or JPEG; return the file.
-
-    Raises:
-        UnknownFormatError: If the suffix is none of `FORMATS`.
-        OutputError: If the file cannot be written.
-    """
-    from PIL import Image as pillow
-
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise _unknown(path, tuple(FORMATS))
-    kind = FORMATS[path.suffix.lower()]
-    more = {"quality": QUALITY, "subsampling": 0} if kind == "JPEG" else {}
-    with atomic_path(path) as temporary:
-        pillow.fromarray(np.ascontiguousarray(image)).save(temporary, kind, **more)
-    return path
+from usdsplat.preview.values import DisplaySettings, ViewState
+from usdsplat.products import movie
+from usdsplat.products.cancel import Cancelled, CancelToken
+from usdsplat.products.display_image import FORMATS, check_suffix, save_image
+from usdsplat.products.drawing import write_picture
+from usdsplat.products.header import Origin, labelled_layout, picture_header
+from usdsplat.products.picture_file import PictureFile
+from usdsplat.products.request import PicturePlan
 
 
 def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
@@ -71,10 +45,9 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
         UsdSplatError: If the state cannot be drawn.
     """
     path = Path(path)
-    if path.suffix.lower() not in (*FORMATS, ".exr"):
-        raise _unknown(path, (*FORMATS, ".exr"))
+    check_suffix(path, (*FORMATS, ".exr"))
     _check_not_read(document, (path,))
-    _save(document, document.still(state), path)
+    _save(document, state, path, cancel=CancelToken())
     return path
 
 
@@ -85,7 +58,7 @@ def flipbook(
     path: Path | str,
     *,
     progress: Progress = silent,
-    cancelled: Callable[[], bool] = lambda: False,
+    cancel: CancelToken | None = None,
 ) -> tuple[Path, ...]:
     """Draw every frame in full, and write a picture of each, or one movie.
 
@@ -98,7 +71,7 @@ def flipbook(
         path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
             .mov, which plays at the stage's rate.
         progress: Told how many frames are done.
-        cancelled: Asked between frames; what is finished stays, but of a movie nothing does.
+        cancel: Ends the work; complete pictures stay, but nothing of a movie.
 
     Returns:
         The files that were written.
@@ -109,7 +82,7 @@ def flipbook(
         OutputError: If a file cannot be written, or a movie is asked for where there is no ffmpeg.
         UsdSplatError: If a frame cannot be drawn.
     """
-    book = Flipbook(state, frames, path, progress=progress, cancelled=cancelled)
+    book = Flipbook(state, frames, path, progress=progress, cancel=cancel)
     while book.turn(document):
         pass
     return book.files
@@ -130,7 +103,7 @@ class Flipbook:
     What is not finished when the last reference to it goes leaves no movie.
 
     Args:
-        state, frames, path, progress, cancelled: As `flipbook` takes them.
+        state, frames, path, progress, cancel: As `flipbook` takes them.
     """
 
     def __init__(
@@ -140,12 +113,12 @@ class Flipbook:
         path: Path | str,
         *,
         progress: Progress = silent,
-        cancelled: Callable[[], bool] = lambda: False,
+        cancel: CancelToken | None = None,
     ) -> None:
         self.files: tuple[Path, ...] = ()
         """That were written."""
         self._state, self._frames, self._path = state, frames, Path(path)
-        self._progress, self._cancelled = progress, cancelled
+        self._progress, self._cancel = progress, cancel or CancelToken()
         self._turns: Iterator[None] | None = None
 
     def turn(self, document: Document) -> bool:
@@ -162,8 +135,7 @@ class Flipbook:
         suffix = self._path.suffix.lower()
         if not self._frames:
             raise UsageError("frames", "none", "one or more")
-        if suffix not in (*FORMATS, ".exr", *movie.SUFFIXES):
-            raise _unknown(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
+        check_suffix(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
         files = targets(self._path, self._frames)
         _check_not_read(document, files)
         if suffix in movie.SUFFIXES:
@@ -171,24 +143,23 @@ class Flipbook:
         return self._pictures(document, files)
 
     def _pictures(self, document: Document, files: Sequence[Path]) -> Iterator[None]:
-        for frame, target in zip(self._frames, files, strict=True):
-            if self._cancelled():
-                return
-            _save(document, document.still(_at(self._state, frame)), target)
-            self.files = (*self.files, target)
-            self._progress.step(self._path.name, len(self.files), len(self._frames))
-            yield
+        with suppress(Cancelled):
+            for frame, target in zip(self._frames, files, strict=True):
+                self._cancel.check()
+                state = _at(self._state, frame)
+                _save(document, state, target, cancel=self._cancel)
+                self.files = (*self.files, target)
+                self._progress.step(self._path.name, len(self.files), len(self._frames))
+                yield
 
     def _movie(self, document: Document) -> Iterator[None]:
-        class Cancelled(Exception):
-            """Leaves the movie without a file."""
-
         rate = document.stage.GetTimeCodesPerSecond()
+        first = _at(self._state, self._frames[0])
+        metadata = _display_header(document, first, document.still(first))
         with suppress(Cancelled):
-            with movie.Movie(self._path, self._state.size, rate) as target:
+            with movie.Movie(self._path, self._state.size, rate, metadata=metadata) as target:
                 for i, frame in enumerate(self._frames):
-                    if self._cancelled():
-                        raise Cancelled
+                    self._cancel.check()
                     target.write(document.still(_at(self._state, frame)).picture.image)
                     self._progress.step(self._path.name, i + 1, len(self._frames))
                     yield
@@ -205,68 +176,72 @@ def _check_not_read(document: Document, files: Sequence[Path]) -> None:
 
 
 def _at(state: ViewState, frame: float) -> ViewState:
-    """The same at another time; what has a time of its own keeps it."""
+    """Return the same at another time; a look with a time of its own keeps it."""
     return replace(state, time=frame)
 
 
-def _save(document: Document, shown: Shown, path: Path) -> None:
-    """Write a picture, as the suffix says."""
-    if path.suffix.lower() == ".exr":
-        _save_exr(document, shown.sides[0], path)
-    else:
-        save_image(shown.picture.image, path)
+def _save(document: Document, state: ViewState, path: Path, *, cancel: CancelToken) -> None:
+    """Draw a state in full and write it, as the suffix says."""
+    shown = document.still(state)
+    if path.suffix.lower() != ".exr":
+        metadata = _display_header(document, state, shown)
+        save_image(shown.picture.image, path, metadata=metadata)
+        return
+    side = shown.sides[0]
+    engine, look = side.scene.engine, side.look
+    plan = _plan(state, side, aovs=("color", look.aov), color_mode="scene")
+    with document.lock:  # a simulation that runs does not edit what is being drawn
+        layout = labelled_layout(engine, plan, side.view, origin=_origin(document, state, side))
+        file = PictureFile(plan=plan, path=path, view=side.view, layout=layout)
+        write_picture(engine, file, rows_written=lambda rows: cancel.check())
 
 
-def _save_exr(document: Document, side: Side, path: Path) -> None:
-    """One side, drawn once more as a compositor wants it."""
-    look = side.look
-    settings = look.settings
+def _display_header(document: Document, state: ViewState, shown: Shown) -> Metadata:
+    """Return the header of a picture as the screen shows it; of a comparison, the left side's."""
+    side = shown.sides[0]
+    plan = _plan(state, side, aovs=("color",), color_mode="display")
+    origin = replace(_origin(document, state, side), shown=_adjustments(state))
+    with document.lock:
+        return picture_header(side.scene.engine, plan, side.view, origin=origin)
+
+
+def _plan(
+    state: ViewState, side: Side, *, aovs: tuple[str, ...], color_mode: ColorMode
+) -> PicturePlan:
+    """Return the plan of one side; `color_mode` is what "auto" means for its file."""
+    settings = side.look.settings
     if settings.color_mode == "auto":
-        settings = replace(settings, color_mode="scene")
-    aovs = find_aovs(tuple(dict.fromkeys(("color", look.aov))))
-    pixels = side.scene.engine.picture(side.view, settings, tuple(aov.hydra for aov in aovs))
-    is_display = settings.color_mode == "display"
-    layout = ImageLayout(
-        resolution=side.view.framing.resolution,
-        aovs=tuple(aov.name for aov in aovs),
-        color_space=DISPLAY if is_display else settings.working_space,
-        metadata=_metadata(document, side),
+        settings = replace(settings, color_mode=color_mode)
+    return PicturePlan(
+        camera=side.view.camera.path or None,
+        framing=side.view.framing,
+        settings=settings,
+        aovs=tuple(dict.fromkeys(aovs)),
+        purposes=state.purposes,
+        is_baked=color_mode == "display" and settings.color_mode != "display",
     )
-    with open_writer(path, layout) as writer:
-        writer.write_band(
-            0,
-            {
-                # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
-                aov.name: pixels[aov.hydra].view(np.uint32)
-                if aov.kind == "id"
-                else pixels[aov.hydra]
-                for aov in aovs
-            },
-        )
 
 
-def _metadata(document: Document, side: Side) -> Metadata:
-    """What the header says of the picture."""
-    camera, scene, look = side.view.camera, side.scene, side.look
-    window, _ = conform(camera.window, side.view.framing)
-    name = document.path or document.stage.GetRootLayer().GetDisplayName()
-    entries = {
-        **camera_metadata(
-            world_to_camera=camera.world_to_camera, window=window, orthographic=camera.orthographic
-        ),
-        **picture_metadata(
-            stage=str(name),
-            frame=scene.time or 0.0,
-            samples=look.settings.samples,
-            exposure=camera.exposure,
-        ),
+def _origin(document: Document, state: ViewState, side: Side) -> Origin:
+    """Return what the header of a side says about stage, frame and camera."""
+    layer = document.stage.GetRootLayer()
+    name = document.path or layer.realPath or layer.GetDisplayName()
+    if isinstance(state.camera, FreeCamera):
+        return Origin(stage=str(name), frame=side.scene.time or 0.0, camera="free")
+    return Origin(stage=str(name), frame=side.scene.time or 0.0)
+
+
+def _adjustments(state: ViewState) -> dict[str, str | float]:
+    """Return the adjustments of the screen that differ from their defaults."""
+    usual, settings = DisplaySettings(), state.display
+    values = {item.name: getattr(settings, item.name) for item in fields(settings)}
+    found = {
+        name: value if isinstance(value, float | str) else str(value)
+        for name, value in values.items()
+        if value != getattr(usual, name)
     }
-    if look.aov == "id":
-        entries["usdsplat:ids"] = json.dumps(scene.prims)
-    if look.aov == "cryptoObject":
-        return {**entries, **cryptomatte.metadata("cryptoObject", scene.prims)}
-    return entries
-
-
-def _unknown(path: Path, suffixes: tuple[str, ...]) -> UnknownFormatError:
-    return UnknownFormatError(str(path), f"suffix {path.suffix!r}", f"one of {', '.join(suffixes)}")
+    if state.look.aov != "color":
+        found["aov"] = state.look.aov
+    if state.other is not None:
+        found["wipe"] = state.wipe
+    return found

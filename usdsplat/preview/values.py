@@ -12,15 +12,13 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core.knobs import knob
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.products.display_image import Image
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
-
-Image = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.images.cryptomatte import object_hash
-from usdsplat.kernels import cryptomatte, total, walk
+from usdsplat.kernels import cryptomatte, total
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers
-
-CHANNELS = {"color": 4, "albedo": 3}
+from usdsplat.render.frame_buffers import SumBuffers
 
 
 class SampleAccumulator:
@@ -25,7 +23,7 @@ class SampleAccumulator:
     """
 
     def __init__(
-        self, device: Device, buffers: FrameBuffers, shape: tuple[int, int], names: Sequence[str]
+        self, device: Device, buffers: SumBuffers, shape: tuple[int, int], names: Sequence[str]
     ) -> None:
         self._device = device
         self._names = names
@@ -33,16 +31,16 @@ class SampleAccumulator:
         self._prims: dict[str, int] = {}
         """Paths of the prims of all samples, numbered as they come."""
         self._sums: dict[str, npt.NDArray[Any]] = {}
+        sums = {"color": buffers.color, "albedo": buffers.albedo}
         for name in names:
-            if name in CHANNELS:
-                self._sums[name] = buffers.get(f"sum {name}", (*shape, CHANNELS[name]), np.float32)
+            if name in sums:
+                self._sums[name] = sums[name](*shape)
                 device.run(total.clear, self._sums[name])
         if "cryptoObject" in names:
-            slots = (*shape, cryptomatte.SLOTS)
-            self._ids = buffers.get("sum prims", slots, np.int32)
-            self._weights = buffers.get("sum weights", slots, np.float32)
+            self._ids = buffers.prims(*shape)
+            self._weights = buffers.weights(*shape)
             device.run(cryptomatte.begin, self._ids, self._weights)
-            self._mattes = buffers.get("mattes", (*shape, 2 * walk.RANKS), np.float32)
+            self._mattes = buffers.mattes(*shape)
 
     def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
         """Add one sample.
@@ -56,7 +54,7 @@ class SampleAccumulator:
         table = [self._prims.setdefault(path, len(self._prims)) for path in prims]
         numbers = self._device.upload(np.array(table, np.int32))
         for name in self._names:
-            if name in CHANNELS:
+            if name in self._sums:
                 run(total.add, self._sums[name], arrays[name])
             else:
                 for ids, weights in arrays[name]:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import feature, position, surface
-from usdsplat.render.accumulator import SampleAccumulator
+from usdsplat.images.cryptomatte import object_hash
+from usdsplat.kernels import cryptomatte, feature, position, surface
+from usdsplat.render.frame_buffers import NearestBuffers
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
@@ -38,7 +39,7 @@ class AovResolver:
     ) -> None:
         self._frame, self._sample = frame, sample
         self._tiles, self._occluders, self._surfaces = tiles, occluders, surfaces
-        self._run, self._get = frame.device.run, frame.buffers.get
+        self._run, self._buffers = frame.device.run, frame.buffers.pixels
 
     def resolve(
         self, aovs: tuple[str, ...], motion: Motion | None, y0: int, *, raw: bool
@@ -56,10 +57,10 @@ class AovResolver:
         left = None if surfaces is None else self._left(color, through)
         arrays: dict[str, Any] = {}
         if wanted - set(AVERAGED) - SUMMED - {"depthFront"}:
-            arrays |= self._nearest("median", 0.5)
+            arrays |= self._nearest(self._frame.buffers.median, 0.5)
             arrays |= self._places(arrays, motion, y0, wanted)
         if "depthFront" in wanted:
-            arrays["depthFront"] = self._nearest("front", 0.0)["depth"]
+            arrays["depthFront"] = self._nearest(self._frame.buffers.front, 0.0)["depth"]
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
         if "cryptoObject" in wanted:
@@ -73,7 +74,7 @@ class AovResolver:
 
     def _left(self, color: F32, through: F32 | None) -> F32:
         """The transmittance of the splats to the surfaces behind them, shape (h, w)."""
-        left: F32 = self._get("left", color.shape[:2], np.float32)
+        left: F32 = self._buffers.left(*color.shape[:2])
         nothing = np.empty((0, 0), np.float32)
         self._run(
             surface.show_through, color, nothing if through is None else through,
@@ -81,9 +82,9 @@ class AovResolver:
         )  # fmt: skip
         return left
 
-    def _nearest(self, name: str, part: float) -> dict[str, Any]:
+    def _nearest(self, buffers: NearestBuffers, part: float) -> dict[str, Any]:
         """Depth and ids of what passes a part of the coverage, surfaces included."""
-        depth, ids = self._tiles.median(name, part)
+        depth, ids = self._tiles.median(buffers, part)
         if self._surfaces is not None:
             occluders = self._occluders
             self._run(
@@ -106,14 +107,14 @@ class AovResolver:
         depth, screen = median["depth"], self._sample.screen
         x0 = screen.window[0]
         if "P" in wanted:
-            arrays["P"] = self._get("P", (*depth.shape, 3), np.float32)
+            arrays["P"] = self._buffers.positions(*depth.shape)
             to_world = np.ascontiguousarray(np.linalg.inv(screen.world_to_camera)[:3])
             self._run(
                 position.positions, screen.view_record(), to_world, depth, x0, y0, arrays["P"]
             )
         if motion is not None:
             arrays |= motion.draw(
-                self._frame.device, self._frame.buffers, median, self._surfaces, (x0, y0), wanted
+                self._frame.device, self._buffers, median, self._surfaces, (x0, y0), wanted
             )
         self._frame.clock.lap("places")
         return arrays
@@ -123,12 +124,12 @@ class AovResolver:
         arrays: dict[str, Any] = {}
         surfaces, nothing = self._surfaces, np.empty((0, 0), np.float32)
         if "albedo" in wanted:
-            image = self._tiles.paint("albedo", feature.ALBEDO)
+            image = self._tiles.paint(self._frame.buffers.albedo, feature.ALBEDO)
             behind = None if surfaces is None else surfaces.albedo
             arrays["albedo"] = composited(self._frame, image, left, behind, counts=False)
         if "Neye" in wanted:
-            sums = self._tiles.paint("normals", feature.NORMAL)
-            arrays["Neye"] = self._get("Neye", (*sums.shape[:2], 3), np.float32)
+            sums = self._tiles.paint(self._frame.buffers.eye_normals, feature.NORMAL)
+            arrays["Neye"] = self._buffers.normals(*sums.shape[:2])
             none = np.empty((0, 0, 3), np.float32)
             self._run(
                 feature.unit, sums, none if surfaces is None else surfaces.normal,
@@ -136,7 +137,7 @@ class AovResolver:
             )  # fmt: skip
         if "depthExpected" in wanted:
             sums = self._tiles.depths()
-            arrays["depthExpected"] = self._get("Zexp", sums.shape[:2], np.float32)
+            arrays["depthExpected"] = self._buffers.expected_depth(*sums.shape[:2])
             self._run(
                 feature.expected, sums, nothing if left is None else left,
                 nothing if surfaces is None else surfaces.depth, arrays["depthExpected"],
@@ -146,18 +147,25 @@ class AovResolver:
 
     def _mattes(self, left: F32 | None, *, raw: bool) -> Any:
         """How much each prim covers of each pixel."""
-        found = [self._tiles.weigh()]
+        ids, weights = self._tiles.weigh()
+        shown, part = np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
         if left is not None and self._surfaces is not None:
-            prims = self._get("shown", left.shape, np.int32)
-            self._run(surface.shown, left, self._surfaces.ids, prims)
-            found.append((prims.reshape((*left.shape, 1)), left.reshape((*left.shape, 1))))
-        self._frame.clock.lap("mattes")
+            shown, part = self._buffers.surface_prims(*left.shape), left
+            self._run(surface.shown, left, self._surfaces.ids, shown)
         if raw:
+            found = [(ids, weights)]
+            if shown.size:
+                found.append((shown.reshape((*shown.shape, 1)), part.reshape((*part.shape, 1))))
             return found
-        frame, names = self._frame, ("cryptoObject",)
-        sums = SampleAccumulator(frame.device, frame.buffers, self._tiles.shape, names)
-        sums.add({"cryptoObject": found}, self._sample.splats.layout.prims)
-        return sums.finish()["cryptoObject"]
+        # averaging one sample would read and write twelve slots of each pixel three times
+        mattes = self._buffers.mattes(*self._tiles.shape)
+        prims = self._sample.splats.layout.prims
+        hashes = np.array([object_hash(path) for path in prims], np.float32)
+        self._run(
+            cryptomatte.rank, ids, weights, shown, part, self._frame.device.upload(hashes), mattes
+        )
+        self._frame.clock.lap("mattes")
+        return mattes
 
 
 def composited(

@@ -34,7 +34,9 @@ class CpuRasterizer:
         occluders: Occluders,
         buffers: FrameBuffers,
         *,
-        by_ray_hit: bool,
+        sort_by_ray_hit: bool,
     ) -> TileLists:
         """As `Rasterizer.bin`."""
-        return TileLists(self.device, buffers, splats, window, occluders, by_ray=by_ray_hit)
+        return TileLists(
+            self.device, buffers, splats, window, occluders, sort_by_ray_hit=sort_by_ray_hit
+        )

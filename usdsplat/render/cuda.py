@@ -40,9 +40,9 @@ class CudaRasterizer(CpuRasterizer):
         """As `Rasterizer.draw_color`; the pixels are valid until the next picture."""
         if not _is_color_alone(projector, matte):
             return None
-        picture = buffers.made("colour alone", lambda: ColorPicture(self._cuda))
-        image: WholeImage | None = picture.draw(projector, stats)
-        return image
+        if not isinstance(buffers.fused, ColorPicture):
+            buffers.fused = ColorPicture(self._cuda)
+        return buffers.fused.draw(projector, stats)
 
 
 class ColorPicture:

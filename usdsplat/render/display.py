@@ -14,7 +14,8 @@ import numpy as np
 from usdsplat.core.cloud import I32
 from usdsplat.kernels import display, feature, sort
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.buffers import Memory
+from usdsplat.render.frame_buffers import DisplayBuffers
 from usdsplat.render.projector import ProjectedSplats
 
 RADIUS, SMALLEST = 1.5, 0.7
@@ -22,7 +23,7 @@ RADIUS, SMALLEST = 1.5, 0.7
 
 
 def displayed(
-    device: Device, buffers: FrameBuffers, seen: ProjectedSplats, mode: str, pixel_scale: float
+    device: Device, buffers: DisplayBuffers, seen: ProjectedSplats, mode: str, pixel_scale: float
 ) -> ProjectedSplats:
     """Return what a display mode draws in place of the splats.
 
@@ -35,11 +36,11 @@ def displayed(
         return seen
     if mode == "points":
         radius = np.float32(max(RADIUS / pixel_scale, SMALLEST))
-        device.run(display.dots, seen.records, seen.peaks, radius)
+        device.run(display.dots, seen.records, seen.ray_hits, radius)
     elif mode == "normals":
         device.run(display.directions, seen.records, seen.features, feature.NORMAL)
     elif mode == "ellipses":
-        opaque = buffers.get("opaque", (seen.order.shape[0],), np.uint8)
+        opaque = buffers.opaque(seen.order.shape[0])
         device.run(display.opaque, seen.records, opaque)
         ranks = np.flatnonzero(device.fetch(opaque)).astype(np.int32)
         seen = _taken(device, buffers, seen, np.repeat(ranks, 2))
@@ -48,28 +49,29 @@ def displayed(
 
 
 def _taken(
-    device: Device, buffers: FrameBuffers, seen: ProjectedSplats, ranks: I32
+    device: Device, buffers: DisplayBuffers, seen: ProjectedSplats, ranks: I32
 ) -> ProjectedSplats:
     """These of the splats, in this order."""
 
     places = device.keep(ranks)
 
-    def rows(name: str, array: Any) -> Any:
+    def rows(buffer: Memory, array: Any) -> Any:
         if array.shape[0] == 0:
             return array
-        out = buffers.get(name, (len(ranks), array.shape[1]), array.dtype)
-        device.run(sort.gather, places, array, out)
+        out = buffer(len(ranks))
+        if array.ndim == 1:
+            array, table = array.reshape((array.shape[0], 1)), out.reshape((len(ranks), 1))
+        else:
+            table = out
+        device.run(sort.gather, places, array, table)
         return out
-
-    def numbers(name: str, array: Any) -> Any:
-        return rows(name, array.reshape((array.shape[0], 1))).reshape((-1,))
 
     return replace(
         seen,
-        records=rows("shown", seen.records),
-        order=numbers("shown order", seen.order),
-        peaks=rows("shown peaks", seen.peaks),
-        features=rows("shown features", seen.features),
-        keeps=numbers("shown keeps", seen.keeps),
-        labels=numbers("shown labels", seen.labels),
+        records=rows(buffers.records, seen.records),
+        order=rows(buffers.order, seen.order),
+        ray_hits=rows(buffers.ray_hits, seen.ray_hits),
+        features=rows(buffers.features, seen.features),
+        keeps=rows(buffers.keeps, seen.keeps),
+        labels=rows(buffers.labels, seen.labels),
     )

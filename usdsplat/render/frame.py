@@ -80,7 +80,7 @@ def average_band(
         motion = find_motion(frame, sample, center)
         arrays |= fetched(frame.device, draw_band(frame, sample, rows, from_center, motion))
     if averaged:
-        sums = SampleAccumulator(frame.device, frame.buffers, (y1 - y0, x1 - x0), averaged)
+        sums = SampleAccumulator(frame.device, frame.buffers.sums, (y1 - y0, x1 - x0), averaged)
         for each in plan:
             sample = prepare(frame, each, window, averaged)
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
@@ -140,7 +140,9 @@ def prepare(
     splats = _projected(frame, projector, view.matte, aovs, occludes=occludes)
     mode = frame.settings.display_mode
     if mode != "splats":
-        splats = displayed(frame.device, frame.buffers, splats, mode, view.framing.pixel_scale)
+        splats = displayed(
+            frame.device, frame.buffers.display, splats, mode, view.framing.pixel_scale
+        )
         if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
@@ -163,7 +165,7 @@ def _projected(
     lap("radiance")
     if occludes or frame.sorts_by_ray_hit:
         projector.find_ray_hits()
-        lap("peaks")
+        lap("ray hits")
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
         projector.find_features()
         lap("features")
@@ -214,9 +216,13 @@ def bin_band(
     if frame.holdout is not None:
         held = frame.holdout(x0, y0, x1, y1)
         shape = y1 - y0, x1 - x0
-        occluders = with_holdout(frame.device, frame.buffers, occluders, held, shape)
+        occluders = with_holdout(frame.device, frame.buffers.pixels, occluders, held, shape)
     tiles = frame.rasterizer.bin(
-        sample.splats, (x0, y0, x1, y1), occluders, frame.buffers, by_ray_hit=frame.sorts_by_ray_hit
+        sample.splats,
+        (x0, y0, x1, y1),
+        occluders,
+        frame.buffers,
+        sort_by_ray_hit=frame.sorts_by_ray_hit,
     )
     frame.stats.pairs += tiles.pairs
     frame.clock.lap("bins")

@@ -1,62 +1,260 @@
-"""Buffers of a device that are reused from picture to picture."""
+"""The buffers of a frame, which are reused from picture to picture."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
-import numpy.typing as npt
+
+from usdsplat.kernels import cryptomatte, feature, project, ray_hit, sort, weigh
+from usdsplat.render.buffers import Buffer, BufferGroup, Empty, KernelBuffers
+
+F32, I32, I64, U8, U32 = np.float32, np.int32, np.int64, np.uint8, np.uint32
+
+
+class SplatBuffers(BufferGroup):
+    """Splats on their way to one view: by slot of the draw list, then nearest first.
+
+    Visible splats are packed at the beginning of their block, so that many pages of wide rows are
+    never touched.
+    """
+
+    records = Buffer(
+        lambda slots: (slots, project.RECORD),
+        F32,
+        touched=lambda visible: (visible, project.RECORD),
+    )
+    """Footprints, shape (slots, RECORD)."""
+    keys = Buffer(lambda slots: (slots,), F32)
+    """Depths by which splats are sorted, shape (slots,)."""
+    sources = Buffer(lambda slots: (slots,), I32)
+    """Row of each slot in its field, shape (slots,)."""
+    found = Buffer(lambda blocks: (blocks,), I32)
+    """Visible splats of each block, shape (blocks,)."""
+    closed = Buffer(lambda boxes: (boxes,), U8)
+    """Whether a bounded block is out of view, shape (boxes,), of one group at a time."""
+    ray_hits = Buffer(
+        lambda slots: (slots, ray_hit.RAY_HIT),
+        F32,
+        touched=lambda visible: (visible, ray_hit.RAY_HIT),
+    )
+    """Ray hits, shape (slots, RAY_HIT)."""
+    features = Buffer(
+        lambda slots: (slots, feature.FEATURES), F32,
+        touched=lambda visible: (visible, feature.FEATURES),
+    )  # fmt: skip
+    """Normals, depths and albedo, shape (slots, FEATURES)."""
+    visible = Buffer(lambda slots: (slots,), I32, touched=lambda visible: (visible,))
+    """Slots of visible splats, shape (slots,)."""
+    sort_keys = Buffer(lambda visible: (2, visible), U32)
+    """Both halves of the sort, shape (2, visible)."""
+    sort_slots = Buffer(lambda visible: (2, visible), I32)
+    """Slots beside `sort_keys`, shape (2, visible)."""
+    histogram = Buffer(lambda chunks: (chunks, sort.DIGITS), I64)
+    """Counts of digits, shape (chunks, DIGITS)."""
+    ties = Buffer(lambda visible: (visible,), I64)
+    """Splats of equal depth, where memory is not in the order of rows, shape (visible,)."""
+    ordered = Buffer(lambda visible: (visible, project.RECORD), F32)
+    """`records` in order of depth, shape (visible, RECORD)."""
+    ordered_ray_hits = Buffer(lambda visible: (visible, ray_hit.RAY_HIT), F32)
+    """`ray_hits` in order of depth, shape (visible, RAY_HIT)."""
+    ordered_features = Buffer(lambda visible: (visible, feature.FEATURES), F32)
+    """`features` in order of depth, shape (visible, FEATURES)."""
+    keeps = Buffer(lambda visible: (visible,), F32)
+    """0 for splats that only hold out, shape (visible,)."""
+    labels = Buffer(lambda visible: (visible,), I32)
+    """Number of each splat's prim, shape (visible,)."""
+
+
+class DisplayBuffers(BufferGroup):
+    """Splats that a display mode draws in place of the visible ones, nearest first."""
+
+    opaque = Buffer(lambda visible: (visible,), U8)
+    """Whether an ellipse is drawn, shape (visible,)."""
+    records = Buffer(lambda shown: (shown, project.RECORD), F32)
+    """Footprints, shape (shown, RECORD)."""
+    order = Buffer(lambda shown: (shown,), I32)
+    """Slots, shape (shown,)."""
+    ray_hits = Buffer(lambda shown: (shown, ray_hit.RAY_HIT), F32)
+    """Ray hits, shape (shown, RAY_HIT)."""
+    features = Buffer(lambda shown: (shown, feature.FEATURES), F32)
+    """Normals, depths and albedo, shape (shown, FEATURES)."""
+    keeps = Buffer(lambda shown: (shown,), F32)
+    """0 for splats that only hold out, shape (shown,)."""
+    labels = Buffer(lambda shown: (shown,), I32)
+    """Number of each splat's prim, shape (shown,)."""
+
+
+class TileBuffers(KernelBuffers):
+    """Lists of the splats of each tile, made by `kernels.bins.tile_lists`."""
+
+    row_places = Buffer(lambda chunks, tile_rows: (chunks, tile_rows + 1), I64)
+    """Where each chunk writes in each row of tiles, shape (chunks, tile rows + 1)."""
+    row_ends = Buffer(lambda tile_rows: (tile_rows,), I64)
+    """End of each row's crossings, shape (tile rows,)."""
+    crossings = Buffer(lambda crossings: (crossings, 2), I32)
+    """Splat and columns of each crossing, shape (crossings, 2)."""
+    counts = Buffer(lambda tile_rows, tile_columns: (tile_rows, tile_columns + 1), I32)
+    """Splats of each tile, shape (tile rows, tile columns + 1)."""
+    starts = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns + 1,), I64)
+    """First pair of each tile, shape (tiles + 1,)."""
+    lists = Buffer(lambda pairs: (pairs,), I32)
+    """Splats of each tile, tile after tile, shape (pairs,)."""
+    work = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns,), I64)
+    """Rows of pixels that each tile took, shape (tiles,)."""
+
+
+class ImageBuffers(BufferGroup):
+    """One feature of the splats of a band, blended."""
+
+    image = Buffer(lambda height, width: (height, width, 4), F32)
+    """Three sums and coverage, shape (h, w, 4)."""
+    through = Buffer(lambda height, width: (height, width), F32)
+    """Transmittance where it is not 1 - coverage, shape (h, w)."""
+
+
+class NearestBuffers(BufferGroup):
+    """Depth and ids of the splat at which a part of a pixel's coverage is passed."""
+
+    ranks = Buffer(lambda height, width: (height, width), I32)
+    """Rank of the splat, shape (h, w)."""
+    ray_depths = Buffer(lambda height, width: (height, width), F32)
+    """Depths of ray hits, where contributions are taken one by one, shape (h, w)."""
+    depth = Buffer(lambda height, width: (height, width), F32)
+    """Planar depth, shape (h, w)."""
+    ids = Buffer(lambda height, width: (4, height, width), I32)
+    """Prim, instance, element, and row of the appearance, shape (4, h, w)."""
+
+
+class PixelBuffers(BufferGroup):
+    """Further AOVs of a band, and what they need."""
+
+    left = Buffer(lambda height, width: (height, width), F32)
+    """Transmittance of the splats to the surfaces, shape (h, w)."""
+    normals = Buffer(lambda height, width: (height, width, 3), F32)
+    """Unit normals, shape (h, w, 3)."""
+    expected_depth = Buffer(lambda height, width: (height, width), F32)
+    """Mean depths, shape (h, w)."""
+    positions = Buffer(lambda height, width: (height, width, 3), F32)
+    """World positions, shape (h, w, 3)."""
+    motion_forward = Buffer(lambda height, width: (height, width, 2), F32)
+    """Motion to the next frame [pixel], shape (h, w, 2)."""
+    motion_backward = Buffer(lambda height, width: (height, width, 2), F32)
+    """Motion from the previous frame [pixel], shape (h, w, 2)."""
+    motion_rows = Buffer(lambda height, width: (height, width), I32)
+    """What moves, splats or surfaces, shape (h, w)."""
+    motion_elements = Buffer(lambda height, width: (height, width), I32)
+    """Which splat or triangle of it, shape (h, w)."""
+    motion_weights = Buffer(lambda height, width: (height, width, 2), F32)
+    """Where in the triangle, shape (h, w, 2)."""
+    prims = Buffer(lambda height, width: (height, width, weigh.RANKS), I32)
+    """Prims that contribute most, shape (h, w, RANKS)."""
+    weights = Buffer(lambda height, width: (height, width, weigh.RANKS), F32)
+    """How much they contribute, shape (h, w, RANKS)."""
+    mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
+    """Ranked (hash, coverage) pairs of one sample, shape (h, w, 2 RANKS)."""
+    surface_prims = Buffer(lambda height, width: (height, width), I32)
+    """Prims of the surfaces, shape (h, w)."""
+    holdout_depth = Buffer(lambda height, width: (height, width), F32)
+    """Depths of a flat holdout without surfaces, shape (h, w)."""
+    holdout_covered = Buffer(lambda height, width: (height, width), U8)
+    """Where it is, shape (h, w)."""
+    deep_offsets = Buffer(lambda height, width: (height * width + 1,), I64)
+    """First deep sample of each pixel, shape (h w + 1,)."""
+
+
+class SurfaceBuffers(BufferGroup):
+    """The surfaces of a band, see `surfaces.SurfaceBand`."""
+
+    winner = Buffer(lambda height, width: (height, width), I32)
+    """Nearest triangle, shape (h, w)."""
+    depth = Buffer(lambda height, width: (height, width), F32)
+    """Shape (h, w)."""
+    color = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
+    normal = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
+    albedo = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
+    covered = Buffer(lambda height, width: (height, width), U8)
+    """Shape (h, w)."""
+    ids = Buffer(lambda height, width: (3, height, width), I32)
+    """Shape (3, h, w)."""
+    hit = Buffer(lambda height, width: (2, height, width), I32)
+    """Shape (2, h, w)."""
+    bary = Buffer(lambda height, width: (height, width, 2), F32)
+    """Shape (h, w, 2)."""
+
+
+class TriangleBuffers(KernelBuffers):
+    """Lists of the triangles of each tile, made by `kernels.raster.tile_lists`."""
+
+    PREFIX = "surface "
+
+    counts = Buffer(
+        lambda chunks, tile_rows, tile_columns: (chunks, tile_rows * tile_columns + 1), I32
+    )
+    """Triangles of each tile, shape (chunks, tiles + 1)."""
+    starts = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns + 1,), I64)
+    """First pair of each tile, shape (tiles + 1,)."""
+    lists = Buffer(lambda triangle_pairs: (triangle_pairs,), I32)
+    """Triangles of each tile, tile after tile, shape (pairs,)."""
+
+
+class SumBuffers(BufferGroup):
+    """Sums over the samples of a band."""
+
+    color = Buffer(lambda height, width: (height, width, 4), F32)
+    """Shape (h, w, 4)."""
+    albedo = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
+    prims = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), I32)
+    """Prims that contributed, shape (h, w, SLOTS)."""
+    weights = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), F32)
+    """How much they contributed, shape (h, w, SLOTS)."""
+    mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
+    """Ranked (hash, coverage) pairs, shape (h, w, 2 RANKS)."""
 
 
 class FrameBuffers:
-    """Named buffers that grow and never shrink: a frame allocates nothing that the last one had.
+    """All buffers of a frame. A frame allocates nothing that the last one had.
 
     Args:
-        empty: Makes a buffer of so many elements: `Device.resident`, so that what one kernel writes
-            the next one reads where it is. NumPy reads what `Device.fetch` brings.
+        empty: Allocates so many elements of a type: `Device.resident`, so that what one kernel
+            writes the next one reads where it is. NumPy reads what `Device.fetch` brings.
     """
 
-    def __init__(self, empty: Callable[[int, Any], Any]) -> None:
-        self._empty = empty
-        self._buffers: dict[str, Any] = {}
-        self._views: dict[str, tuple[tuple[int, ...], Any, Any]] = {}
-        """Name -> (shape, dtype, view) of the last request. Most requests are the same in every
-        picture, and a new view of a GPU array takes about 25 µs."""
-        self._made: dict[str, Any] = {}
-        self._notes: dict[str, Any] = {}
+    splats: SplatBuffers
+    display: DisplayBuffers
+    tiles: TileBuffers
+    color: ImageBuffers
+    albedo: ImageBuffers
+    eye_normals: ImageBuffers
+    depths: ImageBuffers
+    median: NearestBuffers
+    """Where half of the coverage is passed."""
+    front: NearestBuffers
+    """Where coverage begins."""
+    pixels: PixelBuffers
+    surfaces: SurfaceBuffers
+    triangles: TriangleBuffers
+    sums: SumBuffers
 
-    def get(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
-        """The buffer `name` as an array of this shape; what it holds is undefined."""
-        last = self._views.get(name)
-        if last is not None and last[0] == shape and last[1] == dtype:
-            return last[2]
-        view = self._view(name, shape, dtype)
-        self._views[name] = shape, dtype, view
-        return view
+    def __init__(self, empty: Empty) -> None:
+        for name, group in self.groups().items():
+            setattr(self, name, group(empty))
+        self.fused: Any = None
+        """What a device keeps for pictures whose steps it fuses, see `Rasterizer.draw_color`."""
 
-    def _view(self, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
-        size = math.prod(shape)
-        if size == 0:
-            return self._empty(0, dtype).reshape(shape)
-        buffer = self._buffers.get(name)
-        if buffer is None or buffer.size < size or buffer.dtype != np.dtype(dtype):
-            for each in (self._buffers, self._views, self._notes):
-                each.pop(name, None)
-            buffer = self._buffers[name] = self._empty(size, dtype)
-        return buffer[:size].reshape(shape)
+    @classmethod
+    def groups(cls) -> dict[str, type[BufferGroup]]:
+        """The groups, by name."""
+        return get_type_hints(cls)
 
-    def made(self, name: str, make: Callable[[], Any]) -> Any:
-        """What `make` made when it was first asked for: something with buffers of its own."""
-        if name not in self._made:
-            self._made[name] = make()
-        return self._made[name]
-
-    def note(self, name: str, what: Any) -> None:
-        """Remember what buffer `name` holds, until it is another one; None for nothing known."""
-        self._notes[name] = what
-
-    def noted(self, name: str) -> Any:
-        """What was noted last of a buffer; None where nothing is known."""
-        return self._notes.get(name)
+    def allocated(self) -> dict[str, int]:
+        """Bytes of each buffer that has memory, by "group.buffer"."""
+        return {
+            f"{group}.{name}": size
+            for group in self.groups()
+            for name, size in getattr(self, group).allocated().items()
+        }

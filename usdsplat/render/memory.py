@@ -1,24 +1,28 @@
 """Estimate how much memory a picture takes before it is drawn.
 
-What is in memory already is read from the system, or counted. What a picture adds is counted array
-by array, for each visible splat and for each pixel of a band. The number of visible splats and of
-the tiles that they touch is estimated from a sample of all splats.
-
-The bytes are those of `projector`, `tile_lists`, `aov_resolver`, `accumulator`, `surfaces` and
-`output`; `benchmarks/memory.py` compares them with measured peaks.
+What is in memory already is read from the system, or counted. What a picture adds is the buffers
+that it uses, whose declarations in `frame_buffers` say how large they are. The numbers that those
+depend on, such as the number of visible splats, are estimated from a sample of all splats.
+`benchmarks/memory.py` compares the result with measured peaks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels import bins, cryptomatte, feature, peak, project, triangles, walk
+from usdsplat.images.aovs import AOVS
+from usdsplat.kernels import bins, triangles
+from usdsplat.render.aov_resolver import AVERAGED, SUMMED
+from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.draw_list import DrawList, Group
+from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
+from usdsplat.render.matte import is_matte
+from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
@@ -42,38 +46,26 @@ DEEP_SAMPLE = 80
 WRITER, WRITER_ROWS = 4, 64
 """Copies and number of the rows that are on their way to a file at a time."""
 
-PER_SLOT = 10
-"""Bytes of a splat, seen or not: its key and source, whose pages its neighbours touch."""
-PER_SPLAT = 4 * (2 * project.RECORD + 1 + 4)
-"""Bytes more of one that is seen: records and ordered records, its place, and sorting."""
+PARTIAL_PAGES = 2
+"""Bytes of a slot: pages of wide rows that are touched for a few rows only."""
+RANKS = 8
+"""Bytes of a splat that a display mode draws: the ranks that it is taken from."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes of a corner and of a triangle on the screen."""
-MEDIAN = 24
-"""Bytes of a pixel for the rank, depth and ids of what holds Z."""
-MOTION = 32
-"""Bytes of a pixel for where in a surface motion is looked up."""
-SURFACE = 81
-"""Bytes of a pixel of a `SurfaceBand`, its winner and what the splats let through."""
-HOLDOUT = 13
-"""Bytes of a pixel of a holdout's depth, and what splats let through."""
+HOLDOUT_ROWS = 4
+"""Bytes of a pixel of a holdout, as it is read."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes of a pixel that goes through a view: straight colours and copies, of float64 or float32."""
-LISTS = 1
-"""Bytes of a pixel for counts and starts of the lists of tiles."""
-PER_PIXEL = {
-    "color": 16,
-    "albedo": 16,
-    "Neye": 28,
-    "depthExpected": 20,
-    "depthFront": MEDIAN,
-    "P": 12,
-    "motionForward": 8,
-    "motionBackward": 8,
-    "cryptoObject": 16 * walk.RANKS + 8 * cryptomatte.SLOTS,
+IMAGES = {"albedo": "albedo", "Neye": "eye_normals", "depthExpected": "depths"}
+"""AOV -> the group of buffers that it is blended in."""
+PIXELS = {
+    "Neye": "normals",
+    "depthExpected": "expected_depth",
+    "P": "positions",
+    "motionForward": "motion_forward",
+    "motionBackward": "motion_backward",
 }
-"""Bytes of a pixel for each AOV, besides the median."""
-READ_OFF = {"depth", "P", "primId", "instanceId", "elementId", "motionForward", "motionBackward"}
-"""AOVs that need the median."""
+"""AOV -> the buffer of `PixelBuffers` that holds it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,49 +87,128 @@ class Estimate:
         return self.held + self.splats + self.band
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureRequest:
+    """What is drawn of a view, as far as memory depends on it."""
+
+    aovs: tuple[str, ...] = ("color",)
+    """Which of `renderer.AOVS`."""
+    holds_out: bool = False
+    """Whether there is a holdout from elsewhere."""
+    deep: bool = False
+    """Whether all contributions are kept."""
+    baked: bool = False
+    """Whether the pixels go through a view transform once they are drawn."""
+    pictures: int = 1
+    """How many such pictures are drawn at the same time."""
+
+
+COLOR_ALONE = PictureRequest()
+
+
 def estimate(
     scene: RenderScene,
     view: View,
     settings: RenderSettings,
-    aovs: Sequence[str],
+    request: PictureRequest,
     *,
     band_pixels: int,
-    holds_out: bool = False,
-    deep: bool = False,
-    baked: bool = False,
-    pictures: int = 1,
+    threads: int,
 ) -> Estimate:
-    """Return what drawing a picture takes.
+    """Estimate what drawing a picture takes.
 
     Args:
-        aovs: Which of `renderer.AOVS`.
+        request: What is drawn.
         band_pixels: As `Renderer.render` takes it.
-        holds_out: Whether there is a holdout from elsewhere.
-        deep: Whether all contributions are kept.
-        baked: Whether it goes through a view once it is drawn.
-        pictures: How many of this kind are drawn at the same time.
+        threads: Of the device that draws.
     """
     screen = Screen.of(view)
     x0, y0, x1, y1 = screen.window
     begin, end = next(screen.bands(band_pixels))
-    wanted, meshes = set(aovs), bool(scene.drawn_meshes())
     layout = scene.draw_list(settings.splat_budget)
-    seen, pairs = _seen(layout, screen)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
-    peaks = meshes or holds_out or settings.sorting == "rayHitDistance"
-    mode = settings.display_mode
-    per_splat = _per_splat(wanted, mode, peaks=peaks, labels=bool(view.matte))
-    per_pixel = _per_pixel(settings, wanted, meshes=meshes, holds_out=holds_out, baked=baked)
-    kept = DEEP_SAMPLES * DEEP_SAMPLE if deep else 0
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
-    writing = WRITER * WRITER_ROWS * (x1 - x0) * sum(PER_PIXEL.get(name, 4) for name in aovs)
+    sizes = _sizes(scene, layout, screen, (begin, end), share=share, threads=threads)
+    used = buffers_of(scene, view, settings, request)
+    in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
+    by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
+    by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene)
+    if "display.records" in used:
+        by_splat += RANKS * sizes.visible
+    kept = DEEP_SAMPLES * DEEP_SAMPLE if request.deep else 0
+    channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
+    writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
+    in_band += pixels * (HOLDOUT_ROWS * request.holds_out + _of_view(settings, request))
     return Estimate(
         held=_held(scene),
-        splats=pictures * (PER_SLOT * layout.slots + seen * per_splat + _of_meshes(scene))
+        splats=request.pictures * by_splat
         + (PER_SPLAT_LAID + MAKING) * sum(n for n in laid.values() if n >= LEAST),
-        band=int(pictures * (pixels * per_pixel + 4 * share * pairs)) + pixels * kept + writing,
+        band=request.pictures * in_band + pixels * kept + writing,
         rows=end - begin,
     )
+
+
+def buffers_of(
+    scene: RenderScene, view: View, settings: RenderSettings, request: PictureRequest
+) -> dict[str, Buffer]:
+    """Return the buffers of a frame that a picture uses, by their names in `FrameBuffers`.
+
+    A few may not be used: those for ties, and, if something else holds out, those that either a
+    flat or a deep holdout needs.
+    """
+    layout, meshes = scene.draw_list(settings.splat_budget), bool(scene.drawn_meshes())
+    aovs, mode = set(request.aovs), settings.display_mode
+    holds = any(is_matte(layout.prims[number], view.matte) for number in set(layout.labels[:, 0]))
+    by_ray = settings.sorting == "rayHitDistance"
+    walks = by_ray or holds or request.holds_out
+    ray_hits, features = meshes or request.holds_out or by_ray, bool(SUMMED & aovs)
+    features = features or mode == "normals"
+    crypto, moves = "cryptoObject" in aovs, bool(FRAMES.keys() & aovs)
+    ellipses, sampled = mode == "ellipses", settings.samples > 1
+    images = {"color": bool(aovs)} | {group: name in aovs for name, group in IMAGES.items()}
+    nearest = {
+        "median": bool(aovs - {*AVERAGED, *SUMMED, "depthFront"}),
+        "front": "depthFront" in aovs,
+    }
+    uses = [
+        (True, "splats", "records keys sources found closed visible sort_keys sort_slots"),
+        (True, "splats", "histogram ties ordered"),
+        (ray_hits, "splats", "ray_hits ordered_ray_hits"),
+        (features, "splats", "features ordered_features"),
+        (holds, "splats", "keeps"),
+        (crypto, "splats", "labels"),
+        (ellipses, "display", "opaque records order"),
+        (ellipses and ray_hits, "display", "ray_hits"),
+        (ellipses and features, "display", "features"),
+        (ellipses and holds, "display", "keeps"),
+        (ellipses and crypto, "display", "labels"),
+        (True, "tiles", "row_places row_ends crossings counts starts lists"),
+        (bool(aovs) and not walks, "tiles", "work"),
+        *((is_used, group, "image") for group, is_used in images.items()),
+        *((is_used and walks, group, "through") for group, is_used in images.items()),
+        *((is_used, group, "ranks depth ids") for group, is_used in nearest.items()),
+        *((is_used and walks, group, "ray_depths") for group, is_used in nearest.items()),
+        *((name in aovs, "pixels", buffer) for name, buffer in PIXELS.items()),
+        (moves and meshes, "pixels", "motion_rows motion_elements motion_weights"),
+        (crypto, "pixels", "prims weights"),
+        (crypto and meshes, "pixels", "surface_prims"),
+        (bool(aovs) and meshes, "pixels", "left"),
+        (request.holds_out and not meshes, "pixels", "holdout_depth holdout_covered"),
+        (request.deep, "pixels", "deep_offsets"),
+        (meshes, "surfaces", " ".join(SurfaceBuffers.declared())),
+        (meshes, "triangles", " ".join(TriangleBuffers.declared())),
+        (sampled and "color" in aovs, "sums", "color"),
+        (sampled and "albedo" in aovs, "sums", "albedo"),
+        (sampled and crypto, "sums", "prims weights mattes"),
+        (crypto and not sampled, "pixels", "mattes"),
+    ]
+    groups = FrameBuffers.groups()
+    return {
+        f"{group}.{name}": groups[group].declared()[name]
+        for is_used, group, names in uses
+        if is_used
+        for name in names.split()
+    }
 
 
 def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, Estimate]:
@@ -198,15 +269,40 @@ def _nbytes(thing: SplatCloud | MeshSpec) -> int:
     return sum(getattr(getattr(thing, name), "nbytes", 0) for name in names)
 
 
-def _per_splat(wanted: set[str], mode: str, *, peaks: bool, labels: bool) -> int:
-    """Bytes that are made of each splat that is seen."""
-    featured = mode == "normals" or bool({"Neye", "albedo", "depthExpected"} & wanted)
-    rows = 4 * (peak.PEAK * peaks + feature.FEATURES * featured)
-    label = 4 * (labels or "cryptoObject" in wanted)
-    size = PER_SPLAT + 2 * rows + label
-    if mode == "ellipses":  # with their rims each is there twice more
-        size += 2 * (4 * project.RECORD + 2 * 4 + rows + label)
-    return size
+def _by_splat(name: str) -> bool:
+    """Whether a buffer is as large as the splats are many, not as large as a band."""
+    return name.startswith(("splats.", "display."))
+
+
+def _sizes(
+    scene: RenderScene,
+    layout: DrawList,
+    screen: Screen,
+    rows: tuple[int, int],
+    *,
+    share: float,
+    threads: int,
+) -> Sizes:
+    """Estimate the sizes of the fullest band, in which there is a share of all tiles."""
+    x0, _, x1, _ = screen.window
+    visible, crossings, pairs = _visible(layout, screen)
+    grid = bins.grid_of(x0, rows[0], x1, rows[1])[0]
+    large = (g for g in layout.groups if len(g.cloud) >= LEAST)
+    return Sizes(
+        slots=layout.slots,
+        blocks=len(layout.block_starts),
+        boxes=max((g.all_blocks for g in large), default=0),
+        visible=visible,
+        shown=2 * visible,
+        chunks=4 * threads,
+        height=rows[1] - rows[0],
+        width=x1 - x0,
+        tile_rows=int(grid["rows"]),
+        tile_columns=int(grid["columns"]),
+        crossings=int(share * crossings),
+        pairs=int(share * pairs),
+        triangle_pairs=sum(len(mesh.spec.triangles) for _, mesh, _ in scene.drawn_meshes()),
+    )
 
 
 def _of_meshes(scene: RenderScene) -> int:
@@ -224,32 +320,24 @@ def _of_meshes(scene: RenderScene) -> int:
     return size + sum(pictures.values()) * 4 // 3
 
 
-def _per_pixel(
-    settings: RenderSettings, wanted: set[str], *, meshes: bool, holds_out: bool, baked: bool
-) -> int:
-    """Bytes of one pixel of a band."""
-    size = PER_PIXEL["color"] + LISTS
-    size += sum(PER_PIXEL.get(name, 0) for name in wanted - {"color"})
-    size += MEDIAN * bool(READ_OFF & wanted)
-    size += MOTION * bool({"motionForward", "motionBackward"} & wanted)
-    size += SURFACE * meshes + HOLDOUT * holds_out
-    if settings.samples > 1:
-        size += 16 * ("color" in wanted) + 12 * ("albedo" in wanted)
-    if not baked and settings.color_mode != "inverseView":
-        return size
+def _of_view(settings: RenderSettings, request: PictureRequest) -> int:
+    """Bytes of a pixel that goes through a view."""
+    if not request.baked and settings.color_mode != "inverseView":
+        return 0
     names = (settings.ocio_config, settings.ocio_display, settings.ocio_view, settings.ocio_look)
-    return size + (OCIO_VIEW if any(names) else PLAIN_VIEW)
+    return OCIO_VIEW if any(names) else PLAIN_VIEW
 
 
-def _seen(layout: DrawList, screen: Screen) -> tuple[int, int]:
-    """About how many splats are seen, and how many pairs of splat and tile they make."""
+def _visible(layout: DrawList, screen: Screen) -> tuple[int, int, int]:
+    """Estimate how many splats are visible, and their pairs with rows of tiles and with tiles."""
     step = max(1, layout.splats // PROBES)
-    found = [_probed(group, screen, step) for group in layout.groups]
-    return sum(each[0] for each in found), sum(each[1] for each in found)
+    found = np.array([_probed(group, screen, step) for group in layout.groups]).reshape(-1, 3)
+    visible, crossings, pairs = found.sum(axis=0).tolist()
+    return int(visible), int(crossings), int(pairs)
 
 
-def _probed(group: Group, screen: Screen, step: int) -> tuple[int, int]:
-    """`_seen` of one group, from every so many of its splats."""
+def _probed(group: Group, screen: Screen, step: int) -> tuple[float, float, float]:
+    """`_visible` of one group, from every so many of its splats."""
     cloud = group.cloud
     part = slice(None, None, step)
     matrices = screen.world_to_camera[:3] @ group.transforms
@@ -274,4 +362,7 @@ def _probed(group: Group, screen: Screen, step: int) -> tuple[int, int]:
     tile = bins.TILE
     touched = 1 + 4 / np.pi * (long + short) / tile + np.pi * long * short / tile**2
     touched = np.minimum(touched, (1 + (x1 - x0) / tile) * (1 + (y1 - y0) / tile))
-    return int(step * seen.sum()), int(step * touched[seen].sum())
+    # Mean extent of an ellipse along a fixed direction, over all its turns.
+    crossed = 1 + 2 * np.sqrt((long**2 + short**2) / 2) / tile
+    crossed = np.minimum(crossed, 1 + (y1 - y0) / tile)
+    return step * seen.sum(), step * crossed[seen].sum(), step * touched[seen].sum()

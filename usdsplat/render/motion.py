@@ -12,7 +12,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, I64, SplatCloud
 from usdsplat.kernels import position
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_buffers import PixelBuffers
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.screen import Screen
 from usdsplat.render.specs import InstanceSpec, MeshSpec, View
@@ -94,7 +94,7 @@ class Motion:
     def draw(
         self,
         device: Device,
-        buffers: FrameBuffers,
+        buffers: PixelBuffers,
         median: Mapping[str, npt.NDArray[Any]],
         drawn: SurfaceBand | None,
         corner: tuple[int, int],
@@ -111,18 +111,22 @@ class Motion:
         rows, elements = median["row"], median["elementId"]
         weights: F32 = np.empty((0, 0, 2), np.float32)
         if drawn is not None:
-            all_rows = buffers.get("seen rows", rows.shape, np.int32)
-            all_elements = buffers.get("seen elements", rows.shape, np.int32)
-            weights = buffers.get("seen weights", (*rows.shape, 2), np.float32)
+            all_rows = buffers.motion_rows(*rows.shape)
+            all_elements = buffers.motion_elements(*rows.shape)
+            weights = buffers.motion_weights(*rows.shape)
             device.run(
                 position.seen, median["primId"], rows, elements, drawn.hit, drawn.bary, self.splats,
                 (all_rows, all_elements, weights),
             )  # fmt: skip
             rows, elements = all_rows, all_elements
+        memory = {
+            "motionForward": buffers.motion_forward,
+            "motionBackward": buffers.motion_backward,
+        }
         arrays = {}
         for name in sorted(wanted & set(self.motions)):
             motion = self.motions[name]
-            arrays[name] = buffers.get(name, (*rows.shape, 2), np.float32)
+            arrays[name] = memory[name](*rows.shape)
             device.run(
                 position.motion, *map(device.keep, motion.arrays),
                 median["depth"], rows, elements, weights, *corner, FRAMES[name], arrays[name],

@@ -12,7 +12,7 @@ from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_buffers import PixelBuffers
 
 DeepHoldout = tuple[I64, F32, F32]
 """A deep holdout: first sample of each pixel, depths, transmittances, as `kernels.walk` has it."""
@@ -47,7 +47,7 @@ class Occluders:
 
 def with_holdout(
     device: Device,
-    buffers: FrameBuffers,
+    buffers: PixelBuffers,
     occluders: Occluders,
     rows: HoldoutRows,
     shape: tuple[int, int],
@@ -68,8 +68,8 @@ def with_holdout(
         kept = device.keep(offsets), device.keep(depths), device.keep(through)
         return Occluders(occluders.depth, occluders.covered, kept)
     if occluders.depth.size == 0:
-        depth = buffers.get("holdout depth", shape, np.float32)
-        occluders = Occluders(depth, buffers.get("holdout covered", shape, np.uint8))
+        depth = buffers.holdout_depth(*shape)
+        occluders = Occluders(depth, buffers.holdout_covered(*shape))
         device.run(surface.clear, occluders.depth, occluders.covered)
     device.run(surface.hold_back, occluders.depth, occluders.covered, device.upload(rows))
     return occluders

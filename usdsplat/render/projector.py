@@ -11,8 +11,9 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import UsageError
 from usdsplat.images.color import conversion, is_identity
-from usdsplat.kernels import blocks, feature, peak, project, radiance, sort
+from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, sort
 from usdsplat.kernels.device import Device
+from usdsplat.render.buffers import Memory
 from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
@@ -40,8 +41,8 @@ class ProjectedSplats:
     sources: I32
     """Row of each slot in its field."""
     layout: DrawList
-    peaks: F32
-    """Shape (n, peak.PEAK), or of no size where nobody asks where rays peak."""
+    ray_hits: F32
+    """Shape (n, ray_hit.RAY_HIT), or of no size where nobody asks for ray hits."""
     features: F32
     """Shape (n, feature.FEATURES), or of no size where nobody asks."""
     keeps: F32
@@ -54,10 +55,6 @@ class ProjectedSplats:
     """Planar depth [scene unit] before which nothing is seen."""
     stamp: object
     """Token that is replaced whenever a footprint or the order changes: tile lists depend on it."""
-
-
-HOLDING = ("records", "keys", "sources", "found", "sort slots")
-"""Buffers whose contents are kept for the next picture."""
 
 
 @dataclass(slots=True, eq=False)
@@ -96,7 +93,7 @@ class Projector:
         blend_space: str,
     ) -> None:
         self._device = device
-        self._buffers = buffers
+        self._buffers = buffers.splats
         self.layout = scene.draw_list(settings.splat_budget)
         self._screen = screen
         self.settings = settings
@@ -111,13 +108,13 @@ class Projector:
 
     def project(self) -> None:
         """Project all splats, and note which ones the view may see."""
-        get, slots = self._buffers.get, self.layout.slots
-        self._records = get("records", (slots, project.RECORD), np.float32)
-        self._keys = get("keys", (slots,), np.float32)
-        self._sources = get("sources", (slots,), np.int32)
-        self._peaks = get("peaks", (0, peak.PEAK), np.float32)
-        self._features = get("features", (0, feature.FEATURES), np.float32)
-        self._found = get("found", self.layout.block_starts.shape, np.int32)
+        buffers, slots = self._buffers, self.layout.slots
+        self._records = buffers.records(slots)
+        self._keys = buffers.keys(slots)
+        self._sources = buffers.sources(slots)
+        self._ray_hits = buffers.ray_hits(0)
+        self._features = buffers.features(0)
+        self._found = buffers.found(len(self.layout.block_starts))
         self._parts, end = [], 0
         self._held, self._now = self._take_held(), _Held()
         for group in self.layout.groups:
@@ -138,16 +135,15 @@ class Projector:
                 self._radiance(group, found, self._records, project.RED, self._degree)
 
     def find_ray_hits(self) -> None:
-        """Find where the ray through each pixel meets the maximum of a splat, as `kernels.peak`
-        has it."""
-        self._peaks = self._buffers.get("peaks", (self.layout.slots, peak.PEAK), np.float32)
+        """Find where the ray through each pixel meets the maximum of a splat, as
+        `kernels.ray_hit` has it."""
+        self._ray_hits = self._buffers.ray_hits(self.layout.slots)
         for group, found in self._parts:
             self._find_ray_hits(group, found)
 
     def find_features(self) -> None:
         """Compute normals, depths and albedo."""
-        shape = self.layout.slots, feature.FEATURES
-        self._features = self._buffers.get("features", shape, np.float32)
+        self._features = self._buffers.features(self.layout.slots)
         for group, found in self._parts:
             self._find_features(group, found)
             self._radiance(group, found, self._features, feature.ALBEDO, 0)
@@ -159,7 +155,7 @@ class Projector:
             matte: As `View.matte` has it.
             labels: Whether the number of each one's prim is needed.
         """
-        layout, get, now, held = self.layout, self._buffers.get, self._now, self._held
+        layout, buffers, now, held = self.layout, self._buffers, self._now, self._held
         for group in layout.groups:
             self._name_rows(group, self._sources)
         if held.stamp and None not in now.shapes.values() and now.shapes == held.shapes:
@@ -167,16 +163,16 @@ class Projector:
         else:
             now.order, now.stamp = self._depth_order(), object()
         order = now.order
-        ordered = get("ordered", (order.shape[0], project.RECORD), np.float32)
+        ordered = buffers.ordered(order.shape[0])
         if now.stamp is not held.stamp or now.radiance != held.radiance or not self._is_ordered:
-            ordered = self._gather("ordered", order, self._records)
-        peaks = self._gather("ordered peaks", order, self._peaks)
-        features = self._gather("ordered features", order, self._features)
-        for name in HOLDING:
-            self._buffers.note(name, now)
+            ordered = self._gather(buffers.ordered, order, self._records)
+        ray_hits = self._gather(buffers.ordered_ray_hits, order, self._ray_hits)
+        features = self._gather(buffers.ordered_features, order, self._features)
+        for each in self._holding:
+            each.content = now
         # other modes draw into the records in their order
         is_plain = self.settings.display_mode == "splats"
-        self._buffers.note("ordered", now if is_plain else None)
+        buffers.ordered.content = now if is_plain else None
         holds = [is_matte(path, matte) for path in layout.prims]
         keep = np.array([not each for each in holds], np.float32)[layout.labels[:, 0]]
         return ProjectedSplats(
@@ -184,10 +180,10 @@ class Projector:
             order=order,
             sources=self._sources,
             layout=layout,
-            peaks=peaks,
+            ray_hits=ray_hits,
             features=features,
-            keeps=self._label("keeps", order, keep, not keep.all()),
-            labels=self._label("labels", order, layout.labels[:, 0].copy(), labels),
+            keeps=self._label(buffers.keeps, order, keep, not keep.all()),
+            labels=self._label(buffers.labels, order, layout.labels[:, 0].copy(), labels),
             is_parallel=self._screen.orthographic,
             near=self._screen.clipping_range[0],
             stamp=now.stamp if is_plain else object(),
@@ -197,12 +193,19 @@ class Projector:
 
     def _take_held(self) -> _Held:
         """Take what the last picture left in the buffers, which are about to be written."""
-        notes = [self._buffers.noted(name) for name in HOLDING]
-        self._is_ordered = notes[0] is not None and self._buffers.noted("ordered") is notes[0]
-        for name in (*HOLDING, "ordered"):
-            self._buffers.note(name, None)
-        holds = notes[0] is not None and all(each is notes[0] for each in notes)
-        return notes[0] if holds else _Held()
+        first, *others = (each.content for each in self._holding)
+        ordered = self._buffers.ordered
+        self._is_ordered = first is not None and ordered.content is first
+        for each in (*self._holding, ordered):
+            each.content = None
+        holds = first is not None and all(each is first for each in others)
+        return first if holds else _Held()
+
+    @property
+    def _holding(self) -> tuple[Memory, ...]:
+        """Buffers whose contents are kept for the next picture."""
+        b = self._buffers
+        return b.records, b.keys, b.sources, b.found, b.sort_slots
 
     def _shape(self, group: Group, first: int) -> Any:
         """All that the footprints of a group depend on, `first` its first block; None where a
@@ -252,7 +255,7 @@ class Projector:
         laid = group.field.laying.of(self._device, group.cloud)
         record, matrices = self.record(group), self.matrices(group)
         shapes, crops = volumes(group.field.crops, group.transforms)
-        closed = self._buffers.get("closed", (len(matrices) * len(laid.boxes),), np.uint8)
+        closed = self._buffers.closed(len(matrices) * len(laid.boxes))
         if len(laid.boxes):
             run(blocks.cull, record, matrices, keep(laid.boxes), closed)
         run(
@@ -279,9 +282,9 @@ class Projector:
         cloud, keep = group.cloud, self._device.keep
         matrices = self.matrices(group)
         self._device.run(
-            peak.peaks, self.record(group), matrices, _inverses(matrices),
+            ray_hit.ray_hits, self.record(group), matrices, _inverses(matrices),
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
-            group.slot, self._records, self._sources, found, self._peaks,
+            group.slot, self._records, self._sources, found, self._ray_hits,
         )  # fmt: skip
 
     def _find_features(self, group: Group, found: I32) -> None:
@@ -320,35 +323,32 @@ class Projector:
     def _depth_order(self) -> I32:
         """Return the slots of the visible splats, nearest first."""
         found, keys, sources = self._found, self._keys, self._sources
-        run, get, threads = self._device.run, self._buffers.get, self._device.threads
-        visible = get("visible", (self.layout.slots,), np.int32)
+        run, buffers, threads = self._device.run, self._buffers, self._device.threads
+        visible = buffers.visible(self.layout.slots)
         starts = self._device.keep(self.layout.block_starts)
         total = run(sort.visible_slots, found, starts, found.shape[0], visible)
-        work = (
-            get("sort keys", (2, total), np.uint32),
-            get("sort slots", (2, total), np.int32),
-        )
-        histogram = get("histogram", (4 * threads, sort.DIGITS), np.int64)
+        work = buffers.sort_keys(total), buffers.sort_slots(total)
+        histogram = buffers.histogram(4 * threads)
         half = run(sort.depth_order, visible, total, keys, 4 * threads, work, histogram)
         order: I32 = work[1][half]
         if any(group.field.laying.is_made for group in self.layout.groups):
             first_slots = self._device.keep(self.layout.first_slots)
-            ties = get("ties", (total,), np.int64)
+            ties = buffers.ties(total)
             run(sort.settle, work[0][half], order, total, sources, first_slots, ties)
         return order
 
-    def _gather(self, name: str, order: I32, rows: F32) -> F32:
+    def _gather(self, buffer: Memory, order: I32, rows: F32) -> F32:
         """Rows of the slots in order of depth; nothing of nothing."""
         count = order.shape[0] if rows.shape[0] > 0 else 0
-        out: F32 = self._buffers.get(name, (count, rows.shape[1]), np.float32)
+        out: F32 = buffer(count)
         if count > 0:
             self._device.run(sort.gather, order, rows, out)
         return out
 
-    def _label(self, name: str, order: I32, numbers: Any, wanted: bool) -> npt.NDArray[Any]:
+    def _label(self, buffer: Memory, order: I32, numbers: Any, wanted: bool) -> Any:
         """What belongs to the appearance of each splat, in order of depth."""
         count = order.shape[0] if wanted else 0
-        out: npt.NDArray[Any] = self._buffers.get(name, (count,), numbers.dtype)
+        out = buffer(count)
         if count > 0:
             first_slots = self._device.keep(self.layout.first_slots)
             self._device.run(feature.labels, order, first_slots, self._device.keep(numbers), out)
@@ -362,7 +362,7 @@ def _inverses(matrices: F64) -> F64:
         inverses = np.linalg.inv(linear)
     except np.linalg.LinAlgError:
         u, s, vt = np.linalg.svd(linear)
-        s = np.maximum(s, peak.THIN * s[:, :1])
+        s = np.maximum(s, ray_hit.THIN * s[:, :1])
         s[s == 0] = 1.0
         inverses = (vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1)
     return np.ascontiguousarray(inverses)

@@ -63,7 +63,7 @@ class Rasterizer(Protocol):
         occluders: Occluders,
         buffers: FrameBuffers,
         *,
-        by_ray_hit: bool,
+        sort_by_ray_hit: bool,
     ) -> TileLists:
         """List the splats that touch each tile of a band.
 

@@ -146,7 +146,8 @@ def _materials(
             pair["first"] -= table["first"][k]
             size = pair["first"][1] + pair["width"][1] * pair["height"][1] * texture.CHANNELS
             begin = table["first"][k]
-            device.run(texture.halve, texels[begin : begin + size], pair, 0)
+            small = int(pair["height"][1]), int(pair["width"][1])
+            device.run(texture.halve, texels[begin : begin + size], pair, 0, small)
     return device.keep(records), device.keep(table), device.keep(texels)
 
 

@@ -134,21 +134,26 @@ class Surfaces:
         grid = bins.grid_of(x0, y0, x1, y1)
         scene = self.view, self.shapes, self.boxes, grid
         starts, lists, pairs = run(
-            raster.tile_lists, *scene, bins.tiles_in(grid), 4 * self.device.threads, buffers.get
+            raster.tile_lists,
+            *scene,
+            bins.tiles_in(grid),
+            4 * self.device.threads,
+            buffers.triangles.get,
         )
         if pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{pairs} pairs of triangle and tile", "less than 2**31")
         shape = y1 - y0, x1 - x0
-        winner = buffers.get("surface winner", shape, np.int32)
+        made = buffers.surfaces
+        winner = made.winner(*shape)
         band = SurfaceBand(
-            depth=buffers.get("surface depth", shape, np.float32),
-            color=buffers.get("surface color", (*shape, 3), np.float32),
-            normal=buffers.get("surface normal", (*shape, 3), np.float32),
-            albedo=buffers.get("surface albedo", (*shape, 3), np.float32),
-            covered=buffers.get("surface covered", shape, np.uint8),
-            ids=buffers.get("surface ids", (3, *shape), np.int32),
-            hit=buffers.get("surface hit", (2, *shape), np.int32),
-            bary=buffers.get("surface bary", (*shape, 2), np.float32),
+            depth=made.depth(*shape),
+            color=made.color(*shape),
+            normal=made.normal(*shape),
+            albedo=made.albedo(*shape),
+            covered=made.covered(*shape),
+            ids=made.ids(*shape),
+            hit=made.hit(*shape),
+            bary=made.bary(*shape),
         )
         run(raster.raster, *scene, starts, lists, band.depth, winner)
         run(

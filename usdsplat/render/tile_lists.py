@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk
+from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.frame_buffers import FrameBuffers, ImageBuffers, NearestBuffers
 from usdsplat.render.occluders import NO_DEPTH, Occluders
 from usdsplat.render.projector import ProjectedSplats
 
@@ -70,7 +70,7 @@ class TileLists:
 
     Args:
         window: Pixels x0, y0, x1, y1 of the band, end exclusive.
-        by_ray: Whether splats of a pixel are sorted by their ray hits.
+        sort_by_ray_hit: Whether splats of a pixel are sorted by their ray hits.
 
     Raises:
         UsageError: If splats touch 2**31 tiles or more.
@@ -84,28 +84,27 @@ class TileLists:
         window: tuple[int, int, int, int],
         occluders: Occluders,
         *,
-        by_ray: bool,
+        sort_by_ray_hit: bool,
     ) -> None:
         x0, y0, x1, y1 = window
         self.shape = (y1 - y0, x1 - x0)
         self._device = device
         self._buffers = buffers
         self._splats = splats
-        self._by_ray = by_ray
+        self._sort_by_ray_hit = sort_by_ray_hit
         self._occluders = occluders
-        self._walks = by_ray or splats.keeps.size > 0 or occluders.holdout[0].size > 0
+        self._walks = sort_by_ray_hit or splats.keeps.size > 0 or occluders.holdout[0].size > 0
         """Whether contributions must be taken one by one."""
         self._grid = bins.grid_of(x0, y0, x1, y1)
         key = splats.stamp, window
-        noted = buffers.noted("tile lists")
-        if noted is None or noted[0] != key:
+        held = buffers.tiles.lists
+        if held.content is None or held.content[0] != key:
             made = device.run(
                 bins.tile_lists, splats.records, self._grid, bins.tiles_in(self._grid),
-                4 * device.threads, buffers.get,
+                4 * device.threads, buffers.tiles.get,
             )  # fmt: skip
-            noted = key, made
-            buffers.note("tile lists", noted)
-        self._starts, self._lists, self.pairs = noted[1]
+            held.content = key, made
+        self._starts, self._lists, self.pairs = held.content[1]
         if self.pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{self.pairs} pairs of splat and tile", "less than 2**31")
         self.rows = 0
@@ -116,54 +115,63 @@ class TileLists:
     def color(self) -> tuple[F32, F32 | None]:
         """Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
         (h, w), where it is not just what is missing from A."""
-        self._color, self._through = self._paint("color", self._splats.records, project.RED)
+        self._color, self._through = self._paint(
+            self._buffers.color, self._splats.records, project.RED
+        )
         return self._color, self._through
 
-    def paint(self, name: str, column: int) -> F32:
+    def paint(self, buffers: ImageBuffers, column: int) -> F32:
         """Sums of three features over all contributions, and coverage, shape (h, w, 4)."""
-        return self._paint(name, self._splats.features, column)[0]
+        return self._paint(buffers, self._splats.features, column)[0]
 
     def depths(self) -> F32:
         """Sums of the depths of all contributions, two unused, and coverage, shape (h, w, 4)."""
         if self._walks:
-            return self._paint("depths", self._splats.features, walk.DEPTHS)[0]
-        return self.paint("depths", feature.EXPECTED)
+            return self.paint(self._buffers.depths, walk.DEPTHS)
+        return self.paint(self._buffers.depths, feature.EXPECTED)
 
-    def median(self, name: str, part: float) -> tuple[F32, I32]:
+    def median(self, buffers: NearestBuffers, part: float) -> tuple[F32, I32]:
         """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which a part of the
         coverage is passed; `color` comes first."""
-        run, get, splats = self._device.run, self._buffers.get, self._splats
-        keep = self._device.keep
-        ranks = get(f"{name} ranks", self.shape, np.int32)
-        depth = get(f"{name} depth", self.shape, np.float32)
-        ids = get(f"{name} ids", (4, *self.shape), np.int32)
+        run, keep, splats = self._device.run, self._device.keep, self._splats
+        ranks = buffers.ranks(*self.shape)
+        depth = buffers.depth(*self.shape)
+        ids = buffers.ids(*self.shape)
         if self._walks:
-            peaks = get(f"{name} peaks", self.shape, np.float32)
+            ray_depths = buffers.ray_depths(*self.shape)
             self._walk(
                 walk.MEDIAN, part=part, image=self._color, through=self._through, ranks=ranks,
-                depths=peaks,
+                depths=ray_depths,
             )  # fmt: skip
         else:
             run(
-                median.median, splats.records, self._starts, self._lists, self._grid, splats.peaks,
-                self._occluders.depth, splats.is_parallel, self._color, self._occluders.covered,
-                np.float32(part), ranks,
+                median.median, splats.records, self._starts, self._lists, self._grid,
+                splats.ray_hits, self._occluders.depth, splats.is_parallel, self._color,
+                self._occluders.covered, np.float32(part), ranks,
             )  # fmt: skip
         run(
             median.resolve, ranks, splats.records, splats.order, splats.sources,
             keep(splats.layout.first_slots), keep(splats.layout.labels), depth, ids,
         )  # fmt: skip
         if self._walks:
-            run(median.hold_depth, ranks, peaks, NO_DEPTH, depth)
+            run(median.hold_depth, ranks, ray_depths, NO_DEPTH, depth)
         elif self._occluders.depth.size > 0:
             run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
-        """Prims that contribute most and by how much, shapes (h, w, walk.RANKS)."""
-        ids = self._buffers.get("prims", (*self.shape, walk.RANKS), np.int32)
-        weights = self._buffers.get("weights", (*self.shape, walk.RANKS), np.float32)
-        self._walk(walk.WEIGH, ids=ids, weights=weights)
+        """Prims that contribute most and by how much, shapes (h, w, weigh.RANKS)."""
+        splats = self._splats
+        ids = self._buffers.pixels.prims(*self.shape)
+        weights = self._buffers.pixels.weights(*self.shape)
+        if self._walks:
+            self._walk(walk.WEIGH, ids=ids, weights=weights)
+            return ids, weights
+        self._device.run(
+            weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
+            self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
+            ids, weights,
+        )  # fmt: skip
         return ids, weights
 
     def deep(self, error: float) -> DeepSamples:
@@ -175,7 +183,7 @@ class TileLists:
             self._walk(walk.COUNT, error=error, counts=held)
         else:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
-        offsets = self._buffers.get("deep offsets", (held.size + 1,), np.int64)
+        offsets = self._buffers.pixels.deep_offsets(*self.shape)
         total = int(self._device.run(deep.place, held, offsets))
         near, color = resident((total,), np.float32), resident((total, 4), np.float32)
         far = near if error == 0 else resident((total,), np.float32)
@@ -193,18 +201,18 @@ class TileLists:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _paint(self, name: str, paints: F32, column: int) -> tuple[F32, F32 | None]:
-        run, get, splats = self._device.run, self._buffers.get, self._splats
-        image = get(name, (*self.shape, 4), np.float32)
+    def _paint(self, buffers: ImageBuffers, paints: F32, column: int) -> tuple[F32, F32 | None]:
+        run, splats = self._device.run, self._splats
+        image = buffers.image(*self.shape)
         if self._walks:
-            through = get(f"{name} through", self.shape, np.float32)
+            through = buffers.through(*self.shape)
             self._walk(walk.PAINT, paints=paints, column=column, image=image, through=through)
             return image, through
-        work = get("work", (self._starts.shape[0] - 1,), np.int64)
+        work = self._buffers.tiles.work(int(self._grid["rows"][0]), int(self._grid["columns"][0]))
         height, width = self.shape
         run(
             blend.blend, splats.records, paints, column, self._starts, self._lists, self._grid,
-            splats.peaks, self._occluders.depth, splats.is_parallel,
+            splats.ray_hits, self._occluders.depth, splats.is_parallel,
             image.reshape((height, 4 * width)), work,
         )  # fmt: skip
         if isinstance(work, np.ndarray):  # a GPU does not count
@@ -239,7 +247,10 @@ class TileLists:
         splats = self._splats
         options = np.zeros(1, walk.WALK)
         options["mode"], options["column"] = mode, column
-        options["by_ray"], options["is_parallel"] = self._by_ray, splats.is_parallel
+        options["sort_by_ray_hit"], options["is_parallel"] = (
+            self._sort_by_ray_hit,
+            splats.is_parallel,
+        )
         options["prims"], options["part"], options["error"] = len(splats.layout.prims), part, error
         options["near"] = splats.near
         nothing = {
@@ -247,15 +258,15 @@ class TileLists:
             "through": NO_DEPTH,
             "ranks": np.empty((0, 0), np.int32),
             "depths": NO_DEPTH,
-            "ids": np.empty((0, 0, walk.RANKS), np.int32),
-            "weights": np.empty((0, 0, walk.RANKS), np.float32),
+            "ids": np.empty((0, 0, weigh.RANKS), np.int32),
+            "weights": np.empty((0, 0, weigh.RANKS), np.float32),
             "counts": np.empty((0, 0), np.uint32),
             "offsets": np.empty(0, np.int64),
             "deep": NO_DEEP,
         }
         self._device.run(
             walk.walk, options, splats.records, splats.records if paints is None else paints,
-            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.peaks,
+            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.ray_hits,
             self._occluders.depth, self._occluders.covered, self._occluders.holdout,
             tuple((nothing | out).values()),
         )  # fmt: skip

@@ -24,6 +24,7 @@ from usdsplat.schema.field import (  # noqa: E402
 )
 from usdsplat.schema.grading import author_grade, grade, is_grade_varying  # noqa: E402
 from usdsplat.schema.hints import (  # noqa: E402
+    DrawingHints,
     color_space,
     is_known_color_space,
     projection_mode,
@@ -38,6 +39,7 @@ from usdsplat.schema.vt import empty  # noqa: E402
 __all__ = [
     "DATA_ATTRIBUTES",
     "GRADE_ATTRIBUTES",
+    "DrawingHints",
     "Finding",
     "Form",
     "author",

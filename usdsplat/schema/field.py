@@ -10,12 +10,14 @@ from pxr import Sdf, Usd, UsdVol, Vt
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.schema import attributes, hints, packed, packing, proxy, registration, stock, tokens
-from usdsplat.schema.attributes import Time, set_array, set_uniform
+from usdsplat.schema.attributes import Time, set_array
 from usdsplat.schema.extent import compute_extent
+from usdsplat.schema.hints import DrawingHints
 from usdsplat.schema.tokens import Form
 from usdsplat.schema.vt import to_vt
 
 _Type = Sdf.ValueTypeNames
+NO_HINTS = DrawingHints()
 
 
 def author(
@@ -26,9 +28,7 @@ def author(
     form: Form = "float",
     time: float | Usd.TimeCode | None = None,
     color_space: str | None = None,
-    rasterize_mode: str | None = None,
-    projection_mode: str | None = None,
-    sorting_mode: str | None = None,
+    drawing: DrawingHints = NO_HINTS,
 ) -> Usd.Prim:
     """Write a cloud as a splat field on the stage's edit target.
 
@@ -43,9 +43,7 @@ def author(
         time: Time code of a sample; None writes default values and removes samples.
         color_space: Colour space the harmonics were trained in; None keeps the authored or
             inherited one, or writes srgb_rec709_scene if there is none.
-        rasterize_mode: "classic" or "antialiased"; None keeps the authored one.
-        projection_mode: "perspective" or "tangential"; None keeps the authored one.
-        sorting_mode: "zDepth", "cameraDistance" or "rayHitDistance"; None keeps the authored one.
+        drawing: Rendering hints of the field; None keeps the authored ones.
 
     Returns:
         The prim.
@@ -55,7 +53,7 @@ def author(
         StageError: If the prim cannot be written, or its other samples have another degree.
         SchemaUnavailableError: If the form is "packed" and USD does not know the type.
     """
-    _check_options(form, color_space, rasterize_mode, projection_mode, sorting_mode)
+    _check_options(form, color_space)
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     _check_degree(stage, Sdf.Path(path), cloud, code)
     if form == "packed":
@@ -64,14 +62,7 @@ def author(
         prim = _author_stock(stage, path, cloud, form == "half", code)
     _author_identity(prim, cloud, code)
     _author_color_space(prim, color_space)
-    modes = {
-        tokens.RASTERIZE_MODE: rasterize_mode,
-        tokens.PROJECTION_MODE: projection_mode,
-        tokens.SORTING_MODE: sorting_mode,
-    }
-    for name, value in modes.items():
-        if value is not None:
-            set_uniform(prim, name, _Type.Token, value)
+    drawing.author(prim)
     return prim
 
 
@@ -212,22 +203,10 @@ def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
     return prim
 
 
-def _check_options(
-    form: Form,
-    color_space: str | None,
-    rasterize_mode: str | None,
-    projection_mode: str | None,
-    sorting_mode: str | None,
-) -> None:
+def _check_options(form: Form, color_space: str | None) -> None:
     """Raise an error for invalid options before anything is written."""
-    for name, value, allowed in (
-        ("form", form, get_args(Form)),
-        ("rasterize_mode", rasterize_mode, tokens.RASTERIZE_MODES),
-        ("projection_mode", projection_mode, tokens.PROJECTION_MODES),
-        ("sorting_mode", sorting_mode, tokens.SORTING_MODES),
-    ):
-        if value is not None and value not in allowed:
-            raise UsageError(name, repr(value), f"one of {', '.join(allowed)}")
+    if form not in get_args(Form):
+        raise UsageError("form", repr(form), f"one of {', '.join(get_args(Form))}")
     if color_space is not None and not hints.is_known_color_space(color_space):
         raise UsageError(
             "color_space", repr(color_space), f"a Gf name such as {tokens.DEFAULT_COLOR_SPACE}"

@@ -2,9 +2,49 @@
 
 from __future__ import annotations
 
-from pxr import Gf, Usd
+from dataclasses import dataclass
 
+from pxr import Gf, Sdf, Usd
+
+from usdsplat.core.errors import UsageError
 from usdsplat.schema import tokens
+from usdsplat.schema.attributes import set_uniform
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawingHints:
+    """How a field asks to be drawn; None keeps what the prim has.
+
+    Raises:
+        UsageError: If a hint has a value that it cannot have.
+    """
+
+    rasterize_mode: str | None = None
+    """"classic" or "antialiased"."""
+    projection_mode: str | None = None
+    """"perspective" or "tangential"."""
+    sorting_mode: str | None = None
+    """"zDepth", "cameraDistance" or "rayHitDistance"."""
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("rasterize_mode", tokens.RASTERIZE_MODES),
+            ("projection_mode", tokens.PROJECTION_MODES),
+            ("sorting_mode", tokens.SORTING_MODES),
+        ):
+            value = getattr(self, name)
+            if value is not None and value not in allowed:
+                raise UsageError(name, repr(value), f"one of {', '.join(allowed)}")
+
+    def author(self, prim: Usd.Prim) -> None:
+        """Write the hints that are given as uniform tokens of a prim."""
+        for name, value in (
+            (tokens.RASTERIZE_MODE, self.rasterize_mode),
+            (tokens.PROJECTION_MODE, self.projection_mode),
+            (tokens.SORTING_MODE, self.sorting_mode),
+        ):
+            if value is not None:
+                set_uniform(prim, name, Sdf.ValueTypeNames.Token, value)
 
 
 def color_space(prim: Usd.Prim) -> str:

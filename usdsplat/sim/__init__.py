@@ -1,1 +1,1 @@
-"""A stage becomes a layer: captures as particles, simulated, and baked as opinions over them."""
+"""Particle simulation of splat fields: reads a stage, writes a layer of results."""

@@ -1,4 +1,4 @@
-"""Arrays in one file: uncompressed, each at a multiple of 64 bytes, so that they can be mapped.
+"""Store arrays in one file, uncompressed and aligned to 64 bytes, so that they can be mapped.
 
     8 bytes   "USDSPLA1"
     8 bytes   length of the header [byte], little-endian
@@ -6,7 +6,8 @@
     header    JSON: `meta`, and for each array its name, dtype, shape, offset and CRC-32
     arrays    C order
 
-Arrays that are one object in memory are stored once and are one object again when they are read.
+Arrays that are the same object in memory are stored once, and are the same object again when they
+are read.
 """
 
 from __future__ import annotations
@@ -35,17 +36,16 @@ _PREFIX = struct.Struct("<8sQI")
 def save_arrays(
     target: Path, arrays: Mapping[str, Array], meta: Mapping[str, Any], *, checked: bool = True
 ) -> None:
-    """Write a file, replacing an older one as a whole or not at all.
+    """Write arrays to a file. An existing file is replaced as a whole or not at all.
 
     Args:
-        target: Where to.
-        arrays: By name; of any shape and any dtype but object.
-        meta: What JSON can hold.
-        checked: Compute checksums of the arrays; without them they read as damaged where they are
-            compared.
+        target: Path of the file.
+        arrays: Arrays by name, of any shape and any dtype but object.
+        meta: Anything that JSON can hold.
+        checked: Compute checksums of the arrays. Without them a checked read reports damage.
 
     Raises:
-        OutputError: If it cannot be written there.
+        OutputError: If the file cannot be written.
     """
     stored: dict[int, int] = {}
     unique: list[Array] = []
@@ -82,15 +82,15 @@ def load_arrays(
     """Read a file that `save_arrays` wrote.
 
     Args:
-        source: The file.
-        mapped: Return read-only views of the file, which is read when they are used.
-        checked: Compare every byte with the checksums; the header is always compared.
+        source: Path of the file.
+        mapped: Return read-only views of the file; it is read when they are used.
+        checked: Verify the checksums of the arrays. That of the header is always verified.
 
     Returns:
-        Arrays by name, with their bits, and `meta`.
+        The arrays by name, bit for bit, and `meta`.
 
     Raises:
-        FormatError: If the file is damaged or another's.
+        FormatError: If the file is damaged or of another kind.
     """
     try:
         with source.open("rb") as file:
@@ -113,7 +113,7 @@ def load_arrays(
 
 
 def _block(source: Path, entry: Mapping[str, Any], start: int, size: int, mapped: bool) -> Array:
-    """One array of the file."""
+    """Read one array of the file."""
     dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
     first, count = start + entry["offset"], math.prod(shape)
     if first + count * dtype.itemsize > size:
@@ -126,7 +126,7 @@ def _block(source: Path, entry: Mapping[str, Any], start: int, size: int, mapped
 
 
 def _start(header: int) -> int:
-    """Where the arrays begin."""
+    """Return the offset of the first array."""
     return -(-(_PREFIX.size + header) // ALIGNMENT) * ALIGNMENT
 
 

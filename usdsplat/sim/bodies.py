@@ -1,4 +1,5 @@
-"""Affectors as the table that kernels take: where each solid is at both ends of a substep."""
+"""Pack affectors into the table that kernels read: the pose of each solid at both ends of a
+substep."""
 
 from __future__ import annotations
 
@@ -16,9 +17,9 @@ from usdsplat.sim.specs import Affector, Solid
 
 KINDS = {"sphere": ROUND, "capsule": ROUND, "box": BOX, "plane": PLANE, "mesh": MESH}
 STICKS = 1e30
-"""Coefficient that stands for friction without slip."""
+"""Friction coefficient that stands for no slip at all."""
 THINNEST = 1e-6
-"""Part of a solid's radius that counts as its thickness where it has less."""
+"""Least thickness of a solid, as a fraction of its radius."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -26,14 +27,14 @@ class Bodies:
     """The solids of several affectors, in their order."""
 
     table: F64
-    """Shape (k, COLUMNS)."""
+    """One row for each solid, shape (k, COLUMNS)."""
     fields: FieldTable
     blend: float
-    """Largest of theirs [unit]."""
+    """Largest blend radius [unit]."""
     clearance: float
-    """Largest of theirs [sigma]."""
+    """Largest clearance [sigma]."""
     size: float
-    """Radius of the smallest, or a part of its thickness [unit]."""
+    """Radius of the smallest solid, or a fraction of its thickness [unit]."""
 
     def __len__(self) -> int:
         return len(self.table)
@@ -41,7 +42,7 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A solid at one time, in the words of the kernels."""
+    """A solid at one time, in the kernels' terms."""
 
     turn: F64
     place: F64
@@ -52,19 +53,20 @@ class _Shape:
 
 
 def friction_coefficient(friction: float) -> float:
-    """Coulomb's coefficient of a knob from 0, which slides, to 1, which sticks: f / (1 - f)."""
+    """Convert a friction parameter, 0 for sliding to 1 for sticking, to Coulomb's coefficient f /
+    (1 - f)."""
     return min(friction / (1.0 - friction), STICKS) if friction < 1.0 else STICKS
 
 
 def pack_bodies(
     fields: Fields, before: Sequence[Affector], after: Sequence[Affector], dt: float
 ) -> Bodies:
-    """Pack affectors; fields that they do not need are forgotten.
+    """Pack affectors. Fields that none of them needs are dropped.
 
     Args:
-        fields: Of the simulation.
+        fields: Distance fields of the simulation.
         before, after: The same affectors at the start and the end of a substep.
-        dt: Its duration [s]; inf for what does not move.
+        dt: Its duration [s]; inf where nothing moves.
 
     Raises:
         StageError, UsageError: As `bake_field`.
@@ -149,7 +151,7 @@ def _shape(solid: Solid, field: Field | None) -> _Shape:
     if solid.kind == "sphere":
         second, half_length = first, 0.0
     if 2.0 * half_length <= abs(first - second):
-        # The larger ball holds the smaller.
+        # the larger ball contains the smaller
         end = -half_length if first > second else half_length
         place = place + turn @ np.array([0.0, 0.0, end])
         first = second = max(first, second)

@@ -1,8 +1,8 @@
-"""Carriers: an even set of points on a capture's surface, where the reaction runs.
+"""Carriers: evenly spaced points on a capture's surface, on which the reaction runs.
 
-Captured splats are many where there is detail and few, but large, where there is none; the
-Laplacian is worthless on them. So points are spread over the ellipses of all splats that one sees,
-a Poisson disk sample of them is taken, and it is relaxed until the Laplacian is accurate.
+Captures have many splats where there is detail and few large ones elsewhere, so that a Laplacian on
+the splats themselves is inaccurate. Instead, points are drawn on the ellipses of all visible
+splats, a Poisson disk sample of them is taken, and it is relaxed until the Laplacian is accurate.
 
 Sources: Lagae & Dutre 2008 on Poisson disks; Turk 1991 on relaxing points and reacting on them.
 """
@@ -26,59 +26,60 @@ from usdsplat.sim.relaxing import relax, spacing
 from usdsplat.sim.support import fitted
 
 MOST = 250_000
-"""Carriers, at most."""
+"""Largest number of carriers."""
 
 FAINT = 0.1
-"""Opacity below which a splat is no part of a surface."""
+"""Opacity below which a splat is not part of a surface."""
 
 HUGE = 0.05
-"""Deviation of a splat, in diagonals of the capture, beyond which it is background."""
+"""Standard deviation, in diagonals of the capture, above which a splat is background."""
 
 EDGE = 1.2
-"""Half axes of a splat's ellipse, in its deviations."""
+"""Half axes of a splat's ellipse, in standard deviations."""
 
 DRAWN = 64
-"""Points drawn for each that may be kept, at most, where the distance is automatic."""
+"""Points drawn for each carrier at most, where the distance is automatic."""
 DENSITY = 4.0
-"""Points on an ellipse, for each square of the distance; enough for a sample without gaps."""
+"""Points on an ellipse per squared distance: enough for a sample without gaps."""
 
 MOST_POINTS = 256
-"""On one ellipse."""
+"""Largest number of points on one ellipse."""
 
 SWEEPS = 20
-"""Of relaxation: before points that have come too close on the surface are dropped, and after."""
+"""Relaxation sweeps, before and again after points that are too close on the surface are
+dropped."""
 
 CLOSEST = 0.8
-"""Distance that is kept when points are dropped, in those of the first sample."""
+"""Least distance after dropping, as a fraction of the first sample's."""
 
 PER_DISTANCE = 1.25
 """Mean spacing of a Poisson disk sample, in its least distance."""
 
 FEWEST = 4
-"""Neighbours without which a carrier is a speck, and dropped."""
+"""Neighbours below which a carrier is isolated, and dropped."""
 
 NEAREST = 8
 """Carriers that a splat reads."""
 
 WIDEN = 1.2
-"""Radius of the weights with which it reads them, in distances of the last."""
+"""Radius of the weights of these carriers, as a multiple of the distance to the last."""
 
 REACH = 3.0
-"""Distance to the first carrier from where a splat reads none, in spacings."""
+"""Distance to the first carrier above which a splat reads none, in spacings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Binding:
-    """What n splats read of the carriers; the same as long as both are at rest."""
+    """Carriers that n splats read, and their weights; constant while both are at rest."""
 
     near: I32
     """Carriers, nearest first, -1 for none, shape (n, 8)."""
     weights: F32
-    """Rows sum to 1, or are 0 far from all carriers, shape (n, 8)."""
+    """Weights; rows sum to 1, or to 0 far from all carriers, shape (n, 8)."""
 
     def read(self, device: Device, uv: F32) -> F32:
-        """u and v of each splat, shape (n, 2), of those of the carriers, shape (c, 2); (1, 0) far
-        from all of them."""
+        """Interpolate u and v of the carriers, shape (c, 2), at the splats, shape (n, 2); (1, 0)
+        far from all carriers."""
         out: F32 = device.empty((len(self.near), 2), np.float32)
         device.run(kernels.read, self.near, self.weights, uv, out)
         return out
@@ -89,15 +90,15 @@ class Carriers:
     """c points on a capture at rest."""
 
     positions: F32
-    """[unit], shape (c, 3)."""
+    """Positions [unit], shape (c, 3)."""
     normals: F32
-    """Unit vectors, all on the outer side of each connected part, shape (c, 3)."""
+    """Unit normals, all on the outer side of each connected part, shape (c, 3)."""
     dimension: F32
-    """2 on surfaces, 3 where points are all around, shape (c,)."""
+    """2 on surfaces, 3 where neighbours are all around, shape (c,)."""
     graph: Graph
-    """Neighbours of each."""
+    """Neighbours of each carrier."""
     spacing: float
-    """About what neighbours are apart [unit]."""
+    """Approximate distance of neighbours [unit]."""
 
     @classmethod
     def of(
@@ -110,16 +111,16 @@ class Carriers:
         target: float = 16.0,
         most: int = MOST,
     ) -> Carriers:
-        """An even set of points on a capture.
+        """Distribute points evenly over a capture.
 
         Args:
-            device: Where to.
-            cloud: At rest. Splats that are faint, huge or not finite have no carriers.
-            distance: Of neighbours [unit]; larger where there would be more than `most`. Negative
-                is the median distance of the capture's splats.
-            seed: Of the random numbers.
-            target: Neighbours that each is to have.
-            most: Carriers, at most.
+            device: Runs the kernels.
+            cloud: The capture at rest. Splats that are faint, huge or not finite get no carriers.
+            distance: Distance of neighbours [unit]; larger where there would be more than `most`.
+                Negative takes the median distance of the capture's splats.
+            seed: Seed of the random numbers.
+            target: Neighbours wanted for each carrier.
+            most: Largest number of carriers.
         """
         rows = np.flatnonzero(_seen(cloud))
         ellipses = _Ellipses.of(cloud, rows)
@@ -145,10 +146,10 @@ class Carriers:
         return len(self.positions)
 
     def bind(self, device: Device, points: F32) -> Binding:
-        """What points at rest read of the carriers.
+        """Find the carriers that points at rest read, and their weights.
 
         Args:
-            device: Where to.
+            device: Runs the kernels.
             points: [unit], shape (n, 3).
         """
         near, _ = nearest(device, self.positions, points, NEAREST)
@@ -162,14 +163,15 @@ class Carriers:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Ellipses:
-    """The two larger axes of splats."""
+    """The ellipses spanned by the two larger axes of splats."""
 
     centres: F32
     long: F32
     """Half axes [unit], shape (n, 3)."""
     short: F32
     areas: F32
-    """Of the ellipses' boxes over 4 [unit^2], shape (n,), those of lines as wide as they are."""
+    """A quarter of the area of each ellipse's bounding box [unit^2], shape (n,); lines count as
+    wide as they are."""
     ids: I64
 
     @classmethod
@@ -193,15 +195,15 @@ class _Ellipses:
         )
 
     def counts(self, distance: float) -> I64:
-        """How many points each has at a distance, shape (n,)."""
+        """Return the number of points on each ellipse at a distance, shape (n,)."""
         half = np.linalg.norm(self.long, axis=1).astype(np.float64)
         wide = np.maximum(np.linalg.norm(self.short, axis=1), distance / 4)
         counts = np.minimum(1 + np.pi * DENSITY * half * wide / distance**2, MOST_POINTS)
         return np.where(half < distance / 2, 1, counts).astype(np.int64)
 
     def points(self, device: Device, distance: float, seed: int) -> tuple[F32, F32]:
-        """Points on all of them, so many that none further apart than `distance` is without one
-        between; and in which order they are taken, centres first."""
+        """Draw points on all ellipses, dense enough that any two further apart than `distance` have
+        one between them, and the order in which they are tried, centres first."""
         counts = self.counts(distance)
         first = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(counts, out=first[1:])
@@ -215,7 +217,7 @@ class _Ellipses:
 
 
 def _seen(cloud: SplatCloud) -> np.ndarray:
-    """Which splats are part of a surface, shape (n,)."""
+    """Return which splats are part of a surface, shape (n,)."""
     sound = np.isfinite(cloud.positions).all(axis=1) & np.isfinite(cloud.scales).all(axis=1)
     sound &= cloud.opacities >= FAINT
     if not sound.any():
@@ -228,12 +230,12 @@ def _seen(cloud: SplatCloud) -> np.ndarray:
 def _sampled(
     device: Device, ellipses: _Ellipses, distance: float, seed: int, most: int
 ) -> tuple[F32, float]:
-    """At most `most` points no closer than a distance, and that distance [unit]."""
+    """Return at most `most` points no closer than a distance, and that distance [unit]."""
     if distance <= 0:
         _, apart = nearest(device, ellipses.centres, ellipses.centres, 2)
         apart = apart[np.isfinite(apart[:, -1]) & (apart[:, -1] > 0), -1]
         distance = float(np.median(apart)) if len(apart) else 1.0
-        # Else far more are drawn than can be kept, where many splats lie on one another.
+        # where many splats overlap, far more points are drawn than can be kept
         drawn = int(ellipses.counts(distance).sum())
         distance *= math.sqrt(max(1.0, drawn / max(DRAWN * most, 4 * len(ellipses.ids))))
     else:
@@ -247,7 +249,7 @@ def _sampled(
 
 
 def _thrown(device: Device, points: F32, priority: F32, distance: float) -> I64:
-    """Rows of the points that are kept, ascending, none closer than `distance` to another."""
+    """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
     table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
@@ -258,9 +260,9 @@ def _thrown(device: Device, points: F32, priority: F32, distance: float) -> I64:
 
 
 def _relaxed(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
-    """Points moved along their surface until they are even.
+    """Move points along their surface until they are evenly spaced.
 
-    All have the same radius, else crowds and gaps would stay as they are.
+    All have the same radius: radii that follow density would preserve clusters and gaps.
     """
     radius = PER_DISTANCE * closest / spacing(target, 2)
     parameters = Parameters(

@@ -1,4 +1,4 @@
-"""Where a simulation can go on from: every bit of its states, in one file."""
+"""Checkpoints: every bit of a simulation's states in one file."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Checkpoint:
-    """All fields of a simulation after a frame."""
+    """The states of all fields of a simulation after a frame."""
 
     time: float
     """Frame that the states belong to [time code]."""
     states: Mapping[str, State]
-    """By the field's path."""
+    """States by the path of the field."""
     parameter_hash: str
     code_version: str = __version__
     extras: Mapping[str, Array] = field(default_factory=dict)
-    """What else must be kept, by name."""
+    """Further arrays by name."""
 
 
 def save(target: Path, checkpoint: Checkpoint) -> None:
-    """Replace the file at `target` as a whole.
+    """Write a checkpoint, replacing the file at `target` as a whole.
 
     Raises:
-        OutputError: If it cannot be written there.
+        OutputError: If the file cannot be written.
     """
     arrays: dict[str, Array] = {f"extra|{key}": value for key, value in checkpoint.extras.items()}
     scalars = []
@@ -54,11 +54,11 @@ def save(target: Path, checkpoint: Checkpoint) -> None:
 
 
 def load(source: Path) -> Checkpoint:
-    """Read a checkpoint: states with the bits that were saved, in arrays of their own; those that
-    were one array (`sh` and `rest_sh`) are one again.
+    """Read a checkpoint, bit for bit. Arrays are new; those that were one array (`sh` and
+    `rest_sh`) are one again.
 
     Raises:
-        FormatError: If the file is damaged, or is no checkpoint.
+        FormatError: If the file is damaged or not a checkpoint.
     """
     arrays, meta = load_arrays(source)
     try:
@@ -89,5 +89,5 @@ def _state(arrays: Mapping[str, Array], prefix: str, entry: Mapping[str, Any]) -
 
 
 def _under(arrays: Mapping[str, Array], prefix: str) -> dict[str, np.ndarray]:
-    """The arrays whose names begin so, without that."""
+    """Return the arrays whose names start with a prefix, without the prefix."""
     return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}

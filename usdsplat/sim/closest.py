@@ -1,4 +1,4 @@
-"""Questions to a mesh: the closest point, what a ray hits, whether a point is inside."""
+"""Queries on a triangle mesh: closest point, ray intersection, inside test."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ from usdsplat.kernels.sim.winding import MOMENTS, fit_dipoles, sum_winding
 from usdsplat.sim.specs import Surface
 
 FAR = 3.0
-"""Radii from which a group of triangles counts as one in a winding number: within 0.02 of the
-sum of solid angles."""
+"""Distance, in radii of a group of triangles, from which the group counts as one in a winding
+number; the error is at most 0.02."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Hits:
-    """Points of a surface, one for each question."""
+    """Points on a surface, one per query."""
 
     faces: I32
     """Rows of `Surface.triangles`, -1 where nothing was found, shape (n,)."""
     weights: F32
-    """Of the triangle's three corners, sum 1, shape (n, 3)."""
+    """Barycentric weights of the triangle's three corners, shape (n, 3)."""
     squared: F32
-    """Distance² from the question's point [unit²], inf where nothing was found, shape (n,)."""
+    """Squared distance to the query point [unit²], inf where nothing was found, shape (n,)."""
     points: F32
-    """[unit], those of the question where nothing was found, shape (n, 3)."""
+    """Positions [unit], the query points where nothing was found, shape (n, 3)."""
 
 
 class Triangles:
-    """A mesh in a tree of boxes.
+    """A mesh in a bounding volume hierarchy.
 
     Args:
-        device: Whose threads answer.
+        device: Runs the kernels.
         surface: At least one triangle. Its arrays are not kept.
 
     Raises:
-        StageError: If there is no triangle, one names no point, or a point is no number.
+        StageError: If there is no triangle, a triangle names a point that does not exist, or a
+            point is not finite.
     """
 
     def __init__(self, device: Device, surface: Surface) -> None:
@@ -60,11 +61,11 @@ class Triangles:
         self._fit(surface)
 
     def refit(self, surface: Surface) -> None:
-        """Go on with the same triangles elsewhere; far slower to question where they moved far
+        """Update the positions of the same triangles. Queries become much slower if they moved far
         apart.
 
         Raises:
-            StageError: If the triangles are others, or a point is no number.
+            StageError: If the triangles differ, or a point is not finite.
         """
         _check(surface)
         if not np.array_equal(surface.triangles, self._triangles):
@@ -78,11 +79,11 @@ class Triangles:
         self._device.run(fit_boxes, self._corners, self._boxes)
 
     def closest(self, points: F32, *, within: float = math.inf) -> Hits:
-        """The closest point of the mesh; of equally close triangles that of the lowest row.
+        """Find the closest point of the mesh; at equal distance that of the lowest row.
 
         Args:
             points: [unit], shape (n, 3).
-            within: [unit] Nothing farther is looked for, which is faster.
+            within: Ignore anything farther [unit], which is faster.
         """
         out = _empty(len(points))
         square = float(within) ** 2
@@ -92,7 +93,7 @@ class Triangles:
         return Hits(faces=out[0], weights=out[1], squared=out[2], points=out[3])
 
     def rays(self, origins: F32, directions: F32) -> Hits:
-        """What rays hit first, from either side.
+        """Find the first intersection of rays with the mesh, from either side.
 
         Args:
             origins: [unit], shape (n, 3).
@@ -106,11 +107,13 @@ class Triangles:
         return Hits(faces=out[0], weights=out[1], squared=out[2], points=out[3])
 
     def winding(self, points: F32, *, far: float = FAR) -> F32:
-        """How often the mesh winds around each point, shape (n,): above one half is inside.
+        """Return the winding number of the mesh at each point, shape (n,): above one half is
+        inside.
 
         Args:
             points: [unit], shape (n, 3).
-            far: Radii from which a group of triangles counts as one; inf sums every triangle.
+            far: Distance, in radii, from which a group of triangles counts as one; inf sums every
+                triangle.
         """
         if self._moments is None:
             self._moments = np.zeros((len(self._boxes), MOMENTS), np.float64)

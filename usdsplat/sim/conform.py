@@ -1,4 +1,4 @@
-"""Splats take the shape of a mesh, and ride it."""
+"""Conform splats to a mesh, and carry them along with it."""
 
 from __future__ import annotations
 
@@ -21,20 +21,22 @@ from usdsplat.sim.relaxing import relax
 from usdsplat.sim.specs import Surface
 
 NEIGHBORS = 16
-"""Of a splat, to which the capture's surface is fitted and by which spacing is measured."""
+"""Neighbours of a splat to which the capture's surface is fitted, and that give its spacing."""
 MOST_GROWTH = 4.0
-"""Splats grow and shrink no more, however thinly a capture is spread."""
+"""Largest factor by which splats grow or shrink as their spacing changes."""
 FLAT = 0.15
-"""Thickness of what is flat, in mean sizes along the surface."""
+"""Thickness of a flat splat, as a fraction of its mean size along the surface."""
 
 SWEEPS = 240
-"""Of redistribution over the target, at most: what is crowded on one side of it needs them all."""
+"""Redistribution sweeps over the target, at most. A target that is crowded on one side needs them
+all."""
 
 _OWN, _ROWS = "own:", ("rest", "ids", "select", "axes", "flats")
-"""What is kept of splats at rest, for children are not in the capture."""
+"""Keys of what is kept of splats at rest, because children are not in the capture."""
 
 UNBOUND, HOPELESS = -1, -2
-"""Instead of a face: not bound yet; cannot be, for it is nowhere."""
+"""Values in place of a face: not bound yet, and cannot be bound because the position is not
+finite."""
 
 SCALE_MODES = {
     "preserve": kernels.PRESERVE,
@@ -63,14 +65,14 @@ class _Target:
 
 
 class Conform:
-    """What each splat is bound to on the target.
+    """Binding of each splat to the target: a triangle, a point on it, a height over it, and a
+    rotation.
 
-    That is found the first time that `apply` is called, and then stays: a triangle, a place on it,
-    a height over it and a turn against it.
+    Splats are bound by the first call of `apply`, and stay bound.
 
     Args:
-        device: Whose threads.
-        positions, rotations, scales: Of the splats at rest, shape (n, 3), (n, 4), (n, 3).
+        device: Runs the kernels.
+        positions, rotations, scales: The splats at rest, shapes (n, 3), (n, 4), (n, 3).
         ids: Their identities, shape (n,).
         select: Weight of each, 0..1, shape (n,).
         parameters: `conform:order`, `mode`, `axis` and `path` are taken from here, `sim:seed`, and
@@ -100,7 +102,7 @@ class Conform:
 
     @property
     def is_bound(self) -> bool:
-        """Whether nobody is left to be bound, for which `apply` needs a gradient."""
+        """Whether every splat is bound. If not, `apply` needs a gradient."""
         faces = self._memory.get("faces")
         return faces is not None and not (faces == UNBOUND).any()
 
@@ -109,12 +111,12 @@ class Conform:
     def extended(
         self, parents: Rows, positions: F32, rotations: F32, scales: F32, ids: I64
     ) -> Conform:
-        """With children appended: they set off with their parents and keep their height, and are
-        bound to what their own place says.
+        """Return a copy with children appended. They start with their parents, keep the parents'
+        height, and are bound by their own position.
 
         Args:
             parents: Rows of the parents, shape (c,).
-            positions, rotations, scales, ids: Of the children, at rest.
+            positions, rotations, scales, ids: The children at rest.
         """
         n = len(self)
         other = self.selected(np.concatenate([np.arange(n), parents]))
@@ -128,7 +130,7 @@ class Conform:
         return other
 
     def selected(self, rows: Rows) -> Conform:
-        """With these rows only, in this order."""
+        """Return a copy with these rows only, in this order."""
         other = object.__new__(Conform)
         other._device, other._target = self._device, self._target
         other._all, other._parameters = self._all, self._parameters
@@ -139,12 +141,12 @@ class Conform:
         return other
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What splats are bound to, and what they are at rest, first axis n."""
+        """Return the binding and the rest state of the splats, first axis n."""
         own = {f"{_OWN}{name}": getattr(self, f"_{name}") for name in _ROWS}
         return {**self._memory, **own}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Take what `memory` gave, for any number of splats, and go on with the same bits."""
+        """Restore the result of `memory`, for any number of splats, bit for bit."""
         for name in _ROWS:
             setattr(self, f"_{name}", memory[f"{_OWN}{name}"])
         self._memory = {key: each for key, each in memory.items() if not key.startswith(_OWN)}
@@ -162,15 +164,15 @@ class Conform:
         """Move splats towards the target.
 
         Args:
-            target: The mesh now; only its points may change from time to time.
-            now: [s] after the simulation's start.
-            parameters: Now.
+            target: The mesh now; only its points may change over time.
+            now: Time since the simulation's start [s].
+            parameters: Parameters now.
             positions: [unit], shape (n, 3), changed in place.
-            gradient: Of what came before, shape (n, 3, 3), multiplied in place by the turn and
-                stretch of each.
+            gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place by
+                the rotation and stretch of each splat.
 
         Raises:
-            StageError: If the target is no mesh, or has other triangles than before.
+            StageError: If the target is not a mesh, or has other triangles than before.
         """
         if len(positions) == 0:
             return
@@ -202,7 +204,7 @@ class Conform:
         )  # fmt: skip
 
     def _look_at(self, surface: Surface) -> _Target:
-        """The target as it is now; nothing is done where it has not moved."""
+        """Update the target's positions, if it has moved."""
         mesh = self._target
         if mesh is None:
             tree = Triangles(self._device, surface)
@@ -234,7 +236,7 @@ class Conform:
     # --- what splats are bound to ---------------------------------------------------------
 
     def _bind(self, mesh: _Target, positions: F32, gradient: F32) -> None:
-        """Bind those that are not bound yet."""
+        """Bind the splats that are not bound yet."""
         n = len(positions)
         is_first = not self._memory
         if is_first:
@@ -275,7 +277,7 @@ class Conform:
             kept["spreads"] = growth(self._rest, hits.points, near[:, 1:], MOST_GROWTH)
 
     def _aim(self, tree: Triangles, points: F32, axes: F32) -> Hits:
-        """The place on the target that is every splat's own."""
+        """Return the point on the target for each splat."""
         mode = self._parameters.mode
         hits = tree.closest(points)
         if mode == "projectAlong":
@@ -290,7 +292,7 @@ class Conform:
         return hits
 
     def _spread(self, mesh: _Target, hits: Hits) -> Hits:
-        """The same number of places, evenly spaced over the target."""
+        """Return as many points, evenly distributed over the target."""
 
         def onto(points: F32) -> tuple[F32, F32]:
             found = mesh.tree.closest(points)
@@ -302,7 +304,7 @@ class Conform:
         return mesh.tree.closest(spread)
 
     def _rank(self, hits: Hits) -> None:
-        """Who sets off when, 0..1."""
+        """Return the order in which splats start, 0..1."""
         n = len(self)
         ranks = np.empty(n, np.float32)
         if self._parameters.order == "distance":
@@ -313,7 +315,8 @@ class Conform:
         self._memory["ranks"] = ranks
 
     def _slide(self, mesh: _Target, positions: F32, way: F32) -> tuple[I32, F32, F32, F32]:
-        """Places under straight lines, and heights over the mesh where those begin."""
+        """Return points below straight paths, and the heights over the mesh where the paths
+        start."""
         bound = self._memory
         line = np.empty_like(positions)
         surface = mesh.surface
@@ -321,7 +324,7 @@ class Conform:
             kernels.approach, positions, bound["faces"], bound["places"],
             (surface.points, surface.triangles), way, line,
         )  # fmt: skip
-        # Those that wait or have arrived are where they are bound to.
+        # splats that wait or have arrived are at the point that they are bound to
         faces, places, over = bound["faces"].copy(), bound["places"].copy(), np.zeros_like(way)
         rows = np.flatnonzero((way > 0) & (way < 1))
         under, start = mesh.tree.closest(line[rows]), mesh.tree.closest(positions[rows])
@@ -343,7 +346,7 @@ def _choose(which: npt.NDArray[np.bool_], yes: Hits, no: Hits) -> Hits:
 
 
 def _shape(rotations: F32, scales: F32) -> tuple[F32, F32]:
-    """The smallest axis of each splat, and what its size is multiplied by to be flat."""
+    """Return the smallest axis of each splat, and the factor of its size that makes it flat."""
     smallest = np.argmin(scales, axis=1)
     rows = np.arange(len(scales))
     axes = quaternion.to_matrix(rotations)[rows, :, smallest]

@@ -1,4 +1,5 @@
-"""Collisions: no splat is left inside an affector, and none is passed by a fast one."""
+"""Collisions: no splat ends a substep inside an affector, and no fast affector passes through
+one."""
 
 from __future__ import annotations
 
@@ -18,37 +19,38 @@ from usdsplat.sim.specs import Affector
 from usdsplat.sim.state import State
 
 SINCE = "contact:since"
-"""In `State.memory`: time since each splat's last contact [s], inf where there was none."""
+"""In `State.memory`: time since each splat's last contact [s], inf for none."""
 SIGMA = "contact:sigma"
-"""In `State.globals`: deviation that counts as the largest [unit], shape (1,)."""
+"""In `State.globals`: largest standard deviation that clearance is measured in [unit], shape
+(1,)."""
 USUAL = 3.0
-"""Times the median of the splats' largest deviations, from where clearance does not grow: a capture
-has a few huge, faint ones, which nothing should push from far away. On real ones that is about the
-95th percentile."""
+"""Multiple of the median of the splats' largest deviations at which clearance stops growing.
+Captures have a few huge, faint splats, which nothing should push from far away; on real captures
+the limit is about the 95th percentile."""
 LEAST = 1e-7
-"""Distance outside at which splats are put, in radii of the smallest solid."""
+"""Distance outside a solid at which splats are put, in radii of the smallest solid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactCounts:
-    """What happened in a substep."""
+    """Counts of one substep."""
 
     touched: int = 0
     """Splats that were pushed out."""
     struck: int = 0
-    """Strikes by solids that would have passed a splat."""
+    """Hits by solids that would have passed a splat."""
     marched: int = 0
     """Splats that took more than Newton's steps."""
     trapped: int = 0
-    """Splats that are inside still: between solids without bound."""
+    """Splats that are still inside, between solids without a way out."""
 
 
 class Contacts:
-    """All affectors that collide, in one simulation.
+    """Collisions with all affectors of one simulation.
 
     Args:
-        device: Whose threads do it.
-        fields: Of the simulation's meshes; its own if None.
+        device: Runs the kernels.
+        fields: Distance fields of the simulation's meshes; None makes new ones.
     """
 
     def __init__(self, device: Device, fields: Fields | None = None) -> None:
@@ -65,8 +67,8 @@ class Contacts:
     ) -> ContactCounts:
         """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
 
-        Splats that are pinned stay. All others end outside of every enabled affector of the role
-        collide, by its clearance of their size at rest: what stretches does not push itself.
+        Pinned splats stay. All others end outside every enabled affector of the role collide, by
+        its clearance times their size at rest; a stretched splat does not push itself away.
 
         Args:
             started: Positions at the start of the substep [unit], shape (n, 3).
@@ -110,7 +112,7 @@ class Contacts:
 
 
 def _sizes(state: State) -> F32:
-    """Deviations that clearance is measured in [unit], shape (n, 3)."""
+    """Return the deviations that clearance is measured in [unit], shape (n, 3)."""
     if SIGMA not in state.globals:
         largest = state.rest_scales.max(axis=1)
         state.globals[SIGMA] = np.array([USUAL * np.median(largest)], np.float32)
@@ -118,7 +120,7 @@ def _sizes(state: State) -> F32:
 
 
 def contact_times(state: State) -> F32:
-    """`state.memory[SINCE]`, shape (n,), begun where it is not there yet."""
+    """Return `state.memory[SINCE]`, shape (n,); add it if it is missing."""
     if SINCE not in state.memory:
         state.memory[SINCE] = np.full(len(state), np.inf, np.float32)
     return state.memory[SINCE]

@@ -1,18 +1,18 @@
-"""The stack of deformers: where splats at rest are taken, and how space is deformed there.
+"""Apply the stack of deformers: displace splats at rest, and compute the deformation gradient.
 
-A deformer acts in a space of its own, along an axis of it. In coordinates (p, q, s), with s along
-the axis and p, q along the next two in the order X Y Z X Y, it takes a point so:
+Each deformer acts in its own space, along one of its axes. In coordinates (p, q, s), s along the
+axis and p, q along the next two in the order X Y Z X Y:
 
-- transform: scaled, turned about X, Y, Z, moved; the axis does not matter.
-- bend: the axis from 0 to the length becomes an arc of the same length, towards p.
-- twist: turned about the axis, from 0 to the angle over the length.
-- taper: scaled across the axis, from 1 to `scale` over the length.
-- lattice: follows control points of the unit cube, Bernstein's polynomials; what is outside moves
+- transform: scales, rotates about X, Y, Z, translates; the axis does not matter.
+- bend: bends the axis from 0 to the length into an arc of the same length, towards p.
+- twist: rotates about the axis, from 0 to the angle over the length.
+- taper: scales across the axis, from 1 to `scale` over the length.
+- lattice: follows control points of the unit cube by Bernstein polynomials; points outside move
   with the nearest point of the cube. The axis does not matter.
-- noise: moved by three noises; curl: stirred by whirls that keep volume. Both come along s.
-- wave: moved along s by a sine that runs along p.
+- noise: displaces by three noises; curl: by a noise that preserves volume. Both move along s.
+- wave: displaces along s by a sine that runs along p.
 
-Beyond their length, bend, twist and taper go on as they were at its end.
+Beyond their length, bend, twist and taper continue as they are at its end.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ def deform(
     positions: F32,
     gradient: F32 | None = None,
 ) -> None:
-    """Move splats by all deformers, one after the other.
+    """Displace splats by all deformers, one after the other.
 
-    With weight w a deformer f takes x to x + w (f(x) - x). Where w is 0, bits are kept.
+    With weight w a deformer f moves x to x + w (f(x) - x). Where w is 0, positions keep their bits.
 
     Args:
         deformers: In the order of the stack.
         seconds: Time since the simulation's start [s], for noise, curl and wave.
         positions: [unit], replaced, shape (n, 3).
-        gradient: F of each splat, replaced by J F with J of the whole stack, shape (n, 3, 3). None
-            saves the work. J knows how a falloff changes in space, and not how a mask does.
+        gradient: F of each splat, replaced by J F with J of the whole stack, shape (n, 3, 3); None
+            skips it. J contains the gradient of a falloff, but not of a mask.
 
     Raises:
-        UsageError: If a frame has no inverse, a mask not n rows, or a lattice not as many points
-            as its divisions say.
+        UsageError: If a frame has no inverse, a mask does not have n rows, or a lattice does not
+            have as many points as its divisions say.
     """
     out = NO_GRADIENT if gradient is None else gradient
     for deformer in deformers:
@@ -81,7 +81,7 @@ def deform(
 
 
 def _order(p: DeformParameters) -> list[int]:
-    """Which coordinates p, q and s are."""
+    """Return the axes of p, q and s."""
     if p.type in ("transform", "lattice"):
         return [0, 1, 2]
     axis = "XYZ".index(p.axis)
@@ -89,7 +89,7 @@ def _order(p: DeformParameters) -> list[int]:
 
 
 def _space(deformer: Deformer) -> F64:
-    """Rows of the matrix to (p, q, s) and of that back, shape (2, 3, 4)."""
+    """Return the matrices to (p, q, s) and back, shape (2, 3, 4)."""
     back = np.asarray(deformer.frame, np.float64)
     if not np.isfinite(back).all() or abs(np.linalg.det(back[:3, :3])) < 1e-30:
         raise UsageError(
@@ -103,7 +103,7 @@ def _space(deformer: Deformer) -> F64:
 
 
 def _closed_form(p: DeformParameters, seconds: float) -> tuple[int, tuple[Any, ...]]:
-    """Kind and numbers as the kernel has them."""
+    """Return the kind and the numbers of a deformer, as the kernel reads them."""
     angle = math.radians(p.angle)
     if p.type == "bend":
         return closed.BEND, (p.length, angle)
@@ -121,7 +121,7 @@ def _closed_form(p: DeformParameters, seconds: float) -> tuple[int, tuple[Any, .
 
 
 def _turn(axis: int, angle: float) -> F64:
-    """Rotation about a coordinate axis."""
+    """Return the rotation about a coordinate axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     out = np.eye(3)
     out[i, i] = out[j, j] = math.cos(angle)
@@ -130,7 +130,8 @@ def _turn(axis: int, angle: float) -> F64:
 
 
 def _lattice(deformer: Deformer) -> F64 | None:
-    """Factors of the powers of the displacement, shape (nz, ny, nx, 3); None without points."""
+    """Return the power-basis factors of the displacement, shape (nz, ny, nx, 3); None without
+    points."""
     p = deformer.parameters
     if not p.points:
         return None
@@ -152,7 +153,7 @@ def _lattice(deformer: Deformer) -> F64 | None:
 
 
 def _powers(count: int) -> F64:
-    """Matrix from `count` Bernstein factors to those of the powers of t."""
+    """Return the matrix from `count` Bernstein factors to factors of powers of t."""
     n = count - 1
     out = np.zeros((count, count))
     for i in range(count):

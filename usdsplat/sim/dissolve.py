@@ -1,10 +1,10 @@
-"""Splats let go one after the other and vanish; or, time reversed, come together.
+"""Dissolve: splats detach one after the other and vanish. Assemble: the same, reversed in time.
 
-When a splat goes depends on where it was at rest and on its identity alone. The times are kept in
-the state's memory, so that they stay what they were when rest positions grow, and children go with
-their parents. To assemble is to dissolve seen backwards: arrivals run from `start` to `start +
-duration` in the opposite order, and before its arrival a splat is where a flight without whirls, as
-long as it has left to wait, would have taken it.
+The time at which a splat detaches depends on its rest position and its identity alone. Times are
+kept in the state's memory, so that they do not change when rest positions grow, and children detach
+with their parents. Assemble runs arrivals from `start` to `start + duration` in the opposite order.
+Before its arrival, a splat is where a flight without turbulence would take it in the time that is
+left.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
 from usdsplat.sim.state import FREE, PINNED, State
 
 TIMES, GONE = "dissolve:times", "dissolve:gone"
-"""What the state remembers: when each goes or arrives [s], float32; whether it went, uint8."""
+"""In `State.memory`: time at which each splat detaches or arrives [s], float32; whether it has
+detached, uint8."""
 
 UNSELECTED = 0.5
-"""Selection below which a splat stays."""
+"""Selection weight below which a splat stays."""
 
 _BY = {"noise": kernels.NOISE, "distance": kernels.DISTANCE, "random": kernels.RANDOM}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dissolve:
-    """One dissolve, or assemble, of one state."""
+    """A dissolve or assemble of one state."""
 
     device: Device
     parameters: DissolveParameters
@@ -42,13 +43,13 @@ class Dissolve:
     def of(
         cls, device: Device, state: State, parameters: DissolveParameters, *, seed: int
     ) -> Dissolve:
-        """The times are worked out unless the state remembers them.
+        """Return a dissolve; compute the times unless the state has them.
 
         Args:
-            device: Where.
+            device: Runs the kernels.
             state: At rest or resumed; its memory changes.
-            parameters: How; times, order and impulse are the same at all times.
-            seed: The simulation's.
+            parameters: Times, order and impulse must be the same at all times.
+            seed: Seed of the simulation.
         """
         made = cls(device, parameters, seed)
         if TIMES not in state.memory:
@@ -58,11 +59,12 @@ class Dissolve:
 
     @property
     def is_assembling(self) -> bool:
-        """Whether time runs backwards."""
+        """Whether the mode is assemble."""
         return self.parameters.mode == "assemble"
 
     def _times(self, state: State) -> F32:
-        """When each goes or arrives; those not selected never go, or were always there."""
+        """Return the time at which each splat detaches or arrives; unselected ones never detach, or
+        have always been there."""
         p = self.parameters
         origin = np.array(p.origin if p.by == "distance" else (0, 0, 0), np.float32)
         per_length = 1 / p.size
@@ -92,17 +94,17 @@ class Dissolve:
         return np.float32(p.speed), np.float32(math.cos(math.radians(p.spread)))
 
     def is_due(self, state: State, *, now: float) -> bool:
-        """Of dissolve: whether `release` would let anyone go."""
+        """Return whether `release` would detach any splat."""
         late = state.memory[TIMES] <= np.float32(now)
         return bool((late & (state.memory[GONE] == 0)).any())
 
     def release(self, state: State, normals: F32, *, now: float) -> None:
-        """Of dissolve: those whose time has come fly from now on, with their impulse.
+        """Detach the splats whose time has come, with their impulse (mode dissolve).
 
         Args:
             state: Its velocities and flags (FREE) change.
-            normals: As they are now, shape (n, 3).
-            now: After the simulation's start [s].
+            normals: Normals now, shape (n, 3).
+            now: Time since the simulation's start [s].
         """
         self.device.run(
             kernels.let_go,
@@ -129,16 +131,16 @@ class Dissolve:
         to_world: F64,
         now: float,
     ) -> None:
-        """Of assemble: put those that are still to arrive on their way, and those that just did to
-        rest. FREE are those on the way; others are left alone.
+        """Place splats that have not arrived on their path, and those that just arrived at rest
+        (mode assemble). Splats on their path are FREE; others do not change.
 
         Args:
             state: Its positions, velocities and flags (FREE) change.
-            goals: Where they want to be now, shape (n, 3).
-            normals: There, shape (n, 3).
-            particles: Of the flight; its whirls are left out.
-            to_world: The simulation's space to the stage's, shape (4, 4).
-            now: After the simulation's start [s].
+            goals: Target positions now, shape (n, 3).
+            normals: Normals there, shape (n, 3).
+            particles: Parameters of the flight, without its turbulence.
+            to_world: From the simulation's space to the stage's, shape (4, 4).
+            now: Time since the simulation's start [s].
 
         Raises:
             StageError: If `to_world` is singular.
@@ -164,8 +166,8 @@ class Dissolve:
         )
 
     def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
-        """Factors of opacity and of size at a time: (n,) and (n,), by the time a splat has been on
-        its way, or still will be."""
+        """Return the factors of opacity and size, shapes (n,) and (n,), by how long a splat has
+        been flying, or still will be."""
         times = state.memory[TIMES]
         p = self.parameters
         n = len(times)

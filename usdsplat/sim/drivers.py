@@ -1,6 +1,6 @@
-"""Drivers: functions of the state, that change what is drawn and nothing else.
+"""Drivers: functions of the state that change what is drawn and nothing else.
 
-They have no memory, so what is drawn can be made again, with other drivers, without simulating.
+They have no memory, so that frames can be made again with other drivers, without simulating.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _OUTPUTS = {
 
 
 def changes(driver: DriverParameters) -> str:
-    """The field of `SplatCloud` that a driver changes."""
+    """Return the field of `SplatCloud` that a driver changes."""
     fields = {
         "scale": "scales",
         "thickness": "scales",
@@ -53,17 +53,18 @@ def drive(
     normals: F32,
     now: float,
 ) -> None:
-    """Let a driver change what is drawn.
+    """Apply a driver to the splats of a frame.
 
     Args:
-        device: Where.
-        state: What drives; it does not change.
-        drawn: The same splats as they would be drawn without the driver. The array that `changes`
-            names is changed: it must be the caller's own, not the state's.
-        driver: What drives what.
+        device: Runs the kernels.
+        state: Source of the driver; does not change.
+        drawn: The same splats as drawn without the driver. The array that `changes` names is
+            changed in place; it must not be the state's.
+        driver: Source, ramp and output.
         crowding: Neighbours over those wanted, shape (n,); may be empty for other sources.
-        normals: Of the splats as drawn, shape (n, 3); may be empty for outputs but displacement.
-        now: After the simulation's start [s].
+        normals: Normals of the splats as drawn, shape (n, 3); may be empty unless the output is
+            displacement.
+        now: Time since the simulation's start [s].
     """
     part = np.empty(len(state), np.float32)
     device.run(
@@ -86,7 +87,7 @@ def drive(
         fade = np.float32(driver.sh_fade)
         device.run(kernels.tint, part, np.float32(driver.amount), color, fade, drawn.sh)
         return
-    none = np.empty((0, 3), np.float32)  # what does not change may be read-only
+    none = np.empty((0, 3), np.float32)  # arrays that do not change may be read-only
     changed = changes(driver)
     device.run(
         kernels.drive,

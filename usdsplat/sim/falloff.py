@@ -1,4 +1,4 @@
-"""How far an affector reaches: 1 inside, fading out with the distance from its surface."""
+"""Falloff of affectors: 1 inside, fading with the distance from the surface."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ from usdsplat.sim.specs import Affector
 def falloff(
     device: Device, affector: Affector, positions: F32, *, fields: Fields | None = None
 ) -> F32:
-    """What an affector of a role other than collide weighs at points, before its amount.
+    """Return the weight of an affector that does not collide at points, before its amount.
 
-    Its solids are joined by its blend; of their distance d, w = 1 - smoothstep(0, falloff, d), and
-    a step at the surface where falloff is 0.
+    The solids are joined with the affector's blend radius. At distance d from them the weight is 1
+    - smoothstep(0, falloff, d), or a step at the surface where falloff is 0.
 
     Args:
         positions: [unit], shape (n, 3).
-        fields: Keeps the fields of this affector's meshes until the next call; one for each
-            affector.
+        fields: Cache of this affector's mesh fields, one for each affector.
 
     Returns:
         0 to 1, shape (n,).

@@ -1,4 +1,4 @@
-"""Distance fields of meshes: baked where they are needed, kept while they are used."""
+"""Signed distance fields of meshes, baked on demand and cached while they are used."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ from usdsplat.sim.specs import Surface
 AUTO = 64
 """Voxels along the longest edge of a mesh's box where no size is given."""
 BAND = 3
-"""Voxels about the triangles in which distances are exact, and by which a field is larger than the
-mesh."""
+"""Voxels around the triangles in which distances are exact; also the margin around the mesh."""
 LARGEST = 64 << 20
-"""Bytes of a field."""
+"""Largest size of a field [byte]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,37 +31,37 @@ class Field:
     voxel: float
     """Edge of a voxel [unit]."""
     distances: F32
-    """[unit], shape (nz, ny, nx)."""
+    """Distances [unit], shape (nz, ny, nx)."""
     box: tuple[F64, F64]
     """Low and high corner of the mesh [unit]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FieldTable:
-    """Fields as kernels take them."""
+    """Fields in the kernels' layout."""
 
     headers: F64
     """Shape (f, FIELD_COLUMNS)."""
     voxels: F32
-    """Of all fields, flat."""
+    """Voxels of all fields, flat."""
 
 
 def bake_field(
     device: Device, surface: Surface, voxel: float = -1.0, *, where: str = "mesh"
 ) -> Field:
-    """Measure how far each voxel of a grid is from a mesh, and on which side.
+    """Compute the signed distance from a mesh at the voxels of a grid.
 
-    Distances are exact within BAND voxels of the triangles, and beyond them too large by a small
-    part of a voxel. Inside is where the mesh winds around a point by more than a half, so meshes
-    need not be closed.
+    Distances are exact within BAND voxels of the triangles; farther away they are too large by a
+    small fraction of a voxel. A point is inside where the winding number exceeds one half, so that
+    meshes need not be closed.
 
     Args:
         surface: At least one triangle.
         voxel: Edge of a voxel [unit]; negative is a 64th of the longest edge of the mesh's box.
-        where: Named by errors.
+        where: Name in error messages.
 
     Raises:
-        StageError: If the mesh has no triangle, or a point that is no number.
+        StageError: If the mesh has no triangle, or a point that is not finite.
         UsageError: If the field would be larger than LARGEST.
     """
     tree = Triangles(device, surface)
@@ -97,8 +96,8 @@ def bake_field(
 
 
 def _sign(tree: Triangles, axes: list[F32], size: float, distances: F32) -> None:
-    """Turn the distances of voxels inside. Voxels of a row have their neighbour's side where the
-    distances of both leave no room for a surface in between."""
+    """Make distances inside negative. A voxel takes the side of its neighbour in the row where both
+    distances exclude a surface between them."""
     asked = np.ones(distances.shape, bool)
     asked[..., 1:] = distances[..., 1:] + distances[..., :-1] <= 1.001 * size
     z, y, x = np.nonzero(asked)
@@ -111,10 +110,11 @@ def _sign(tree: Triangles, axes: list[F32], size: float, distances: F32) -> None
 
 
 class Fields:
-    """The fields of one simulation. A mesh is known by its arrays: the same arrays, the same field.
+    """The fields of one simulation, cached by the mesh's arrays: equal arrays must be the same
+    objects.
 
     Args:
-        device: Whose threads bake.
+        device: Runs the kernels.
     """
 
     def __init__(self, device: Device) -> None:
@@ -123,7 +123,7 @@ class Fields:
         self._table: tuple[list[Field], FieldTable] | None = None
 
     def of(self, surface: Surface, voxel: float, where: str) -> Field:
-        """The field of a mesh, baked unless it is kept.
+        """Return the field of a mesh; bake it unless it is cached.
 
         Raises:
             StageError, UsageError: As `bake_field`.
@@ -131,11 +131,14 @@ class Fields:
         key = id(surface.points), id(surface.triangles), voxel
         if key not in self._kept:
             field = bake_field(self._device, surface, voxel, where=where)
-            self._kept[key] = surface, field  # the surface too: ids are of arrays that live
+            self._kept[key] = (
+                surface,
+                field,
+            )  # keeps the surface alive too: its arrays are identified by id
         return self._kept[key][1]
 
     def table(self, fields: list[Field]) -> FieldTable:
-        """Pack fields, by their order; forget all others."""
+        """Pack fields in this order, and drop all others."""
         wanted = {id(field) for field in fields}
         self._kept = {key: kept for key, kept in self._kept.items() if id(kept[1]) in wanted}
         if self._table is not None and list(map(id, self._table[0])) == list(map(id, fields)):

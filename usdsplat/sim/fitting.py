@@ -1,4 +1,4 @@
-"""The surface that a capture lies about, fitted to the neighbours of each splat."""
+"""Fit the surface that a capture lies around to the neighbours of each splat."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from usdsplat.core.cloud import F32, F64, I32
 ROWS = 1 << 16
 """Splats that are fitted at once."""
 ENOUGH = 6
-"""Neighbours without which nothing is fitted."""
+"""Least number of neighbours for a fit."""
 
 
 def heights(positions: F32, neighbors: I32) -> tuple[F32, F32]:
-    """How far each splat is from the surface of its neighbours.
+    """Return the height of each splat over the surface of its neighbours.
 
-    That is a paraboloid of revolution along their plane's normal, fitted by least squares: a plane
-    would put all splats of a round capture outside.
+    The surface is a paraboloid of revolution along the normal of their plane, fitted by least
+    squares. A plane would put all splats of a round capture outside.
 
     Args:
         positions: [unit], shape (n, 3).
-        neighbors: Rows of the nearest others, -1 where there are no more, shape (n, k).
+        neighbors: Rows of the nearest others, -1 for none, shape (n, k).
 
     Returns:
         Heights along the normals [unit], shape (n,), and unit normals of any sign, shape (n, 3);
@@ -61,12 +61,12 @@ def _fit(positions: F32, own: F32, neighbors: I32) -> tuple[F64, F64]:
 
 
 def growth(before: F32, after: F32, neighbors: I32, limit: float) -> F32:
-    """By how much the distance to its neighbours grew for each splat, shape (n,).
+    """Return the factor by which the distance of each splat to its neighbours grew, shape (n,).
 
     Args:
         before, after: [unit], shape (n, 3).
-        neighbors: Rows of `before`, -1 where there are no more, shape (n, k).
-        limit: Results are between 1 / limit and limit; 1 where there is no neighbour.
+        neighbors: Rows of `before`, -1 for none, shape (n, k).
+        limit: Results are clamped to [1 / limit, limit]; 1 where there is no neighbour.
     """
     n = len(before)
     out = np.ones(n, np.float32)

@@ -1,4 +1,4 @@
-"""Splats that fly: gravity, wind, whirls and drag."""
+"""Free flight: gravity, wind, turbulence and drag."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from usdsplat.kernels.sim import flight as kernels
 from usdsplat.kernels.sim.philox import NOISE
 from usdsplat.sim.parameters import ParticlesParameters
 from usdsplat.sim.state import ALIVE, FREE, PINNED, State
+from usdsplat.sim.timeline import Step
 
 
 def from_world(to_world: F64) -> F64:
-    """What takes vectors of the stage to the simulation, shape (3, 3).
+    """Return the matrix of vectors from the stage to the simulation, shape (3, 3).
 
     Raises:
-        StageError: If the field is flattened to nothing, so that no way leads back.
+        StageError: If the field's transform is singular.
     """
     linear = to_world[:3, :3]
     if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
@@ -32,27 +33,23 @@ def fly(
     device: Device,
     state: State,
     particles: ParticlesParameters,
+    step: Step,
     *,
     to_world: F64,
-    now: float,
-    dt: float,
-    seed: int,
     air: F32 | None = None,
     max_speed: float = math.inf,
 ) -> None:
-    """Move those that fly by one step: gravity, then drag towards the air, then the way.
+    """Advance flying splats by one substep: gravity, then drag towards the air, then motion.
 
-    Those with the flag FREE fly, and all if `particles.enabled`; none that is PINNED does.
+    Splats with the flag FREE fly, or all if `particles.enabled`; PINNED ones never do.
 
     Args:
-        device: Where.
+        device: Runs the kernels.
         state: Its positions and velocities change.
-        particles: Gravity, wind and whirls are in the space of the stage; drag is exact for any dt.
-        to_world: The simulation's space to the stage's, shape (4, 4).
-        now: After the simulation's start [s]; whirls change with it.
-        dt: [s].
-        seed: The simulation's.
-        air: Wind of affectors, in the simulation's space [unit/s], shape (n, 3).
+        particles: Gravity, wind and turbulence in the space of the stage; drag is exact for any dt.
+        step: The substep; turbulence depends on its time.
+        to_world: From the simulation's space to the stage's, shape (4, 4).
+        air: Wind of affectors in the simulation's space [unit/s], shape (n, 3).
         max_speed: [unit/s].
 
     Raises:
@@ -66,16 +63,16 @@ def fly(
         device.upload(state.flags),
         ALIVE if particles.enabled else ALIVE | FREE,
         PINNED,
-        (back @ particles.gravity * dt).astype(np.float32),
+        (back @ particles.gravity * step.dt).astype(np.float32),
         (back @ particles.wind).astype(np.float32),
         device.upload(np.empty((0, 3), np.float32) if air is None else air),
         np.ascontiguousarray(to_world, np.float64),
         back,
         np.float32(particles.turbulence),
         1 / particles.turbulence_scale,
-        now * particles.turbulence_speed,
-        np.float32(math.exp(-particles.drag * dt)),
-        np.float32(dt),
+        step.now * particles.turbulence_speed,
+        np.float32(math.exp(-particles.drag * step.dt)),
+        np.float32(step.dt),
         np.float32(max_speed),
-        np.uint32((seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
+        np.uint32((step.seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,15 +16,22 @@ from usdsplat.sim.strain import Strain
 from usdsplat.sim.transport import rotate_harmonics, thin, transport
 
 TURNED = "drawn:turned"
-"""What the state remembers: which rows of `sh` differ from rest, uint8, shape (n,)."""
+"""In `State.memory`: which rows of `sh` differ from rest, uint8, shape (n,)."""
+
+
+class Fades(NamedTuple):
+    """Factors of opacities and sizes, each of shape (n,); None where all are 1."""
+
+    opacity: F32 | None
+    size: F32 | None
 
 
 class FrameEvaluator:
     """Computes the frames of one field.
 
     Args:
-        device: Computes.
-        strain: Finds how space is deformed about splats that were pushed; None where none are.
+        device: Runs the kernels.
+        strain: Estimates the deformation around pushed splats; None if none are pushed.
     """
 
     def __init__(self, device: Device, strain: Strain | None) -> None:
@@ -38,21 +46,21 @@ class FrameEvaluator:
         *,
         normals: F32,
         crowding: F32,
-        alpha: F32 | None,
-        size: F32 | None,
+        fades: Fades,
         seconds: float,
     ) -> Frame:
-        """Return the splats of a frame; its arrays are its own, or never change again.
+        """Return the splats of a frame; nothing changes its arrays afterwards.
 
         Args:
-            state: Its rotations, scales, opacities and harmonics are brought up to date.
-            moment: When.
-            wanted: Where splats want to be then [unit], shape (n, 3).
-            gradient: Deformation from rest to there, shape (n, 3, 3); None where there is none.
-            normals: At rest, shape (n, 3).
-            crowding: Neighbours over those wanted, shape (n,); empty where nobody asks.
-            alpha, size: Factors of opacities and sizes, shape (n,); None for 1.
-            seconds: Since the simulation's start [s].
+            state: Its rotations, scales, opacities and harmonics are updated.
+            moment: What the stage says at the time.
+            wanted: Target positions [unit], shape (n, 3).
+            gradient: Gradient of the deformation from rest to there, shape (n, 3, 3); None without
+                any.
+            normals: Normals at rest, shape (n, 3).
+            crowding: Neighbours over those wanted, shape (n,); empty if no driver needs it.
+            fades: Factors of opacities and sizes.
+            seconds: Time since the simulation's start [s].
         """
         if self._strain is not None:
             gradient = self._strain.add(state, wanted, gradient, normals)
@@ -60,8 +68,8 @@ class FrameEvaluator:
         drawn = SplatCloud(
             positions=state.positions.copy(),
             rotations=state.rotations.copy(),
-            scales=state.scales if size is None else state.scales * size[:, None],
-            opacities=self._opacities(state, areas, alpha),
+            scales=state.scales if fades.size is None else state.scales * fades.size[:, None],
+            opacities=self._opacities(state, areas, fades.opacity),
             sh=state.sh,
             ids=state.ids.copy(),
             velocities=state.velocities.copy(),
@@ -75,7 +83,7 @@ class FrameEvaluator:
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
     def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
-        """Bring rotations, scales and harmonics of the state up to date; returns areas."""
+        """Update rotations, scales and harmonics of the state, and return areas."""
         look = moment.parameters.appearance
         areas = transport(
             self._device,
@@ -84,15 +92,13 @@ class FrameEvaluator:
             state.rest_scales,
             state.rotations,
             state.scales,
-            policy=look.covariance,
-            max_stretch=look.max_stretch,
-            keep_opacity=look.keep_opacity,
+            look,
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
         sh = state.sh
         if sh is not state.rest_sh:
-            sh = sh.copy()  # that of the last frame is somebody else's now
+            sh = sh.copy()  # the last frame holds the old array
         state.sh, _ = rotate_harmonics(
             self._device,
             gradient,
@@ -103,12 +109,12 @@ class FrameEvaluator:
         )
         return areas
 
-    def _opacities(self, state: State, areas: F32 | None, alpha: F32 | None) -> F32:
+    def _opacities(self, state: State, areas: F32 | None, factor: F32 | None) -> F32:
         opacities = state.rest_opacities.copy()
         if areas is not None:
             thin(self._device, state.rest_opacities, areas, opacities)
-        if alpha is not None:
-            np.clip(opacities * alpha, 0, 1, out=opacities)
+        if factor is not None:
+            np.clip(opacities * factor, 0, 1, out=opacities)
         return opacities
 
     def _drive(
@@ -120,7 +126,7 @@ class FrameEvaluator:
         crowding: F32,
         seconds: float,
     ) -> SplatCloud:
-        """One driver's change, to arrays that are the frame's own."""
+        """Apply one driver, on arrays that belong to the frame."""
         if driver.parameters.output == "color" and drawn.sh is state.sh:
             drawn = replace(drawn, sh=state.sh.copy())
         drive(
@@ -136,7 +142,7 @@ class FrameEvaluator:
 
 
 def turned(normals: F32, gradient: F32 | None) -> F32:
-    """Normals of a deformed surface, shape (n, 3): those of rest by the inverse transpose, unit."""
+    """Transform rest normals by the inverse transpose of the gradient, unit, shape (n, 3)."""
     if gradient is None:
         return normals
     a, b, c = gradient[:, :, 0], gradient[:, :, 1], gradient[:, :, 2]

@@ -1,4 +1,4 @@
-"""The gradient of a deformation, measured where no formula gives it."""
+"""Measure the gradient of a deformation from neighbours, where no formula gives it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ NO_NORMALS = np.empty((0, 3), np.float32)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LocalGradients:
-    """Splats at rest and their neighbours there; `of` makes one, and another when rest moves."""
+    """Rest positions and neighbours of splats; immutable, made by `of`."""
 
     rest: F32
-    """[unit], shape (n, 3)."""
+    """Rest positions [unit], shape (n, 3)."""
     neighbours: I32
-    """Shape (n, k)."""
+    """Neighbours, shape (n, k)."""
     weights: F32
-    """How much each neighbour's displacement counts [1/unit], shape (n, k, 3)."""
+    """Weight of each neighbour's displacement [1/unit], shape (n, k, 3)."""
     sheets: F32
-    """Normals at rest and how much they count, shape (n, 2, 3)."""
+    """Normals at rest and their weights, shape (n, 2, 3)."""
 
     @classmethod
     def of(
@@ -36,11 +36,11 @@ class LocalGradients:
         """Prepare for `measure`.
 
         Args:
-            rest: Positions at rest [unit], shape (n, 3); kept, so they must not change.
-            neighbours: Of each splat, -1 for none, shape (n, k); 12 serve well.
-            normals: Across the sheet that splats are in, of any sign, length 1, or 0 for splats
-                that are in none, shape (n, 3). Without, a sheet is only seen where it is flat to
-                1% of its neighbourhood.
+            rest: Rest positions [unit], shape (n, 3); kept, so they must not change.
+            neighbours: Neighbours of each splat, -1 for none, shape (n, k); 12 are enough.
+            normals: Normals of the sheet that splats are in, of any sign, length 1, or 0 outside of
+                sheets, shape (n, 3). Without them a sheet is only detected where it is flat to 1%
+                of its neighbourhood.
         """
         n, k = neighbours.shape
         weights, sheets = np.empty((n, k, 3), np.float32), np.empty((n, 2, 3), np.float32)
@@ -57,21 +57,22 @@ class LocalGradients:
         sizes: F32 | None = None,
         rows: U8 | None = None,
     ) -> None:
-        """Gradients of the deformation from rest to now, by moving least squares.
+        """Measure the gradient of the deformation from rest to now, by moving least squares.
 
-        Exact for what is linear, where neighbours span space. On sheets the normal turns with the
-        sheet and the thickness stays; along a line, and alone, a splat keeps what is not known as
-        it was. A splat none of whose neighbours moved against it gets the identity to the bit.
+        It is exact for linear deformations where neighbours span space. On sheets the normal
+        rotates with the sheet and the thickness stays; along a line, or alone, a splat keeps what
+        cannot be measured. A splat whose neighbours all moved with it gets the identity bit for
+        bit.
 
-        Where neighbours went apart in a way that is nothing like linear, there is less and less of
-        the stretch in F, from a tenth of the distances at rest on, and then of the rotation.
+        Where neighbours move apart in a way that is far from linear, the stretch in F is reduced,
+        starting at a tenth of the rest distances, and then the rotation too.
 
         Args:
-            positions: Where splats are now [unit], shape (n, 3).
+            positions: Positions now [unit], shape (n, 3).
             out: Receives F, shape (n, 3, 3).
-            sizes: How far splats reach [unit], shape (n,): those that reach beyond all neighbours
-                are deformed only in part. None for points.
-            rows: 1 for the splats to measure, shape (n,); the rest of `out` is left alone. None
+            sizes: Extent of the splats [unit], shape (n,): those that extend beyond all neighbours
+                are deformed in part only. None for points.
+            rows: 1 for the splats to measure, shape (n,); other rows of `out` do not change. None
                 measures all.
 
         Source:

@@ -1,4 +1,5 @@
-"""What affectors that do not collide do to each splat: select, begin, feed, blow, grow, dim."""
+"""Effect of affectors that do not collide on each splat: mask, seed, feed, wind, growth,
+opacity."""
 
 from __future__ import annotations
 
@@ -15,41 +16,42 @@ from usdsplat.sim.specs import Affector
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Influence:
-    """Of all affectors at one time, at each splat; None where none has the role."""
+    """Combined effect of all affectors at one time, per splat; None where no affector has the
+    role."""
 
     mask: F32 | None = None
-    """0 to 1, shape (n,)."""
+    """Selection, 0 to 1, shape (n,)."""
     seed: F32 | None = None
-    """How much the pattern is begun, 0 to 1, shape (n,)."""
+    """Strength with which the pattern is seeded, 0 to 1, shape (n,)."""
     wind: F32 | None = None
-    """[unit/s], shape (n, 3)."""
+    """Wind [unit/s], shape (n, 3)."""
     feed: F32 | None = None
-    """Added to the feed rate, shape (n,)."""
+    """Offset of the feed rate, shape (n,)."""
     growth: F32 | None = None
     """Factor of the growth, shape (n,)."""
     opacity: F32 | None = None
     """Factor of the opacity, shape (n,)."""
 
     def selected(self, rows: I64) -> Influence:
-        """Of these splats only, in this order."""
+        """Return these rows only, in this order."""
         every = ((each.name, getattr(self, each.name)) for each in fields(self))
         return Influence(**{name: a if a is None else a[rows] for name, a in every})
 
 
 class Influences:
-    """Works them out; keeps what it knows of meshes."""
+    """Evaluates influences, and caches the fields of meshes."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self._fields: dict[str, Fields] = {}
 
     def at(self, affectors: tuple[Affector, ...], positions: F32) -> Influence:
-        """What affectors do at points now.
+        """Evaluate affectors at points.
 
-        Masks and seeds join, whichever is most; feeds and winds add up; factors multiply.
+        Masks and seeds combine by maximum, feeds and winds by sum, factors by product.
 
         Args:
-            affectors: All of one moment; those that collide, or are off, are left out.
+            affectors: All of one moment; those that collide or are disabled are skipped.
             positions: [unit], shape (n, 3).
         """
         found: dict[str, F32] = {}
@@ -75,6 +77,6 @@ class Influences:
 
 
 def _along(affector: Affector) -> F32:
-    """The affector's own z axis."""
+    """Return the z axis of the affector."""
     axis = affector.solids[0].matrix[:3, 2] if affector.solids else np.zeros(3)
     return np.asarray(axis, np.float32)

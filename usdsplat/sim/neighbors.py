@@ -1,7 +1,7 @@
-"""Who is a neighbour of whom, for as long as nobody has moved far.
+"""Neighbour lists that are kept until a splat has moved far.
 
-Lists are built with radii longer by a skin and kept until a neighbour might be missing, so whoever
-reads them tests the distance again. Source: Verlet 1967.
+Lists are built with radii enlarged by a skin and kept until a neighbour might be missing, so that
+readers must test the distance again. Source: Verlet 1967.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from usdsplat.sim.parameters import NeighborsParameters
 __all__ = ["Graph", "Neighbors", "nearest"]
 
 WIDEST_RATIO = 8.0
-"""Of the largest radius to the least: what one grid serves."""
+"""Largest ratio of the radii that one grid serves."""
 WAVE = 1 << 26
 """Room for neighbours that are searched at once."""
 SAMPLE = 1 << 16
-"""Radii of which the median is taken."""
+"""Radii in the sample of which the median is taken."""
 
 NOBODY = np.zeros(0, np.int32)
 
@@ -36,34 +36,35 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Graph:
-    """n splats in the order of their cells, where each has a slot, and the neighbours of each."""
+    """n splats in the order of their cells, one slot each, and the neighbours of each."""
 
     order: I32
     """Row of each slot, shape (n,)."""
     rank: I32
     """Slot of each row, shape (n,)."""
     rows: I64
-    """Slot s has the neighbours `neighbors[rows[s]:rows[s + 1]]`, shape (n + 1,)."""
+    """The neighbours of slot s are `neighbors[rows[s]:rows[s + 1]]`, shape (n + 1,)."""
     neighbors: I32
-    """Slots, ascending in each list; all within the radius, and some up to a skin beyond it."""
+    """Slots, ascending in each list: all within the radius, and some up to a skin beyond it."""
     positions: F32
-    """Of each slot now [unit], shape (n, 3); coincident ones a little apart."""
+    """Position of each slot now [unit], shape (n, 3); coincident ones are separated a little."""
     support: F32
     """Radius h of each slot now [unit], clamped, shape (n,); 0 where it was not a number."""
     dropped: int
-    """Lists that were longer than `k_max` and lost their farthest."""
+    """Lists that were longer than `k_max` and lost their farthest neighbours."""
     build: int
-    """Times that lists were built: graphs of equal builds differ in positions and radii only."""
+    """Number of builds so far. Graphs of the same build differ in positions and radii only."""
 
 
 class Neighbors:
-    """Lists of neighbours that are built again when they must be.
+    """Neighbour lists that are rebuilt when necessary.
 
     Args:
-        device: Where to.
+        device: Runs the kernels.
         parameters: Skin, limits of the radius, longest list. May be replaced at any time.
-        symmetric: Whether i and j are neighbours of each other as soon as one is the other's.
-        seed: Of the random numbers that separate coincident splats.
+        symmetric: Whether i and j are neighbours of each other if either is within the other's
+            radius.
+        seed: Seed of the random numbers that separate coincident splats.
     """
 
     def __init__(
@@ -86,10 +87,10 @@ class Neighbors:
         self._latest: tuple[F32, F32] | None = None
 
     def update(self, positions: F32, support: F32) -> Graph:
-        """Neighbours now. The same object as before where nothing has changed.
+        """Return the neighbours now; the same object as before if nothing has changed.
 
         Args:
-            positions: [unit], shape (n, 3). Those that are not finite have no neighbours.
+            positions: [unit], shape (n, 3). Splats that are not finite have no neighbours.
             support: Radii h [unit], shape (n,).
         """
         if self._graph is None or self._latest is None or self._built is None:
@@ -103,7 +104,8 @@ class Neighbors:
         return self._refresh(self._graph, positions, support)
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What decides when lists are built again, and their order; empty before the first."""
+        """Return what the next rebuild and the order of lists depend on; empty before the first
+        build."""
         if self._built is None or self._graph is None:
             return {}
         positions, support, parameters = self._built
@@ -115,7 +117,7 @@ class Neighbors:
         }
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Go on from another's `memory`, bit for bit."""
+        """Restore the result of `memory`, bit for bit."""
         self._graph = self._built = self._latest = None
         if not memory:
             return
@@ -129,7 +131,8 @@ class Neighbors:
         self.parameters = now
 
     def clamped(self, support: F32) -> F32:
-        """Radii within the limits of the last build; 0 for what is no positive number."""
+        """Return radii clamped to the limits of the last build; 0 where they are not positive
+        numbers."""
         least, most = self.limits
         radii = np.where(support > 0, np.clip(support, least, most), 0)
         return radii.astype(np.float32, copy=False)
@@ -139,19 +142,15 @@ class Neighbors:
         built, built_support, parameters = self._built
         if len(built) != len(positions) or _lists(parameters) != _lists(self.parameters):
             return True
-        blocks = math.ceil(len(positions) / grid.BLOCK)
-        far = self.device.empty(blocks, np.float64)
         place, before = self.device.move(positions), self.device.keep(built)
-        self.device.run(lists.drift, place, before, far)
-        gone = float(far.max(initial=0.0))
+        gone = self.device.run(lists.drift, place, before)
         if not math.isfinite(gone):
             return True
         now, then = self.clamped(support), self.clamped(built_support)
         skin = self.parameters.skin
-        late = self.device.empty(blocks, np.bool_)
         ratio = math.exp(skin / 2)
-        self.device.run(lists.stale, place, now, before, then, skin, ratio, gone, late)
-        return bool(late.any())
+        late = self.device.run(lists.stale, place, now, before, then, skin, ratio, gone)
+        return bool(late)
 
     def _build(self, positions: F32, support: F32, builds: int) -> Graph:
         self.limits = _limits(self.parameters, support)
@@ -182,9 +181,9 @@ class Neighbors:
         return self._graph
 
     def _in_slots(self, positions: Any, support: F32, order: Any) -> tuple[Any, Any, Any]:
-        """Slot of each row, then positions and radii of each slot, the device's own.
+        """Return the slot of each row, then positions and radii of each slot, on the device.
 
-        positions: Coincident ones a little apart; order: row of each slot.
+        positions: With coincident splats separated; order: row of each slot.
         """
         n, resident = order.shape[0], self.device.resident
         rank, place, radius = (
@@ -197,7 +196,7 @@ class Neighbors:
         return rank, place, radius
 
     def _apart(self, positions: F32, support: F32) -> F32:
-        """Positions, coincident ones a little apart."""
+        """Return positions with coincident splats separated a little."""
         if not self._twins.any():
             return positions
         out: F32 = self.device.empty(positions.shape, np.float32)
@@ -206,7 +205,7 @@ class Neighbors:
         return out
 
     def _lists(self, positions: F32, support: F32, build: int) -> tuple[Graph, Flags]:
-        """A graph, and which slots are not alone at their place."""
+        """Build a graph, and return which slots share their position with no other."""
         n, device = len(positions), self.device
         widest, edge = self._reach(support)
         apart = device.move(self._apart(positions, support))
@@ -250,7 +249,8 @@ class Neighbors:
         return graph, twins
 
     def _reach(self, support: F32) -> tuple[float, float]:
-        """The largest radius with its skin, and the edge of a cell that suits most [unit]."""
+        """Return the largest radius with its skin, and the cell size that suits most radii
+        [unit]."""
         clamped = self.clamped(support)
         skin = 1.0 + self.parameters.skin
         middle = _median(clamped) or 1.0
@@ -258,31 +258,33 @@ class Neighbors:
 
 
 def _even(radius: float) -> float:
-    """The nearest of four numbers in an octave: limits must not change with every radius."""
+    """Return the nearest of four numbers in an octave, so that limits do not change with every
+    radius."""
     return 2.0 ** (round(4 * math.log2(radius)) / 4) if radius > 0 else 0.0
 
 
 def _lists(parameters: NeighborsParameters) -> tuple[float, ...]:
-    """Parameters that lists depend on."""
+    """Return the parameters that lists depend on."""
     return parameters.h_min, parameters.h_max, parameters.skin, parameters.k_max
 
 
 def _equal(a: tuple[F32, F32], b: tuple[F32, F32]) -> bool:
-    """Whether all bits are."""
+    """Return whether two arrays are equal bit for bit."""
     return all(
         np.array_equal(x.view(np.uint32), y.view(np.uint32)) for x, y in zip(a, b, strict=True)
     )
 
 
 def _median(support: F32) -> float:
-    """Of the positive numbers of an even sample; 0 where there is none."""
+    """Return the median of the positive numbers of an even sample; 0 if there is none."""
     sample = support[:: max(1, len(support) // SAMPLE)]
     sample = sample[np.isfinite(sample) & (sample > 0)]
     return float(np.median(sample)) if len(sample) else 0.0
 
 
 def _limits(parameters: NeighborsParameters, support: F32) -> tuple[float, float]:
-    """Least and largest radius [unit]: as given, automatic where negative, of a bounded ratio."""
+    """Return the least and largest radius [unit]: as given, or automatic where negative, with a
+    bounded ratio."""
     least, most = parameters.h_min, parameters.h_max
     if least <= 0 and most <= 0:
         middle = _even(_median(support))

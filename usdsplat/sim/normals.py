@@ -1,4 +1,4 @@
-"""Which way splats face."""
+"""Normals of splats."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ FLAT = 0.3
 
 
 SHEET = 0.7
-"""Median surfaceness from which splats as a whole lie on surfaces: that of white noise is 0.93 on a
-sheet and 0.4 to 0.5 in a volume."""
+"""Median surfaceness from which a field counts as a surface: white noise has 0.93 on a sheet and
+0.4 to 0.5 in a volume."""
 
 
 def manifold_dimension(surfaceness: F32) -> int:
-    """2 for splats that lie on surfaces, 3 for those that fill a volume, by that of each, shape
-    (n,)."""
+    """Return 2 for splats on surfaces or 3 for splats that fill a volume, from the surfaceness of
+    each, shape (n,)."""
     return 2 if len(surfaceness) == 0 or np.median(surfaceness) >= SHEET else 3
 
 
 def axes(device: Device, rotations: F32, scales: F32) -> F32:
-    """The thin axes of splats, of any side.
+    """Return the thin axes of splats, of any sign.
 
     Args:
-        device: Where to.
+        device: Runs the kernels.
         rotations: Unit quaternions, shape (n, 4).
         scales: [unit], shape (n, 3).
 
@@ -41,23 +41,24 @@ def axes(device: Device, rotations: F32, scales: F32) -> F32:
 
 
 def captured(device: Device, graph: Graph, rotations: F32, scales: F32) -> F32:
-    """The thin axes of captured splats, all on the outer side of each connected part.
+    """Return the thin axes of captured splats, all on the outer side of each connected part.
 
     Args:
-        device: Where to.
-        graph: Of the splats; symmetric, so that what is connected does not depend on the order.
+        device: Runs the kernels.
+        graph: Neighbours of the splats; symmetric, so that connectivity does not depend on the
+            order.
         rotations: Unit quaternions, shape (n, 4).
         scales: [unit], shape (n, 3).
 
     Returns:
-        Unit vectors by row, shape (n, 3). A part's outermost splat, the farthest from the mean of
-        all, faces away from it; the rest follows its neighbours.
+        Unit vectors by row, shape (n, 3). The splat of a part that is farthest from the mean of all
+        faces away from it; the others follow their neighbours.
     """
     return oriented(device, graph, axes(device, rotations, scales))
 
 
 def oriented(device: Device, graph: Graph, normals: F32) -> F32:
-    """Normals of rows, shape (n, 3), with sides as those of `captured`."""
+    """Return normals of rows, shape (n, 3), with signs as in `captured`."""
     n = len(normals)
     outward = np.zeros((n, 3), np.float32)
     sound = np.isfinite(graph.positions).all(axis=1)
@@ -73,12 +74,12 @@ def oriented(device: Device, graph: Graph, normals: F32) -> F32:
 
 
 def grown(device: Device, graph: Graph, before: F32) -> tuple[F32, F32]:
-    """Normals of the planes through neighbours, and how much like a surface they are.
+    """Return the normals of planes through neighbours, and their surfaceness.
 
     Args:
-        device: Where to.
-        graph: Of the splats.
-        before: Normals by row whose sides are kept, and that stay where neighbours define no plane,
+        device: Runs the kernels.
+        graph: Neighbours of the splats.
+        before: Normals by row whose signs are kept, and that stay where neighbours define no plane,
             shape (n, 3); zeros where there are none yet.
 
     Returns:

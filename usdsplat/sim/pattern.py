@@ -1,7 +1,7 @@
-"""The pattern of a field, and how densely its splats lie, which births and sizes follow.
+"""Pattern and local density of a field, on which births and sizes depend.
 
-All of it is about splats at rest, where growth has moved them: a pattern does not change because
-its carrier is bent. What belongs to splats is in the state's memory, so that children inherit it.
+Both are evaluated on splats at rest, where growth has moved them: bending a surface does not change
+its pattern. What belongs to splats is in the state's memory, so that children inherit it.
 """
 
 from __future__ import annotations
@@ -22,28 +22,29 @@ from usdsplat.sim.relaxing import Projection, relax
 from usdsplat.sim.seeds import nuclei, plant, untouched
 from usdsplat.sim.specs import Moment, Surface
 from usdsplat.sim.state import State
+from usdsplat.sim.support import Neighborhood
 from usdsplat.sim.uses import Uses
 
 NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
     f"pattern:{name}" for name in ("normals", "near", "weights", "crowding", "support")
 )
-"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and how much, (n, 8);
-neighbours over those wanted, and the radius of the neighbourhood at the beginning, (n,)."""
+"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and their weights,
+(n, 8); neighbours over those wanted, and the radius of the neighbourhood at the beginning, (n,)."""
 UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
-"""In `State.globals`: u and v of the carriers; dimension and usual support; what was automatic;
-lists of neighbours."""
+"""In `State.globals`: u and v of the carriers; dimension and usual support; automatic parameters;
+neighbour lists."""
 MOST_PARTS = 1000
-"""Of one reaction step, so that it is stable; more would never end."""
+"""Most parts that one reaction step is divided into for stability; more would take too long."""
 _AUTOMATIC = ("patternScale", "reactionSubdivisions", "dimension", "hMin", "hMax")
 
 
 class Pattern:
-    """Of one field.
+    """Pattern of one field.
 
     Args:
-        device: Computes.
+        device: Runs the kernels.
         rest: The capture.
-        uses: What is needed.
+        uses: What the simulation needs.
         first: The first moment.
     """
 
@@ -56,7 +57,7 @@ class Pattern:
         self._from: I32 | None = None
         self._reaction: Reaction | None = None
         self.dimension = 2
-        """Of the splats: 2 on surfaces, 3 in volumes."""
+        """2 for splats on surfaces, 3 in volumes."""
         self.usual_support = 0.0
         """Median radius of a neighbourhood at the beginning [unit]."""
         if uses.reacts and p.rd.domain == "carrier":
@@ -70,14 +71,14 @@ class Pattern:
     # --- the beginning, and going on ------------------------------------------------------
 
     def begin(self, state: State, first: Moment) -> None:
-        """Find normals, dimension and radii, spread splats where that is asked for, and plant what
-        the pattern grows from."""
+        """Compute normals, dimension and radii, redistribute splats if asked to, and seed the
+        pattern."""
         p = first.parameters
         if self._needs_graph:
             self._survey(state, first)
-        elif self._uses.collides:  # of sheets that are pushed either side will do
+        elif self._uses.collides:  # pushed sheets need normals of any sign
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
-        found = np.zeros(len(_AUTOMATIC))  # 0 is for what nobody asked for
+        found = np.zeros(len(_AUTOMATIC))  # 0 for parameters that nothing used
         if self._needs_graph:
             found[2:] = self.dimension, *self._neighbors.limits
         state.globals[RESOLVED] = found
@@ -107,7 +108,7 @@ class Pattern:
             state.globals[_LISTS + key] = array
 
     def restore(self, state: State) -> None:
-        """Go on from a state of `remember`, with the same bits."""
+        """Restore the result of `remember`, bit for bit."""
         if SHAPE in state.globals:
             dimension, self.usual_support = (float(each) for each in state.globals[SHAPE])
             self.dimension = int(dimension)
@@ -122,17 +123,28 @@ class Pattern:
     # --- what others ask ------------------------------------------------------------------
 
     def normals(self, state: State) -> F32:
-        """At rest, shape (n, 3), of any side where only shapes need them; else zero."""
+        """Return normals at rest, shape (n, 3); of any sign where only shapes need them, else
+        zero."""
         found: F32 | None = state.memory.get(NORMALS)
         return np.zeros((len(state), 3), np.float32) if found is None else found
 
     def crowding(self, state: State) -> F32:
-        """Neighbours over those wanted, shape (n,); empty where nobody asks."""
+        """Return neighbours over those wanted, shape (n,); empty if nothing needs it."""
         found: F32 | None = state.memory.get(CROWDING)
         return np.empty(0, np.float32) if found is None else found
 
+    def neighborhood(self, state: State, moment: Moment) -> Neighborhood:
+        """Return what births depend on."""
+        return Neighborhood(
+            normals=self.normals(state),
+            crowding=self.crowding(state),
+            dimension=self.dimension,
+            target=moment.parameters.neighbors.target,
+            usual_support=self.usual_support,
+        )
+
     def sizes(self, state: State, moment: Moment) -> F32 | None:
-        """Factor of each splat's size as spacing grows, shape (n,); None for 1."""
+        """Return the factor of each splat's size as spacing grows, shape (n,); None for 1."""
         follow = moment.parameters.growth.size_follow
         if not follow or REST_SUPPORT not in state.memory:
             return None
@@ -141,13 +153,13 @@ class Pattern:
         return np.power(ratio, np.float32(follow)).astype(np.float32)
 
     def resolved(self, state: State) -> dict[str, float]:
-        """Parameters that were automatic, as they turned out at the beginning."""
+        """Return the values that automatic parameters took at the beginning."""
         values = state.globals[RESOLVED].tolist()
         return {name: each for name, each in zip(_AUTOMATIC, values, strict=True) if each > 0}
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know of the pattern, a sentence each."""
+        """Messages for the user about the pattern, one sentence each."""
         reaction = self._reaction
         if reaction is None or not reaction.is_too_fine:
             return ()
@@ -159,7 +171,7 @@ class Pattern:
     # --- a frame --------------------------------------------------------------------------
 
     def react(self, state: State, moment: Moment, influence: Influence) -> None:
-        """Do the reaction steps of a frame."""
+        """Take the reaction steps of a frame."""
         reaction = self._reacting(state, moment)
         reaction.adopt(moment.parameters.rd)
         if reaction.subdivisions > MOST_PARTS:
@@ -174,7 +186,7 @@ class Pattern:
         self._put(state, reaction.step(uv, feed_offset=feed))
 
     def crowd(self, state: State, moment: Moment) -> None:
-        """Count neighbours, and let the radii follow the density."""
+        """Count neighbours, and adapt the radii to the density."""
         self._neighbors.parameters = moment.parameters.neighbors
         graph = self._neighbors.update(state.rest_positions, state.support)
         count = supports.crowding(self._device, graph, self.dimension)
@@ -187,7 +199,7 @@ class Pattern:
     # --- private --------------------------------------------------------------------------
 
     def _survey(self, state: State, first: Moment) -> None:
-        """Dimension, normals and radii of the splats at rest."""
+        """Compute dimension, normals and radii of the splats at rest."""
         p, device, neighbors = first.parameters, self._device, self._neighbors
         dimension = 3 if p.sim.dimension == "3" else 2
         rest = state.rest_positions
@@ -214,7 +226,7 @@ class Pattern:
         state.globals[SHAPE] = np.array([self.dimension, self.usual_support])
 
     def _reacting(self, state: State, moment: Moment) -> Reaction:
-        """The reaction on points as they are now."""
+        """Return the reaction on the points as they are now."""
         p = moment.parameters
         rd = p.rd
         if self._carriers is not None:
@@ -238,7 +250,7 @@ class Pattern:
         return self._reaction
 
     def _put(self, state: State, uv: F32) -> None:
-        """Keep the pattern, and let splats read it."""
+        """Store the pattern, and interpolate it at the splats."""
         if self._carriers is None:
             state.uv = uv
             return
@@ -247,7 +259,7 @@ class Pattern:
         state.uv = bound.read(self._device, uv)
 
     def _gathered(self, state: State, values: F32 | None) -> F32 | None:
-        """What is said at splats, at the points of the reaction."""
+        """Return values per splat at the points of the reaction."""
         if values is None or self._carriers is None:
             return values
         rows = np.searchsorted(state.ids, self._ids[self._from])  # captured splats may have died
@@ -255,7 +267,7 @@ class Pattern:
 
 
 def _onto(device: Device, surface: Surface | None) -> Projection | None:
-    """What takes points to a mesh."""
+    """Return the projection of points onto a mesh."""
     if surface is None:
         return None
     triangles = Triangles(device, surface)

@@ -1,7 +1,7 @@
-"""Growth, birth and death: where a pattern is high, splats rise, have children, and die.
+"""Growth, birth and death: where the pattern is high, splats rise, have children, and die.
 
-Nothing here accumulates in what is drawn: a child's size and a dying splat's opacity are functions
-of how long ago it was born or began to die, by `fades`.
+Errors do not accumulate: the size of a child and the opacity of a dying splat are functions of the
+time since birth or since dying began, see `fades`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import population as kernels
 from usdsplat.sim.parameters import GrowthParameters
 from usdsplat.sim.state import ALIVE, BORN, DYING, FREE, PINNED, State
+from usdsplat.sim.support import Neighborhood
+from usdsplat.sim.timeline import Step
 
 PROGRESS, SPLIT, HUNGRY, DYING_SINCE = (
     f"growth:{name}" for name in ("progress", "split", "hungry", "dying")
 )
-"""What the state remembers, all float32: the chance of a child so far, below 0 for not begun; when
-it last had one [s]; how long it has starved [s]; when it began to die [s]."""
+"""In `State.memory`, all float32: probability of a child accumulated so far, below 0 before it
+starts; time of the last child [s]; how long a splat has starved [s]; when it began to die [s]."""
 
 NEVER = np.float32(-np.inf)
 
@@ -35,16 +37,16 @@ def grow(
     normals: F32,
     rate_factor: F32 | None = None,
 ) -> None:
-    """Move splats along their normals, as fast as the pattern is high; a fifth of the support at
-    most. Those that are PINNED, FREE or DYING stay.
+    """Move splats along their normals in proportion to the pattern, by at most a fifth of the
+    support. PINNED, FREE and DYING splats stay.
 
     Args:
-        device: Where.
-        state: Its positions at rest change, and those now as a splat is turned by then.
+        device: Runs the kernels.
+        state: Its rest positions change, and its positions by the same, rotated with the splat.
         growth: Rate and thresholds.
-        dt: [s].
-        normals: At rest, shape (n, 3).
-        rate_factor: Of the rate, shape (n,).
+        dt: Duration [s].
+        normals: Normals at rest, shape (n, 3).
+        rate_factor: Factor of the rate, shape (n,).
     """
     device.run(
         kernels.grow,
@@ -69,42 +71,30 @@ def births(
     device: Device,
     state: State,
     growth: GrowthParameters,
+    step: Step,
+    neighborhood: Neighborhood,
     *,
-    crowding: F32,
-    normals: F32,
-    dimension: int,
-    target: float,
-    h_target: float,
     maximum: int,
-    seed: int,
-    now: float,
-    dt: float,
     rate_factor: F32 | None = None,
 ) -> I64:
-    """Let splats have children, one each at most, where the pattern is high and there is room.
+    """Create children, at most one per splat, where the pattern is high and there is room.
 
-    A child is its parent, half a spacing further; the two share the parent's optical depth. It has
-    the next identity, in the order of the parents', so new rows are the last. Those that are FREE
-    or DYING have none.
+    A child is a copy of its parent, half a spacing away; the two share the parent's optical depth.
+    Identities continue in the order of the parents, so that new rows are the last. FREE and DYING
+    splats have no children.
 
     Args:
-        device: Where.
+        device: Runs the kernels.
         state: All of its arrays may be replaced.
         growth: Rate and thresholds.
-        crowding: Neighbours over those wanted, shape (n,).
-        normals: At rest, shape (n, 3); zero where there is no surface.
-        dimension: 2 on surfaces, 3 in volumes.
-        target: Neighbours wanted.
-        h_target: Support [unit] at which the rate is `growth.birth_rate`; it scales with the area
-            or volume of the support.
-        maximum: Splats at which births end, first identities first.
-        seed: The simulation's.
-        now: After the simulation's start [s].
-        dt: [s].
-        rate_factor: Of the rate, shape (n,); where it is 0 nobody has a child.
+        step: The substep.
+        neighborhood: Neighbourhood of the splats. At its usual support the rate is
+            `growth.birth_rate`; it scales with the area or volume of a splat's support.
+        maximum: Number of splats at which births end; lower identities come first.
+        rate_factor: Factor of the rate, shape (n,); a splat with 0 has no children.
 
     Returns:
-        Rows of the parents, ascending, one for each of the last rows, shape (b,).
+        Rows of the parents, ascending, one for each new row, shape (b,).
     """
     n = len(state)
     progress = _remembered(state, PROGRESS, -1)
@@ -115,18 +105,18 @@ def births(
         device.upload(state.ids),
         device.upload(state.uv),
         device.upload(state.support),
-        device.upload(crowding),
+        device.upload(neighborhood.crowding),
         device.upload(np.empty(0, np.float32) if rate_factor is None else rate_factor),
         device.upload(state.flags),
-        np.float32(growth.birth_rate * dt),
+        np.float32(growth.birth_rate * step.dt),
         np.float32(growth.v_min),
         np.float32(growth.v_max),
-        np.float32(h_target),
-        dimension,
+        np.float32(neighborhood.usual_support),
+        neighborhood.dimension,
         np.float32(growth.crowd_max),
         ALIVE,
         FREE | DYING,
-        seed,
+        step.seed,
         ripe,
     )
     due = np.flatnonzero(ripe)
@@ -139,15 +129,15 @@ def births(
     rows = np.concatenate([np.arange(n), parents])
     ids = state.ids
     frame: list[npt.NDArray[Any]]
-    frame = [ids, state.support, normals, state.rotations, state.rest_rotations]
+    frame = [ids, state.support, neighborhood.normals, state.rotations, state.rest_rotations]
     _take(state, rows)
     device.run(
         kernels.put,
         device.upload(parents),
         *(device.upload(array) for array in frame),
-        float(target),
-        dimension,
-        seed,
+        float(neighborhood.target),
+        neighborhood.dimension,
+        step.seed,
         state.step,
         state.rest_positions[n:],
         state.positions[n:],
@@ -157,10 +147,10 @@ def births(
     state.ids[n:] = state.next_id + np.arange(len(parents))
     state.next_id += len(parents)
     state.parents[n:] = ids[parents]
-    state.births[n:] = now
+    state.births[n:] = step.now
     state.flags[n:] |= BORN
     state.memory[PROGRESS][n:] = 0
-    state.memory[SPLIT][parents] = now
+    state.memory[SPLIT][parents] = step.now
     state.memory[SPLIT][n:] = NEVER
     if HUNGRY in state.memory:
         state.memory[HUNGRY][n:] = 0
@@ -168,17 +158,17 @@ def births(
 
 
 def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> I64 | None:
-    """Let those born die of age and hunger, and take away those that have vanished, and any that
-    is nowhere.
+    """Start the death of born splats by age and hunger, and remove those that have vanished or are
+    not finite.
 
     Args:
-        state: All of its arrays may be replaced; others keep their order.
-        growth: Life, hunger and how long dying takes.
-        now: After the simulation's start [s].
-        dt: [s].
+        state: All of its arrays may be replaced; remaining rows keep their order.
+        growth: Life, hunger and duration of dying.
+        now: Time since the simulation's start [s].
+        dt: Duration [s].
 
     Returns:
-        Rows of those that are left, shape (m,), or None where all are.
+        The remaining rows, shape (m,), or None if all remain.
     """
     is_gone = ~np.isfinite(state.positions).all(-1)
     born = (state.flags & BORN) != 0
@@ -203,11 +193,11 @@ def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> 
 
 
 def fades(state: State, growth: GrowthParameters, *, now: float) -> tuple[F32, F32]:
-    """Factors of `rest_opacities` and `rest_scales` at a time, shapes (n,) and (n,).
+    """Return the factors of `rest_opacities` and `rest_scales` at a time, shapes (n,) and (n,).
 
-    Those born grow from nothing over `growth.birth_fade`; meanwhile their parents go from the
-    opacity they had to the one that they share, by a factor of 1 to 2. The dying become transparent
-    over `growth.death_fade`.
+    Born splats grow from size 0 over `growth.birth_fade`. Meanwhile the opacity of their parents
+    goes from the original one to the shared one, by a factor between 1 and 2. Dying splats become
+    transparent over `growth.death_fade`.
     """
     alpha, size = np.ones(len(state), np.float32), np.ones(len(state), np.float32)
     rows = np.flatnonzero(state.flags & BORN)
@@ -224,7 +214,7 @@ def fades(state: State, growth: GrowthParameters, *, now: float) -> tuple[F32, F
 
 
 def _remembered(state: State, key: str, first: float | np.float32) -> F32:
-    """The state's memory under a key, begun where it has none."""
+    """Return the state's memory under a key; create it if it is missing."""
     if key not in state.memory:
         state.memory[key] = np.full(len(state), first, np.float32)
     array: F32 = state.memory[key]
@@ -232,9 +222,10 @@ def _remembered(state: State, key: str, first: float | np.float32) -> F32:
 
 
 def _take(state: State, rows: npt.NDArray[np.integer]) -> None:
-    """Make rows of all arrays the state's own; `sh` stays `rest_sh` where it was."""
+    """Replace all arrays of the state by these rows; `sh` stays the same array as `rest_sh` if it
+    was."""
     shared = state.sh is state.rest_sh
-    # `take` lets other threads run meanwhile, indexing does not
+    # `take` releases the GIL, indexing does not
     arrays = {n: a.take(rows, axis=0) for n, a in state.per_splat() if not (shared and n == "sh")}
     if shared:
         arrays["sh"] = arrays["rest_sh"]
@@ -242,14 +233,15 @@ def _take(state: State, rows: npt.NDArray[np.integer]) -> None:
 
 
 def _halved(opacities: F32) -> F32:
-    """Opacity of each of two layers that are as dense as one: 1 - sqrt(1 - a), without the
-    difference of like numbers."""
+    """Return the opacity of each of two layers that together are as dense as one: 1 - sqrt(1 - a),
+    without cancellation."""
     a = opacities.astype(np.float64)
     return (a / (1 + np.sqrt(1 - a))).astype(np.float32)
 
 
 def _unsplit(opacities: F32, part: F32) -> F32:
-    """Factor of a shared opacity a that gives both layers' depth at part 0, and one's at 1."""
+    """Return the factor of a shared opacity a that restores both layers' depth at part 0, and one's
+    at 1."""
     a = opacities.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = -np.expm1((2.0 - part) * np.log1p(-a)) / a
@@ -257,7 +249,7 @@ def _unsplit(opacities: F32, part: F32) -> F32:
 
 
 def _eased(age: npt.NDArray[np.float64], span: float) -> F32:
-    """Smoothstep of an age [s] over a span, 1 where the span is 0; float32."""
+    """Return the smoothstep of an age [s] over a span, 1 where the span is 0; float32."""
     if span <= 0:
         return np.ones(len(age), np.float32)
     t = np.clip(age / span, 0, 1)

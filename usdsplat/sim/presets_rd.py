@@ -1,7 +1,7 @@
-"""Patterns by name: a feed and a kill rate each.
+"""Presets of the reaction: a feed and a kill rate by name.
 
-Source: Pearson 1993 and what has been found on his map since; each was verified on 20,000 relaxed
-points of a sphere, and a test repeats it.
+Source: Pearson 1993 and later results on his map. Each was verified on 20,000 relaxed points of a
+sphere; a test repeats it.
 """
 
 from __future__ import annotations
@@ -21,5 +21,5 @@ PRESETS: dict[str, tuple[float, float]] = {
 
 
 def rates(parameters: RdParameters) -> tuple[float, float]:
-    """Feed and kill rate: those of the preset, or the parameters' own where it is custom."""
+    """Return feed and kill rate: those of the preset, or the parameters' own if it is custom."""
     return PRESETS.get(parameters.preset, (parameters.feed, parameters.kill))

@@ -1,4 +1,4 @@
-"""Gray and Scott's reaction-diffusion on particles that hold still while it runs."""
+"""Gray-Scott reaction-diffusion on particles that do not move while it runs."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from usdsplat.sim.parameters import RdParameters
 from usdsplat.sim.presets_rd import rates
 
 FINEST = 0.8
-"""Least lattice unit, in mean spacings: below it the points do not resolve the pattern."""
+"""Least lattice unit in mean spacings: below it the points do not resolve the pattern."""
 
 LARGEST_V = 0.6
-"""That the length of a step is safe for; the reaction stays below."""
+"""Largest v for which the step length is stable; the reaction stays below it."""
 
 COUNTS = {2: 4.0, 3: 105 / 16}
-"""Dimension -> factor that makes the sum of K the number of neighbours, where they are even."""
+"""Dimension -> factor that makes the sum of K the number of neighbours at even density."""
 
 
 class Reaction:
-    """A pattern on points that do not move: weights are worked out once.
+    """A reaction on points that do not move; weights are computed once.
 
     Args:
-        device: Where it runs.
-        graph: Neighbours of each of n points, and where they are; a skin only costs time.
-        parameters: Of the reaction. All may change by `adopt`.
-        dimension: 2 where points lie on a surface, 3 where they fill a volume; one number or
-            shape (n,).
-        normals: Unit vectors, shape (n, 3), to which a direction is made tangential; None where
-            points fill a volume.
+        device: Runs the kernels.
+        graph: Positions and neighbours of n points. A skin only costs time.
+        parameters: Parameters of the reaction. All may change by `adopt`.
+        dimension: 2 where points lie on a surface, 3 where they fill a volume; one number or shape
+            (n,).
+        normals: Unit vectors, shape (n, 3), to which diffusion directions are made tangential; None
+            where points fill a volume.
     """
 
     def __init__(
@@ -53,12 +53,12 @@ class Reaction:
         every = np.broadcast_to(np.asarray(dimension, np.float32), len(graph.order))
         self._dimension = np.ascontiguousarray(every[graph.order])
         self.spacing = 0.0
-        """Mean distance of neighbours [unit]: the root of the area, or volume, that a point has."""
+        """Mean distance of neighbours [unit]: the root of the area or volume per point."""
         self.parameters = parameters
         self._weigh()
 
     def adopt(self, parameters: RdParameters) -> None:
-        """Go on with other parameters; weights change only where diffusion does."""
+        """Change the parameters; weights are computed again only if diffusion changes."""
         before, self.parameters = self.parameters, parameters
         if _diffusion(before) != _diffusion(parameters):
             self._weigh()
@@ -71,14 +71,14 @@ class Reaction:
 
     @property
     def is_too_fine(self) -> bool:
-        """Whether the lattice unit is so small that the points cannot show the pattern."""
+        """Whether the points cannot resolve the lattice unit."""
         return self.scale < FINEST * self.spacing
 
     @property
     def subdivisions(self) -> int:
-        """Steps that one of `d_tau` is divided into, so that it is stable.
+        """Number of substeps of one `d_tau` that make it stable.
 
-        Gershgorin bounds the rates of diffusion by 2 D S, and what u decays with is F + v^2.
+        Gershgorin bounds the rates of diffusion by 2 D S; u decays with F + v^2.
         """
         most = max(self.parameters.diffusion_u, self.parameters.diffusion_v)
         feed, kill = rates(self.parameters)
@@ -93,12 +93,12 @@ class Reaction:
         *,
         feed_offset: F32 | None = None,
     ) -> F32:
-        """u and v after `count` reaction steps, those of a frame by default.
+        """Return u and v after `count` reaction steps, by default those of a frame.
 
         Args:
             uv: Shape (n, 2); not changed.
-            count: Steps of `d_tau`.
-            feed_offset: Added to the feed rate, which is then kept from 0 to 0.1, shape (n,).
+            count: Number of steps of `d_tau`.
+            feed_offset: Offset of the feed rate, which is then clamped to 0..0.1, shape (n,).
         """
         rd, graph, device = self.parameters, self.graph, self._device
         feed, kill = rates(rd)
@@ -120,13 +120,13 @@ class Reaction:
         return after
 
     def _feeds(self, feed: float, offset: F32 | None) -> F32:
-        """The feed rate, one for all or by slot."""
+        """Return the feed rate, one number or by slot."""
         if offset is None:
             return np.array([feed], np.float32)
         return np.clip(np.float32(feed) + offset[self.graph.order], 0, np.float32(0.1))
 
     def _weigh(self) -> None:
-        """Weights of all neighbours, their largest sum, and the mean spacing."""
+        """Compute the weights of all neighbours, their largest sum, and the mean spacing."""
         graph, rd, device = self.graph, self.parameters, self._device
         row, nbr = device.keep(graph.rows), device.keep(graph.neighbors)
         w = device.resident(len(graph.neighbors), np.float32)
@@ -143,13 +143,13 @@ class Reaction:
             sums = np.empty((len(graph.order), 1), np.float32)
             device.run(weights.row_sums, row, w, sums[:, 0])
         self.weights: tuple[Any, Any, Any] = row, nbr, w
-        """Of the Laplacian, [1/unit^2]: rows, neighbours and weights, in the graph's slots; the
-        device's own."""
+        """Weights of the Laplacian [1/unit^2]: rows, neighbours and weights, in the graph's slots,
+        on the device."""
         self.largest_sum = float(sums[:, 0].max(initial=0))
-        """S of the point that diffuses fastest [1/unit^2]: what bounds a step."""
+        """Largest sum S of weights of a point [1/unit^2], which limits the step."""
 
     def _conserved(self, row: I64, nbr: I32, w: F32) -> tuple[I64, I32, F32]:
-        """The graph with both sides of each pair, weighted alike."""
+        """Return the graph with both directions of each pair, equally weighted."""
         extra = np.zeros(len(row) - 1, np.int64)
         self._device.run(weights.missing, row, nbr, extra)
         both = np.zeros_like(row)
@@ -159,7 +159,7 @@ class Reaction:
         return both, both_nbr, both_w
 
     def _directions(self) -> F32:
-        """Unit vectors along which it diffuses faster; no rows where none does."""
+        """Return unit vectors along which diffusion is faster; no rows if it is isotropic."""
         direction = np.array(self.parameters.direction, np.float64)
         length = float(np.linalg.norm(direction))
         if self.parameters.anisotropy == 0 or length == 0:
@@ -177,11 +177,11 @@ def _diffusion(rd: RdParameters) -> tuple[object, ...]:
 
 
 def _spacing(h: F32, near: F32, dimension: F32) -> float:
-    """Mean spacing [unit] of points with a neighbour; 0 where none has."""
+    """Return the mean spacing of points that have neighbours [unit]; 0 if none has."""
     some = near > 0
     if not some.any():
         return 0.0
-    h, k = h[some].astype(np.float64), near[some] + 1.0  # each is in its own neighbourhood
+    h, k = h[some].astype(np.float64), near[some] + 1.0  # a point is in its own neighbourhood
     on_surface = h * np.sqrt(np.pi / (COUNTS[2] * k))
     in_volume = h * np.cbrt(4 / 3 * np.pi / (COUNTS[3] * k))
     return float(np.where(dimension[some] == 2, on_surface, in_volume).mean())

@@ -1,4 +1,4 @@
-"""Redistribution: the same splats, evenly spaced on the same surface."""
+"""Redistribute splats evenly on their surface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
-from usdsplat.kernels.sim import grid
 from usdsplat.kernels.sim import relax as kernels
 from usdsplat.sim import support as radii
 from usdsplat.sim.neighbors import Graph, Neighbors
@@ -17,10 +16,10 @@ from usdsplat.sim.normals import FLAT, grown
 from usdsplat.sim.parameters import Parameters
 
 CONVERGED = 1e-3
-"""Mean step, in spacings, from which more sweeps change nothing."""
+"""Mean step, in spacings, below which further sweeps change nothing."""
 
 Projection = Callable[[F32], tuple[F32, F32]]
-"""Points to those of a surface, and its unit normals there, both shape (n, 3)."""
+"""Projects points onto a surface: returns positions and unit normals there, both shape (n, 3)."""
 
 
 def relax(
@@ -33,16 +32,16 @@ def relax(
     *,
     dimension: int = 2,
 ) -> tuple[F32, F32]:
-    """Spread splats evenly.
+    """Distribute splats evenly.
 
     Args:
-        device: Where to.
-        positions: [unit], shape (n, 3); are not changed. Those not finite stay.
-        normals: Unit vectors to begin with, shape (n, 3); None has them found. They follow the
-            surface; of their sides nothing depends.
+        device: Runs the kernels.
+        positions: [unit], shape (n, 3); not changed. Those that are not finite stay.
+        normals: Initial unit normals, shape (n, 3); None computes them. They follow the surface;
+            their signs do not matter.
         parameters: `relax:strength` and the group `neighbors`.
-        iterations: Sweeps, at most.
-        surface: What splats stay on; None is the planes through neighbours.
+        iterations: Largest number of sweeps.
+        surface: Surface that splats stay on; None uses the planes through neighbours.
         dimension: 2 moves splats along surfaces, 3 in all directions.
 
     Returns:
@@ -72,38 +71,38 @@ def relax(
 def swept(
     device: Device, graph: Graph, normals: F32, parameters: Parameters, dimension: int
 ) -> tuple[F32, float]:
-    """One sweep.
+    """Take one relaxation sweep.
 
     Args:
-        device: Where to.
-        graph: Symmetric.
-        normals: Unit vectors by row, shape (n, 3); zeros move freely.
+        device: Runs the kernels.
+        graph: Symmetric neighbour lists.
+        normals: Unit normals by row, shape (n, 3); splats with zeros move freely.
         parameters: `relax:strength` and `neighbors:target`.
-        dimension: 2 or 3, of the spacing.
+        dimension: Dimension of the spacing, 2 or 3.
 
     Returns:
         Positions by row [unit], shape (n, 3), and the mean step in spacings.
     """
     n = len(graph.order)
     out: F32 = device.empty((n, 3), np.float32)
-    moved = device.empty(math.ceil(n / grid.BLOCK), np.float64)
-    device.run(
+    moved = device.run(
         kernels.sweep, graph.positions, graph.support, normals[graph.order], graph.order,
         graph.rows, graph.neighbors, np.float32(spacing(parameters.neighbors.target, dimension)),
-        np.float32(parameters.relax.strength), out, moved,
+        np.float32(parameters.relax.strength), out,
     )  # fmt: skip
-    return out, float(moved.sum()) / max(n, 1)
+    return out, float(moved) / max(n, 1)
 
 
 def spacing(target: float, dimension: int) -> float:
-    """Spacing of splats over the radius within which each has `target` neighbours."""
+    """Return the ratio of the spacing to the radius within which each splat has `target`
+    neighbours."""
     if dimension == 2:
         return math.sqrt(math.pi / target)
     return float((4 * math.pi / (3 * target)) ** (1 / 3))
 
 
 def _planes(device: Device, graph: Graph, before: F32 | None) -> F32:
-    """Normals by row; zeros, which let splats go, where they are all around."""
+    """Return normals by row; zeros, which move freely, where neighbours are all around."""
     start = np.zeros((len(graph.order), 3), np.float32) if before is None else before
     normals, surfaceness = grown(device, graph, start)
     normals[surfaceness < FLAT] = 0

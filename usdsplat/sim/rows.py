@@ -1,4 +1,4 @@
-"""Questions about rows of a few numbers, asked column by column.
+"""Reductions over rows of a few numbers, computed column by column.
 
 NumPy reduces an axis of three numbers row by row, which takes five to twenty times as long.
 """
@@ -17,20 +17,20 @@ Bool = npt.NDArray[np.bool_]
 
 
 def largest(rows: F32) -> F32:
-    """Largest number of each row, NaN where there is one.
+    """Return the largest number of each row, NaN where there is one.
 
     Args:
         rows: Shape (n, k), k >= 1.
 
     Returns:
-        Shape (n,), an array of its own.
+        A new array, shape (n,).
     """
     first, *others = rows.T
     return reduce(lambda most, each: np.maximum(most, each, out=most), others, first.copy())
 
 
 def differ(first: npt.NDArray[Any], second: npt.NDArray[Any]) -> Bool:
-    """Which rows are not the same; NaN is not the same as itself.
+    """Return which rows differ; NaN differs from itself.
 
     Args:
         first, second: Shape (n, k), k >= 1.

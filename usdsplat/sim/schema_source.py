@@ -1,8 +1,8 @@
 """Write schema/simulation.usda from the parameters: `python -m usdsplat.sim.schema_source`.
 
-With --check it only compares. What a parameter is, is said once, in `sim.parameters`; USD learns it
-from here, in plain text. Then `python -m usdsplat.schema.generate` makes plugInfo/ from all that
-the schema folder declares.
+With --check it only compares. Parameters are declared once, in `sim.parameters`; their USD
+declarations are derived here, in plain text. Then run `python -m usdsplat.schema.generate`, which
+makes plugInfo/ from the schema folder.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
 TARGET = Path(__file__).resolve().parents[1] / "schema" / "simulation.usda"
 
 USD_TYPES = {bool: "bool", int: "int", float: "float", str: "string"}
-"""Type of a knob -> of its attribute, where the knob names none; choices are tokens."""
+"""Python type of a knob -> Sdf type of its attribute, unless the knob names one; choices are
+tokens."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SchemaClass:
-    """One class of the schema: which groups it holds, and what it is for."""
+    """One schema class: its documentation and the parameter groups it holds."""
 
     name: str
     doc: str
     groups: tuple[str, ...]
     relationships: tuple[tuple[str, str], ...] = ()
-    """Name after the namespace, and documentation."""
+    """Name after the namespace -> documentation."""
     applies_to: tuple[str, ...] = ("SplatSim",)
-    """Types of prims that an API schema is for."""
+    """Prim types that an API schema applies to."""
 
 
 AFFECTOR_TYPES = ("Sphere", "Capsule", "Capsule_1", "Cube", "Plane", "Mesh", "Skeleton")
@@ -138,19 +139,19 @@ _HEADER = '''#usda 1.0
 
 
 def usd_type(item: Knob) -> str:
-    """The Sdf value type name of a knob's attribute."""
+    """Return the Sdf value type name of a knob's attribute."""
     if item.usd_type is not None:
         return item.usd_type
     return "token" if item.choices is not None else USD_TYPES[item.type]
 
 
 def spelled(text: str) -> str:
-    """A text with the names of parameters as USD spells them."""
+    """Return a text with parameter names in USD's spelling."""
     return re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda found: camel(found.group()), text)
 
 
 def documentation(item: Knob) -> str:
-    """What an attribute does, its unit and its limits, for those who read USD's names."""
+    """Return the documentation of an attribute: meaning, unit and limits."""
     text = spelled(item.text)
     text = text[0].upper() + text[1:]
     limits = _limits(*item.range) if item.range else ""
@@ -161,7 +162,7 @@ def documentation(item: Knob) -> str:
 
 
 def source() -> str:
-    """All of simulation.usda."""
+    """Return the text of simulation.usda."""
     parts = [_HEADER]
     collections = '["CollectionAPI:splats", "CollectionAPI:affectors"]'
     parts.append(
@@ -178,7 +179,7 @@ def source() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the file, or with --check say whether it is stale; status 1 if it is."""
+    """Write the file, or with --check compare it; status 1 if it is stale."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     check = parser.parse_args(argv).check
@@ -192,7 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _limits(lower: float, upper: float) -> str:
-    """Words for an interval, open ends left out."""
+    """Describe an interval, without open ends."""
     low, high = (f"{end:.10g}" for end in (lower, upper))
     if math.isinf(upper):
         return "" if math.isinf(lower) else f"{low} or more"
@@ -200,7 +201,7 @@ def _limits(lower: float, upper: float) -> str:
 
 
 def _api(each: SchemaClass, kind: str, prefix: str = "") -> str:
-    """The head of an API schema."""
+    """Return the head of an API schema."""
     names = ", ".join(f'"{name}"' for name in each.applies_to)
     lines = [f'token apiSchemaType = "{kind}"']
     lines += [f'token propertyNamespacePrefix = "{prefix}"'] if prefix else []
@@ -213,7 +214,7 @@ def _api(each: SchemaClass, kind: str, prefix: str = "") -> str:
 
 
 def _body(each: SchemaClass, namespace: str) -> str:
-    """Its properties."""
+    """Return the properties of a schema."""
     lines = []
     for group in each.groups:
         lead = f"{namespace}{group}:" if namespace else ""
@@ -224,7 +225,7 @@ def _body(each: SchemaClass, namespace: str) -> str:
 
 
 def _attribute(lead: str, item: Knob) -> str:
-    """The declaration of one knob."""
+    """Return the declaration of one knob."""
     uniform = "uniform " if item.uniform else ""
     name = f"{lead}{camel(item.name)}"
     lines = [f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"]
@@ -235,19 +236,19 @@ def _attribute(lead: str, item: Knob) -> str:
 
 
 def _doc(text: str, indent: int = 4) -> str:
-    """Documentation, folded."""
+    """Return documentation, folded."""
     lines = textwrap.wrap(f'doc = """{text}', 100 - indent - 3, break_long_words=False)
     return f"\n{' ' * indent}".join(lines) + '"""'
 
 
 def _folded(text: str) -> Iterator[str]:
-    """A list over as many lines as it needs."""
+    """Return a list over as many lines as it needs."""
     for number, line in enumerate(textwrap.wrap(text, 84, break_on_hyphens=False)):
         yield line if number == 0 else f"    {line}"
 
 
 def _literal(value: Any) -> str:
-    """A value as USD's text files spell it."""
+    """Return a value as a USD text file spells it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):

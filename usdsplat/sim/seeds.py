@@ -1,4 +1,4 @@
-"""Nuclei: where a pattern begins."""
+"""Nuclei: where a pattern starts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from usdsplat.sim.neighbors import Graph
 from usdsplat.sim.parameters import RdParameters
 
 SEED_UV = (0.5, 0.25)
-"""What u and v are in a nucleus."""
+"""u and v in a nucleus."""
 
 SEED_RADIUS = 5.0
-"""Of a nucleus, in lattice units; smaller ones die."""
+"""Radius of a nucleus in lattice units; smaller ones die out."""
 
 
 def nuclei(
@@ -33,19 +33,19 @@ def nuclei(
     selection: F32 | None = None,
     graph: Graph | None = None,
 ) -> F32:
-    """How much of a nucleus each point is, 0 or 1, shape (n,).
+    """Return the nucleus weight of each point, 0 or 1, shape (n,).
 
     Args:
-        device: Where to.
+        device: Runs the kernels.
         positions: [unit], shape (n, 3).
-        parameters: `rd:seedMode` and `rd:seedDensity`. Of the mode noise, patches cover as large a
-            part of the points as balls would.
+        parameters: `rd:seedMode` and `rd:seedDensity`. In the mode noise, patches cover the same
+            fraction of the points as balls would.
         scale: Length of a lattice unit [unit].
-        seed: Of the random numbers.
-        ids: By which points are chosen, shape (n,); rows by default.
+        seed: Seed of the random numbers.
+        ids: Identities by which points are chosen, shape (n,); rows by default.
         selection: Weight of each point, shape (n,); None selects all.
-        graph: Of the points. By it no connected part that is large enough for half a ball goes
-            without one: a pattern does not leap from one part to another.
+        graph: Neighbours of the points. With it, every connected part that has room for half a ball
+            gets a nucleus, because a pattern does not spread from one part to another.
     """
     n, density = len(positions), parameters.seed_density
     result = np.zeros(n, np.float32)
@@ -64,7 +64,7 @@ def nuclei(
     chosen = drawn < density
     if graph is not None:
         _in_every_part(device, graph, density, drawn, chosen)
-    if not chosen.any():  # a small capture still has a pattern
+    if not chosen.any():  # a small capture still gets a pattern
         chosen[np.argmin(drawn)] = True
     _, distances = nearest(device, positions[chosen], positions, 1)
     result[distances[:, 0] <= SEED_RADIUS * scale] = 1
@@ -74,7 +74,7 @@ def nuclei(
 def _in_every_part(
     device: Device, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
 ) -> None:
-    """Choose the point of the lowest number in each large part that has none chosen."""
+    """Choose the point with the lowest number in each large part that has none."""
     n = len(drawn)
     label = np.full(n, -1, np.int32)
     queue = np.empty(n, np.int32)
@@ -89,17 +89,17 @@ def _in_every_part(
 
 
 def plant(device: Device, uv: F32, weight: F32) -> None:
-    """Take u and v to those of a nucleus, in place.
+    """Move u and v towards those of a nucleus, in place.
 
     Args:
-        device: Where to.
+        device: Runs the kernels.
         uv: Shape (n, 2).
-        weight: How far, 0 to 1, shape (n,).
+        weight: Fraction of the way, 0 to 1, shape (n,).
     """
     u, v = (np.float32(each) for each in SEED_UV)
     device.run(reaction.seed, uv, weight, u, v)
 
 
 def untouched(count: int) -> F32:
-    """u and v before anything has begun, shape (count, 2)."""
+    """Return the initial u and v, shape (count, 2)."""
     return np.tile(np.array([1, 0], np.float32), (count, 1))

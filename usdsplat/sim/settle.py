@@ -1,4 +1,4 @@
-"""Splats go back to where they want to be."""
+"""Return of splats to their target positions, by a critically damped spring."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usdsplat.sim.parameters import SettleParameters
 from usdsplat.sim.state import State
 
 SPEEDS = "settle:speeds"
-"""In `State.memory`: velocity of where splats want to be [unit/s], shape (n, 3)."""
+"""In `State.memory`: velocity of the target positions [unit/s], shape (n, 3)."""
 NOBODY = np.empty((0, 3), np.float32)
 
 
@@ -28,17 +28,18 @@ def settle_back(
     *,
     max_speed: float = math.inf,
 ) -> None:
-    """Change `positions` and `velocities` of a state by one substep, `memory[SINCE]` and, where
-    goals move, `memory[SPEEDS]`; without that, goals have moved evenly before.
+    """Advance `positions` and `velocities` of a state by one substep, and `memory[SINCE]` and,
+    where targets move, `memory[SPEEDS]`. Without the latter, targets are taken to have moved evenly
+    before.
 
-    A splat of weight w is drawn by a critically damped spring of omega w; of weight 0, or with
-    omega 0, it stays as far off its target as it is. For `delay` after a contact the spring is off
-    and only the damper acts. Pinned splats stay, and free ones are left to their flight.
+    A splat of weight w is attracted by a critically damped spring of omega w. With weight 0 or
+    omega 0 it keeps its offset from the target. For `delay` after a contact only the damper acts.
+    PINNED and FREE splats do not change.
 
     Args:
-        before, after: Where the splats want to be at the start and the end of the substep [unit],
-            shape (n, 3); the same array where they never move.
-        dt: Its duration [s], above 0.
+        before, after: Target positions at the start and the end of the substep [unit], shape
+            (n, 3); the same array where they never move.
+        dt: Duration [s], above 0.
         max_speed: [unit/s].
     """
     if before is not after and SPEEDS not in state.memory:

@@ -1,4 +1,5 @@
-"""Splats follow a skeleton: by joint weights of their own, of a mesh, or by a mesh's triangles."""
+"""Skinning: splats follow a skeleton by joint weights of their own, of a mesh, or by mesh
+triangles."""
 
 from __future__ import annotations
 
@@ -29,13 +30,13 @@ NO_GRADIENT: F32 = np.zeros((0, 3, 3), np.float32)
 
 
 class Skin:
-    """What each splat follows; it does not change, but for births and deaths.
+    """Skin binding of each splat; changes only with births and deaths.
 
     Args:
-        device: Whose threads.
-        binding: What binds the capture's splats.
-        rest: Where they are captured [unit], shape (n, 3).
-        parameters: `binding` says whether weights or triangles of a mesh are followed.
+        device: Runs the kernels.
+        binding: Binding of the capture's splats.
+        rest: Captured positions [unit], shape (n, 3).
+        parameters: `binding` selects joint weights or triangles of a mesh.
 
     Raises:
         StageError: If weights do not fit the splats or the mesh, or there is nothing to follow.
@@ -83,7 +84,7 @@ class Skin:
         return len(self._joints)
 
     def extended(self, parents: npt.NDArray[np.integer[Any]]) -> Skin:
-        """With children appended, who follow what their parents do.
+        """Return a copy with children appended, bound like their parents.
 
         Args:
             parents: Rows of the parents, shape (c,).
@@ -91,7 +92,7 @@ class Skin:
         return self.selected(np.concatenate([np.arange(len(self)), parents]))
 
     def selected(self, rows: npt.NDArray[np.integer[Any]]) -> Skin:
-        """With these rows only, in this order; rows may come more than once."""
+        """Return a copy with these rows only, in this order; rows may repeat."""
         other = object.__new__(Skin)
         other._device, other._binding = self._device, self._binding
         other._by_triangles = self._by_triangles
@@ -99,11 +100,11 @@ class Skin:
         return other
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What is kept for each splat, first axis n."""
+        """Return what is kept for each splat, first axis n."""
         return {"joints": self._joints, "weights": self._weights}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Take what `memory` gave, for any number of splats."""
+        """Restore the result of `memory`, for any number of splats."""
         self._joints, self._weights = memory["joints"], memory["weights"]
 
     def apply(
@@ -113,16 +114,16 @@ class Skin:
         positions: F32,
         gradient: F32 | None = None,
     ) -> None:
-        """Move splats as the skeleton is posed.
+        """Move splats with the pose of the skeleton.
 
         Args:
             pose: The skeleton now.
-            parameters: Now; `binding` is that of the beginning.
+            parameters: Parameters now; `binding` must be that of the beginning.
             positions: [unit], shape (n, 3), changed in place.
-            gradient: Of what came before, shape (n, 3, 3), multiplied in place.
+            gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place.
 
         Raises:
-            StageError: If the pose lacks a joint or the mesh that splats follow.
+            StageError: If the pose lacks a joint, or the mesh that splats follow.
         """
         slopes = NO_GRADIENT if gradient is None else gradient
         common = positions, slopes, self._joints, self._weights, float(parameters.weight)
@@ -150,13 +151,13 @@ class Skin:
 
 
 def dual_quaternions(moves: F64) -> F64:
-    """Rotation, dual part and stretch of each matrix, as `blend_dual` reads them.
+    """Return rotation, dual part and stretch of each matrix, as `blend_dual` reads them.
 
     Args:
-        moves: Affine, shape (j, 4, 4).
+        moves: Affine matrices, shape (j, 4, 4).
 
     Returns:
-        Shape (j, 17). A mirror is part of the stretch, so what rotates is a rotation.
+        Shape (j, 17). A reflection is part of the stretch, so that the rest is a rotation.
     """
     left, _, right = np.linalg.svd(moves[:, :3, :3])
     left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]

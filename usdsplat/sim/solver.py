@@ -1,9 +1,9 @@
-"""One field from frame to frame: which stage of the simulation comes after which.
+"""Simulate one field from frame to frame: the order of the stages.
 
-A frame has `sim:substeps` steps of one length. Each asks where splats want to be at its end, lets
-them settle towards it or fly, lets the pattern grow and splats be born and die, and at last keeps
-them out of the affectors, so that nothing is inside one where a sample is taken. The clock is the
-number of steps; times are worked out from it and never added up.
+A frame has `sim:substeps` steps of equal length. Each computes target positions at its end, lets
+splats settle towards them or fly, updates pattern, births and deaths, and finally resolves
+collisions, so that no splat is inside an affector where a sample is taken. The clock is the number
+of steps: times are computed from it and never accumulated.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
 from usdsplat.sim.flight import fly
-from usdsplat.sim.frame_state import FrameEvaluator, turned
+from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
 from usdsplat.sim.pattern import Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
@@ -29,25 +29,25 @@ from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
 from usdsplat.sim.strain import Strain
 from usdsplat.sim.target_pose import TargetPose
-from usdsplat.sim.timeline import Timeline
+from usdsplat.sim.timeline import Step, Timeline
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
-"""Told the name of each piece of work as it is finished."""
+"""Receives the name of each piece of work when it is finished."""
 SEEN = "solver:seen"
-"""In `State.globals`: the last step at which the simulation was on; missing before the first."""
+"""In `State.globals`: last step at which the simulation was enabled; missing before the first."""
 
 
 class Solver:
     """A simulation of one field.
 
     Args:
-        recipe: The field and what acts on it.
-        uses: What will be needed, as `uses_over` finds it.
-        device: Computes.
+        recipe: The field and everything that acts on it.
+        uses: What the simulation needs, from `uses_over`.
+        device: Runs the kernels.
         start: The first frame [time code].
-        state: Of a checkpoint, as `checkpoint` gave it, to go on from; None begins.
-        lap: Told what was done, for timing.
+        state: State to continue from, made by `checkpoint`; None starts anew.
+        lap: Receives the name of each piece of work, for timing.
 
     Raises:
         StageError: If something on the stage cannot be simulated.
@@ -80,11 +80,11 @@ class Solver:
         strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
         self._drawing = FrameEvaluator(device, strain)
         self.trapped = 0
-        """Most splats that a step of this solver has not brought out of the affectors."""
+        """Largest number of splats that one step could not move out of the affectors."""
         self._seen = -1
-        """Last step at which the simulation was on; -1 before the first."""
+        """Last step at which the simulation was enabled; -1 before the first."""
         self._moment = first
-        """What is so then, or will be at the first."""
+        """What the stage says at that step, or at the first frame."""
         if state is None:
             self._goal.begin(self.state, first, changes=uses.bears)
             self._pattern.begin(self.state, first)
@@ -104,43 +104,42 @@ class Solver:
 
     @property
     def time(self) -> float:
-        """Where the simulation is [time code]."""
+        """Current time [time code]."""
         return self._line.time(self.state.step)
 
     @property
     def seconds(self) -> float:
-        """Since the simulation's start, when it last was on [s]."""
+        """Time since the simulation's start, at the last step at which it was enabled [s]."""
         return self._line.seconds(self._seen)
 
     @property
     def has_begun(self) -> bool:
-        """Whether splats are other than captured."""
+        """Whether splats may differ from the capture."""
         return self._seen >= 0
 
     @property
     def resolved(self) -> dict[str, float]:
-        """Parameters that were automatic, as they turned out."""
+        """Values that automatic parameters took."""
         return self._pattern.resolved(self.state)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know, a sentence each."""
+        """Messages for the user, one sentence each."""
         return self._pattern.remarks
 
     def advance(self) -> None:
-        """Go on to the next frame."""
+        """Advance to the next frame."""
         for _ in range(self._line.substeps):
             self._substep()
 
     def frame(self) -> Frame:
-        """What is seen now. Splats take their shapes here, so it is to be asked at each frame."""
+        """Return the splats now. Shapes are updated here, so it must be called at each frame."""
         state, moment = self.state, self._moment
         if not self.has_begun:
             captured = edit.take(state.cloud(), np.arange(len(state)))
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._goal.at(state, moment, self.seconds, gradient=True)
-        alpha, size = self._fades(moment)
         frame = self._drawing.frame(
             state,
             moment,
@@ -148,8 +147,7 @@ class Solver:
             gradient,
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
-            alpha=alpha,
-            size=size,
+            fades=self._fades(moment),
             seconds=self.seconds,
         )
         self._lap("shape")
@@ -159,7 +157,7 @@ class Solver:
         return replace(frame, time=self.time, cloud=still)
 
     def checkpoint(self) -> State:
-        """The state with all that is needed to go on from it, bit for bit."""
+        """Return the state with everything needed to continue from it, bit for bit."""
         self._goal.remember(self.state)
         self._pattern.remember(self.state)
         if self.has_begun:
@@ -169,12 +167,12 @@ class Solver:
     # --- private ---------------------------------------------------------------------------
 
     def _is_on(self, moment: Moment) -> bool:
-        """Whether splats do anything at the end of the step that is done."""
+        """Return whether the simulation is enabled at the end of the last step."""
         sim = moment.parameters.sim
         return sim.enabled and self.state.step >= self._line.begin and moment.time <= sim.end_time
 
     def _begin(self, first: Moment) -> None:
-        """The start, and all up to the first frame that is drawn."""
+        """Start, and simulate up to the first frame that is drawn."""
         if self._is_on(first):
             self._put(first)
         for _ in range(self._line.lead):
@@ -183,7 +181,7 @@ class Solver:
             self._substep()
 
     def _put(self, moment: Moment) -> None:
-        """Splats are where they want to be, but not inside of anything."""
+        """Put splats at their target positions, outside of all affectors."""
         state = self.state
         self._moment, self._seen = moment, state.step
         self._wanted = self._goal.at(state, moment, self.seconds)[0]
@@ -206,12 +204,13 @@ class Solver:
             self._put(after)
             return
         before = self._moment
-        if self._seen < state.step - 1:  # it was off meanwhile
+        if self._seen < state.step - 1:  # it was disabled in between
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
             self._wanted = self._goal.at(state, before, seconds)[0]
         self._moment, self._seen = after, state.step
-        sim, now, dt = after.parameters.sim, self.seconds, self._dt
+        sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
+        now, dt = step.now, step.dt
         started = state.positions.copy()
         wanted = self._goal.at(state, after, now)[0]
         self._lap("goal")
@@ -228,20 +227,23 @@ class Solver:
         self._lap("settle")
         if self._uses.flies and not assembles:
             fly(
-                self._device, state, after.parameters.particles, to_world=after.to_world,
-                now=now, dt=dt, seed=self._seed, air=influence.wind, max_speed=sim.max_speed,
+                self._device, state, after.parameters.particles, step, to_world=after.to_world,
+                air=influence.wind, max_speed=sim.max_speed,
             )  # fmt: skip
             self._lap("flight")
         self._wanted = wanted
         if self._uses.reacts or self._uses.crowds:
-            started = self._live(after, influence, started, is_first=is_first)
+            started = self._live(after, step, influence, started, is_first=is_first)
         self._place(after, now)
         self._contact(started, before, after)
 
-    def _live(self, moment: Moment, influence: Influence, started: F32, *, is_first: bool) -> F32:
-        """Pattern, growth, births and deaths; returns where splats were, row by row."""
+    def _live(
+        self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
+    ) -> F32:
+        """Update pattern, growth, births and deaths; return the positions at the start of the step
+        by row."""
         state, growth, sim = self.state, moment.parameters.growth, moment.parameters.sim
-        now, dt, reacts = self.seconds, self._dt, moment.parameters.rd.enabled
+        reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
                 self._pattern.react(state, moment, influence)
@@ -255,52 +257,50 @@ class Solver:
         factor = _product(influence.growth, self._weight())
         if reacts and growth.rate:
             population.grow(
-                self._device, state, growth, dt=dt, normals=self._pattern.normals(state),
+                self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
                 rate_factor=factor,
             )  # fmt: skip
         rows: list[I64] = []
         if self._uses.bears:
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
-            rows = self._change_population(moment, now, dt, most, factor)
+            rows = self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
             self._influence = self._influence.selected(source)
-        self._wanted = self._goal.at(state, moment, now)[0]
+        self._wanted = self._goal.at(state, moment, step.now)[0]
         flying = (state.flags & FREE) != 0
         state.positions = np.where(flying[:, None], state.positions, self._wanted + off)
         self._lap("growth")
         return started
 
     def _change_population(
-        self, moment: Moment, now: float, dt: float, maximum: int, factor: F32 | None
+        self, moment: Moment, step: Step, maximum: int, factor: F32 | None
     ) -> list[I64]:
-        """Births, then deaths; returns, for each change, the row that each row comes from."""
+        """Apply births, then deaths; return the source row of each row, for each change."""
         state, growth = self.state, moment.parameters.growth
         changes: list[I64] = []
         parents = population.births(
-            self._device, state, growth, crowding=self._pattern.crowding(state),
-            normals=self._pattern.normals(state), dimension=self._pattern.dimension,
-            target=moment.parameters.neighbors.target, h_target=self._pattern.usual_support,
-            maximum=maximum, seed=self._seed, now=now, dt=dt, rate_factor=factor,
+            self._device, state, growth, step, self._pattern.neighborhood(state, moment),
+            maximum=maximum, rate_factor=factor,
         )  # fmt: skip
         if len(parents):
             self._goal.bear(parents, state)
             changes.append(np.concatenate([np.arange(len(state) - len(parents)), parents]))
-        left = population.deaths(state, growth, now=now, dt=dt)
+        left = population.deaths(state, growth, now=step.now, dt=step.dt)
         if left is not None:
             self._goal.keep(left)
             changes.append(left)
         return changes
 
     def _dissolving(self, moment: Moment) -> Dissolve | None:
-        """Who lets go or comes together now, or None."""
+        """Return the active dissolve or assemble, or None."""
         knobs = moment.parameters.dissolve
         is_on = self._uses.dissolves and knobs.enabled
         return Dissolve(self._device, knobs, self._seed) if is_on else None
 
     def _facing(self, moment: Moment) -> F32:
-        """Which way splats that want to be somewhere face there, shape (n, 3)."""
+        """Return the normals of splats in their target pose, shape (n, 3)."""
         normals = self._pattern.normals(self.state)
         if not self._uses.deforms or not moment.parameters.dissolve.speed:
             return normals
@@ -308,7 +308,7 @@ class Solver:
         return turned(normals, gradient)
 
     def _place(self, moment: Moment, now: float) -> None:
-        """Put those that are still to arrive on their way."""
+        """Place the splats that have not arrived yet."""
         dissolve = self._dissolving(moment)
         if dissolve is None or not dissolve.is_assembling:
             return
@@ -318,12 +318,12 @@ class Solver:
             state, self._wanted, self._facing(moment), moment.parameters.particles,
             to_world=moment.to_world, now=now,
         )  # fmt: skip
-        if SPEEDS in state.memory:  # those that arrived move along
+        if SPEEDS in state.memory:  # splats that have arrived move with their targets
             there = (before & ~state.flags) != 0
             state.velocities[there] = state.memory[SPEEDS][there]
 
     def _contact(self, started: F32, before: Moment, after: Moment) -> None:
-        """Keep splats that are selected out of the affectors."""
+        """Move selected splats out of the affectors."""
         if not self._uses.collides:
             return
         state = self.state
@@ -334,8 +334,8 @@ class Solver:
         state.flags[spared] &= ~PINNED
         self._lap("contact")
 
-    def _fades(self, moment: Moment) -> tuple[F32 | None, F32 | None]:
-        """Factors of opacity and of size, None where they are 1."""
+    def _fades(self, moment: Moment) -> Fades:
+        """Return the factors of opacity and of size at a time."""
         dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
         alpha = self._influences.at(dimming, self.state.positions).opacity
         size: F32 | None = None
@@ -346,16 +346,16 @@ class Solver:
         if dissolve is not None:
             alphas, sizes = dissolve.fades(self.state, now=self.seconds)
             alpha, size = _product(alpha, alphas), _product(size, sizes)
-        return alpha, _product(size, self._pattern.sizes(self.state, moment))
+        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment)))
 
     def _weight(self) -> F32:
-        """How much each splat is selected now, shape (n,)."""
+        """Return the selection weight of each splat now, shape (n,)."""
         mask = self._influence.mask
         return self.state.weight if mask is None else self.state.weight * mask
 
 
 def _product(first: F32 | None, second: F32 | None) -> F32 | None:
-    """Of factors that may be 1."""
+    """Multiply factors, of which None is 1."""
     if first is None or second is None:
         return second if first is None else first
     return first * second

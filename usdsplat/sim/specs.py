@@ -1,7 +1,7 @@
-"""What crosses from the stage to the solver: plain values, arrays in the simulation's space.
+"""Values that pass from the stage to the solver; arrays are in the simulation's space.
 
-The simulation's space is the field's own (`sim:space` local) or the stage's as the field saw it at
-the first frame (world). Matrices are for column vectors, float64, shape (4, 4), and map to it.
+The simulation's space is the field's own (`sim:space` local), or the stage's as seen from the field
+at the first frame (world). Matrices are for column vectors, float64, shape (4, 4), and map to it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Surface:
     """Triangles at one time."""
 
     points: F32
-    """[unit], shape (p, 3)."""
+    """Positions [unit], shape (p, 3)."""
     triangles: I32
     """Rows of `points`, counter-clockwise from outside, shape (t, 3)."""
 
@@ -37,14 +37,14 @@ class Solid:
 
     kind: SolidKind
     matrix: F64
-    """Of the body's own frame: turned and moved, its uniform scale already in the sizes. For a mesh
-    that is deformed the identity."""
+    """From the body's frame: rotation and translation; its uniform scale is in the sizes. The
+    identity for a mesh that is deformed."""
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """[unit] sphere: (radius, -, -), about the origin; capsule: (radius at -z, radius at +z, half
-    of the distance between their centres), along z; box: half of its edges; plane: -, all z < 0 is
-    inside; mesh: -."""
+    of the distance between the centres), along z; box: half edges; plane: -, z < 0 is inside; mesh:
+    -."""
     surface: Surface | None = None
-    """Of a mesh, in its own frame."""
+    """Surface of a mesh, in its own frame."""
     is_rigid: bool = True
     """Whether only `matrix` changes over time."""
 
@@ -56,7 +56,7 @@ class Affector:
     path: str
     parameters: AffectorParameters
     solids: tuple[Solid, ...]
-    """As many, of the same kinds, at every time."""
+    """The same number, of the same kinds, at every time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -66,9 +66,9 @@ class Deformer:
     name: str
     parameters: DeformParameters
     frame: F64
-    """Its space to the simulation's."""
+    """From the deformer's space to the simulation's."""
     mask: F32 | None = None
-    """The primvar it is multiplied by, shape (n,)."""
+    """Primvar that multiplies the deformation, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -81,20 +81,20 @@ class Driver:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SkinBinding:
-    """What binds splats to joints; the same at all times."""
+    """Binding of splats to joints; constant over time."""
 
     indices: I32 | None
-    """Joints that the capture's splats follow, shape (n, k); None where `surface` binds them."""
+    """Joints that the capture's splats follow, shape (n, k); None if `surface` binds them."""
     weights: F32 | None
-    """How much, rows sum to 1, shape (n, k)."""
+    """Weights of the joints, rows sum to 1, shape (n, k)."""
     bind: F64
     """`skel:geomBindTransform` in the simulation's space, shape (4, 4)."""
     surface: Surface | None = None
-    """Mesh at bind time, in the simulation's space, from which splats take theirs."""
+    """Mesh at bind time, in the simulation's space, from which splats take their weights."""
     surface_indices: I32 | None = None
-    """Joints of its points, shape (p, k)."""
+    """Joints of the mesh's points, shape (p, k)."""
     surface_weights: F32 | None = None
-    """Shape (p, k)."""
+    """Weights of these joints, shape (p, k)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -102,26 +102,26 @@ class SkinPose:
     """The skeleton at one time."""
 
     joints: F64
-    """Where each joint takes what it was bound to, in the simulation's space, shape (j, 4, 4)."""
+    """Matrix of each joint from bind time to now, in the simulation's space, shape (j, 4, 4)."""
     surface: Surface | None = None
-    """The binding's mesh as it is now, for binding by triangles."""
+    """The binding's mesh now, for binding by triangles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Moment:
-    """All that the stage says at one time."""
+    """Everything that the stage says at one time."""
 
     time: float
-    """[time code]."""
+    """Time [time code]."""
     parameters: Parameters
     to_world: F64
-    """The simulation's space to the stage's."""
+    """From the simulation's space to the stage's."""
     affectors: tuple[Affector, ...] = ()
     """Ordered by path; the same ones at every time."""
     target: Surface | None = None
-    """What splats conform to."""
+    """Mesh that splats conform to."""
     relax_surface: Surface | None = None
-    """What redistribution keeps splats on."""
+    """Mesh that redistribution keeps splats on."""
     deformers: tuple[Deformer, ...] = ()
     """In the order of the stack."""
     drivers: tuple[Driver, ...] = ()
@@ -130,11 +130,11 @@ class Moment:
 
 
 class Recipe(Protocol):
-    """One field and all that acts on it; a stage is read through it, and tests write their own."""
+    """A field and everything that acts on it. Stages implement it; tests write their own."""
 
     @property
     def path(self) -> str:
-        """Of the field."""
+        """Path of the field."""
 
     @property
     def rest(self) -> SplatCloud:
@@ -153,4 +153,4 @@ class Recipe(Protocol):
         """Time codes in a second."""
 
     def at(self, time: float) -> Moment:
-        """What is so at a time code, whole or not."""
+        """Return what the stage says at a time code, whole or fractional."""

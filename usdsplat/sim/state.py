@@ -1,7 +1,7 @@
-"""The particles: every array that the solver changes, and nothing that it can work out again.
+"""Particle state: every array that the solver changes and cannot compute again.
 
-Rows are splats, by ascending identity: those of the capture in its own order, then those born. So
-what is drawn is handed over as it is, and nothing is put in order before it is written.
+Rows are splats by ascending identity: first the capture's in their order, then the born ones.
+Frames are written in this order without sorting.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from usdsplat.core.cloud import F32, I64, SplatCloud
 U32: TypeAlias = npt.NDArray[np.uint32]
 
 ALIVE, PINNED, BORN, FREE, DYING = (np.uint32(1 << bit) for bit in range(5))
-"""Bits of `State.flags`: counts; never moves; by the simulation, not captured; flies; on its way
-out."""
+"""Bits of `State.flags`: exists; never moves; born in the simulation; flies; is dying."""
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class State:
-    """n splats. Arrays may be replaced by others of any n, all of them at once."""
+    """State of n splats. All arrays may be replaced at once by arrays of another n."""
 
     positions: F32
-    """Where they are [unit], shape (n, 3)."""
+    """Positions [unit], shape (n, 3)."""
     rotations: F32
     """Unit quaternions (w, x, y, z), shape (n, 4)."""
     scales: F32
@@ -38,7 +37,8 @@ class State:
     sh: F32
     """Shape (n, k, 3); the same array as `rest_sh` until a splat turns or changes colour."""
     rest_positions: F32
-    """Where they were captured or born, moved by growth and redistribution, shape (n, 3)."""
+    """Positions where splats were captured or born, moved by growth and redistribution, shape
+    (n, 3)."""
     rest_rotations: F32
     rest_scales: F32
     rest_opacities: F32
@@ -48,33 +48,32 @@ class State:
     support: F32
     """Radius of the neighbourhood h [unit], shape (n,)."""
     uv: F32
-    """The pattern at each splat, shape (n, 2)."""
+    """Pattern at each splat, shape (n, 2)."""
     weight: F32
-    """Selection [0..1], shape (n,)."""
+    """Selection weight [0..1], shape (n,)."""
     ids: I64
-    """Ascending, never used twice, shape (n,); the capture's are rows or its own."""
+    """Ascending, never reused, shape (n,); the capture's are its own or row numbers."""
     parents: I64
-    """Identity of the parent, -1 for the capture's, shape (n,)."""
+    """Identity of the parent, -1 for captured splats, shape (n,)."""
     births: F32
-    """When they were born, after the simulation's start [s], shape (n,)."""
+    """Time of birth since the simulation's start [s], shape (n,)."""
     flags: U32
     """Shape (n,)."""
     step: int = 0
-    """Substeps done since the simulation's start: the clock."""
+    """Substeps since the simulation's start: the clock."""
     next_id: int = 0
     memory: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    """What stages keep for each splat, by "stage:name", first axis n; they follow births and
-    deaths."""
+    """What stages keep for each splat, by "stage:name", first axis n; follows births and deaths."""
     globals: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    """What else stages must keep to go on with the same bits, by "stage:name"."""
+    """What else stages keep to continue bit for bit, by "stage:name"."""
 
     @classmethod
     def of(cls, cloud: SplatCloud, selection: F32 | None = None) -> State:
-        """All splats of a capture at rest.
+        """Return the state of a capture at rest.
 
         Args:
-            cloud: The capture; its arrays are not copied where nothing is likely to change them.
-            selection: Weight of each, shape (n,); None selects all.
+            cloud: The capture; arrays that rarely change are not copied.
+            selection: Weight of each splat, shape (n,); None selects all.
         """
         n = len(cloud)
         ids = np.arange(n, dtype=np.int64) if cloud.ids is None else cloud.ids
@@ -105,7 +104,7 @@ class State:
         return len(self.positions)
 
     def cloud(self) -> SplatCloud:
-        """What is drawn; shares the state's arrays."""
+        """Return the splats; shares the state's arrays."""
         return SplatCloud(
             positions=self.positions,
             scales=self.scales,
@@ -117,14 +116,15 @@ class State:
         )
 
     def per_splat(self) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-        """Every array with a row for each splat, in a fixed order: fields, then `memory:` + key."""
+        """Iterate over all arrays with a row for each splat, in a fixed order: fields, then
+        `memory:` + key."""
         for name in ARRAYS:
             yield name, getattr(self, name)
         for key in sorted(self.memory):
             yield f"memory:{key}", self.memory[key]
 
     def replace_rows(self, arrays: dict[str, npt.NDArray[Any]]) -> None:
-        """Take other arrays for all of `per_splat`, by the names it gives."""
+        """Replace all arrays of `per_splat`, by the same names."""
         for name, array in arrays.items():
             if name.startswith("memory:"):
                 self.memory[name.removeprefix("memory:")] = array
@@ -132,7 +132,7 @@ class State:
                 setattr(self, name, array)
 
     def digest(self) -> str:
-        """SHA-256 over every bit of the state; equal states have equal ones."""
+        """Return SHA-256 over every bit of the state."""
         total = hashlib.sha256(f"{self.step} {self.next_id}".encode())
         others = ((f"globals:{key}", self.globals[key]) for key in sorted(self.globals))
         for name, array in (*self.per_splat(), *others):
@@ -151,13 +151,13 @@ ARRAYS = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Frame:
-    """What a simulation hands over at a frame; its arrays are its own, or never change again."""
+    """Splats of one frame; nothing changes its arrays afterwards."""
 
     time: float
-    """[time code]."""
+    """Time [time code]."""
     cloud: SplatCloud
-    """With ids; `velocities` are the solver's."""
+    """Splats with ids; `velocities` are the solver's."""
     uv: F32
-    """Shape (n, 2)."""
+    """Pattern, shape (n, 2)."""
     births: F32
-    """[s], shape (n,)."""
+    """Time of birth [s], shape (n,)."""

@@ -1,4 +1,4 @@
-"""How space is deformed about splats that were pushed: estimated from their neighbours."""
+"""Estimate the deformation of space around pushed splats from their neighbours."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from usdsplat.sim.state import FREE, State
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
 NEIGHBORS = 12
-"""At rest, by which a deformation is estimated."""
+"""Neighbours at rest that a deformation is estimated from."""
 OFF = 1e-3
-"""Part of its largest deviation by which a splat must be off its goal to count as pushed."""
+"""Offset from its target, as a fraction of its largest deviation, from which a splat counts as
+pushed."""
 
 
 class Strain:
-    """Of one field.
+    """Strain of one field.
 
     Args:
-        device: Computes.
+        device: Runs the kernels.
         is_fixed: Whether rest positions never change, so that neighbours are found only once.
     """
 
@@ -35,17 +36,17 @@ class Strain:
         self._all: LocalGradients | None = None
 
     def add(self, state: State, wanted: F32, gradient: F32 | None, normals: F32) -> F32 | None:
-        """The deformation from rest to where splats are.
+        """Return the gradient of the deformation from rest to where splats are.
 
         Args:
-            state: The splats; those that fly are left out.
-            wanted: Where they want to be [unit], shape (n, 3).
-            gradient: Deformation from rest to there, shape (n, 3, 3), changed in place; None where
-                there is none.
-            normals: At rest, shape (n, 3).
+            state: The splats; flying ones are left out.
+            wanted: Target positions [unit], shape (n, 3).
+            gradient: Gradient of the deformation from rest to there, shape (n, 3, 3), changed in
+                place; None without any.
+            normals: Normals at rest, shape (n, 3).
 
         Returns:
-            `gradient`, or one of its own; None where still nothing is deformed.
+            `gradient`, or a new array; None if nothing is deformed.
         """
         off = largest(np.abs(state.positions - wanted))
         pushed = (off > OFF * largest(state.rest_scales)) & ((state.flags & FREE) == 0)
@@ -63,14 +64,14 @@ class Strain:
         return gradient
 
     def _was_deformed(self, state: State) -> bool:
-        """Whether shapes are not those at rest, so that they must be put back."""
+        """Return whether shapes differ from rest, so that they must be reset."""
         if not np.array_equal(state.scales, state.rest_scales):
             return True
         now, rest = state.rotations, state.rest_rotations
         return bool((differ(now, rest) & differ(now, -rest)).any())
 
     def _measure_all(self, state: State, pushed: Mask, gradient: F32, normals: F32) -> None:
-        """With neighbours that were found before."""
+        """Measure all splats, with cached neighbours."""
         if self._all is None:
             rest = state.rest_positions.copy()
             found, _ = nearest(self._device, rest, rest, NEIGHBORS + 1)
@@ -83,7 +84,7 @@ class Strain:
         )  # fmt: skip
 
     def _measure_some(self, state: State, pushed: Mask, gradient: F32, normals: F32) -> None:
-        """With neighbours as they are now, only of those that were pushed and those beside them."""
+        """Measure pushed splats and those beside them, with neighbours found now."""
         rest, rows = state.rest_positions, np.flatnonzero(pushed)
         found = _others(nearest(self._device, rest, rest[rows], NEIGHBORS + 1)[0])
         others = _beside(state, pushed, found)
@@ -94,7 +95,7 @@ class Strain:
         place[used] = np.arange(len(used), dtype=np.int32)
         here = place[rows]
         neighbours = np.full((len(used), NEIGHBORS), -1, np.int32)
-        neighbours[here] = place[found]  # -1 is the last, which has no place
+        neighbours[here] = place[found]  # -1 is the last row, which has no place
         local = LocalGradients.of(self._device, rest[used], neighbours, normals[used])
         out = np.empty((len(used), 3, 3), np.float32)
         chosen = np.zeros(len(used), np.uint8)
@@ -107,11 +108,12 @@ class Strain:
 
 
 def _beside(state: State, pushed: Mask, found: I32) -> I64:
-    """Neighbours of pushed splats that are not pushed and do not fly, ascending, shape (m,)."""
+    """Return the neighbours of pushed splats that are neither pushed nor flying, ascending, shape
+    (m,)."""
     others = np.unique(found[found >= 0])
     return others[~pushed[others] & ((state.flags[others] & FREE) == 0)]
 
 
 def _others(found: np.ndarray) -> np.ndarray:
-    """Neighbours without the splat itself, which comes first."""
+    """Return the neighbours without the splat itself, which comes first."""
     return np.ascontiguousarray(found[:, 1:])

@@ -1,6 +1,8 @@
-"""Radii with which each splat has about as many neighbours as it is to have."""
+"""Adapt radii so that each splat has about the wanted number of neighbours."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,14 +13,31 @@ from usdsplat.kernels.sim import support as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
 
 STEPS = 8
-"""Of the controller, until radii fit at first."""
+"""Largest number of control steps for the first radii."""
 TOLERANCE, PART = 0.1, 0.99
-"""Radii fit where this part of the counts is within this of the target."""
+"""Radii fit where this fraction (the second) of the counts is within this tolerance (the first) of
+the target."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Neighborhood:
+    """Surface and density of n splats, from their neighbours."""
+
+    normals: F32
+    """Unit normals at rest, 0 where there is no surface, shape (n, 3)."""
+    crowding: F32
+    """Neighbours over those wanted, shape (n,)."""
+    dimension: int
+    """2 on surfaces, 3 in volumes."""
+    target: float
+    """Neighbours wanted."""
+    usual_support: float
+    """Median radius of a neighbourhood at the beginning [unit]."""
 
 
 def crowding(device: Device, graph: Graph, dimension: int) -> F32:
-    """Smooth number of neighbours of each row, shape (n,); at an even density, how many splats lie
-    in its circle (dimension 2) or ball (3)."""
+    """Return the smooth number of neighbours of each row, shape (n,); at even density, the number
+    of splats in its circle (dimension 2) or ball (3)."""
     out: F32 = device.empty(len(graph.order), np.float32)
     device.run(
         kernels.crowding, graph.positions, graph.support, graph.order, graph.rows, graph.neighbors,
@@ -28,11 +47,12 @@ def crowding(device: Device, graph: Graph, dimension: int) -> F32:
 
 
 def corrected(neighbors: Neighbors, support: F32, count: F32, dimension: int) -> F32:
-    """Radii after a step towards the target [unit], within the limits of the last build.
+    """Return the radii after one control step towards the target [unit], within the limits of the
+    last build.
 
     Args:
-        neighbors: Of which `count` is the crowding.
-        support: Radii that were counted with [unit], shape (n,).
+        neighbors: Neighbour lists of which `count` is the crowding.
+        support: Radii that were used for counting [unit], shape (n,).
         count: Shape (n,).
         dimension: 2 or 3.
     """
@@ -48,8 +68,8 @@ def corrected(neighbors: Neighbors, support: F32, count: F32, dimension: int) ->
 
 
 def fits(neighbors: Neighbors, support: F32, count: F32) -> bool:
-    """Whether nearly all splats that no limit holds have about as many neighbours as they are to
-    have."""
+    """Return whether nearly all splats whose radius is not at a limit have about the wanted number
+    of neighbours."""
     least, most = (np.float32(each) for each in neighbors.limits)
     clamped = neighbors.clamped(support)
     judged = count[(clamped > least) & (clamped < most)]
@@ -59,13 +79,14 @@ def fits(neighbors: Neighbors, support: F32, count: F32) -> bool:
 
 
 def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = STEPS) -> F32:
-    """Radii for splats that have none [unit], shape (n,).
+    """Return radii for splats that have none [unit], shape (n,).
 
     Args:
-        neighbors: With which they are counted; its lists are then those of the result or nearly.
+        neighbors: Neighbour lists to count with; afterwards they are those of the result, or
+            nearly.
         positions: [unit], shape (n, 3).
         dimension: 2 or 3.
-        steps: Of the controller, at most.
+        steps: Largest number of control steps.
     """
     support = first_guess(neighbors, positions)
     for _ in range(steps):
@@ -77,8 +98,8 @@ def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = ST
 
 
 def first_guess(neighbors: Neighbors, positions: F32) -> F32:
-    """Distance to the neighbour whose number is the target, or to the last there is [unit], shape
-    (n,); 1 where a splat is alone."""
+    """Return the distance to the neighbour whose number is the target, or to the last one [unit],
+    shape (n,); 1 for a single splat."""
     k = round(neighbors.parameters.target) + 1
     _, distances = nearest(neighbors.device, positions, positions, k)
     radii: F32 = np.where(np.isfinite(distances), distances, 0).max(axis=1)

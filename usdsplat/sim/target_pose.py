@@ -1,6 +1,6 @@
-"""Target pose of each splat: as captured, then deformed, skinned, and conformed to a target.
+"""Target pose of each splat: the capture, deformed, skinned, and conformed to a target.
 
-The deformation gradient of these steps is known too, and turns and stretches the splats.
+The deformation gradient of these steps is computed too; it rotates and stretches the splats.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from usdsplat.sim.specs import Deformer, Moment, Recipe
 from usdsplat.sim.state import State
 
 MASKED = "goal:masked"
-"""In `State.memory`: row of the capture by which a deformer's mask is read, int32, shape (n,)."""
+"""In `State.memory`: row of the capture whose mask value a deformer reads, int32, shape (n,)."""
 
 
 class TargetPose:
     """Target pose of the splats of one field over time.
 
     Args:
-        device: Computes.
+        device: Runs the kernels.
         recipe: The field.
-        first: What is so at the first frame.
+        first: What the stage says at the first frame.
     """
 
     def __init__(self, device: Device, recipe: Recipe, first: Moment) -> None:
@@ -52,11 +52,11 @@ class TargetPose:
             )
 
     def begin(self, state: State, first: Moment, *, changes: bool) -> None:
-        """Add to the state what children take from their parents.
+        """Add to the state what children inherit from their parents.
 
         Args:
             state: The capture's splats.
-            first: What is so at the first frame.
+            first: What the stage says at the first frame.
             changes: Whether splats are born or die.
         """
         if changes and any(each.mask is not None for each in first.deformers):
@@ -65,24 +65,24 @@ class TargetPose:
     def at(
         self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
     ) -> tuple[F32, F32 | None]:
-        """Where all splats want to be.
+        """Return the target positions of all splats.
 
         Args:
-            state: The splats; only where they rest and whose children they are counts.
-            moment: When.
-            seconds: Since the simulation's start [s].
-            gradient: Whether to say how space is deformed there too.
+            state: The splats; only rest positions and parents matter.
+            moment: What the stage says at the time.
+            seconds: Time since the simulation's start [s].
+            gradient: Whether to compute the deformation gradient too.
 
         Returns:
-            Positions [unit], shape (n, 3), the state's own where nothing carries them; and
-            deformation gradients, shape (n, 3, 3), or None where nothing deforms.
+            Positions [unit], shape (n, 3), the state's own array if nothing moves them; and
+            deformation gradients, shape (n, 3, 3), or None if nothing deforms.
         """
         if not moment.deformers and self._skin is None and self._conform is None:
             return state.rest_positions, None
         positions = state.rest_positions.copy()
         turned = None
         binds = self._conform is not None and not self._conform.is_bound
-        if gradient or binds:  # what is bound is bound as it lies
+        if gradient or binds:  # splats are bound in their deformed orientation
             turned = np.empty((len(state), 3, 3), np.float32)
             turned[:] = np.eye(3)
         deformers = moment.deformers
@@ -98,7 +98,7 @@ class TargetPose:
         return positions, turned if gradient else None
 
     def bear(self, parents: I64, state: State) -> None:
-        """Let children follow what their parents do.
+        """Bind children like their parents.
 
         Args:
             parents: Rows of the parents, shape (c,).
@@ -117,7 +117,7 @@ class TargetPose:
             )
 
     def keep(self, rows: I64) -> None:
-        """Let go of all others."""
+        """Drop all other rows."""
         if self._skin is not None:
             self._skin = self._skin.selected(rows)
         if self._conform is not None:
@@ -130,7 +130,7 @@ class TargetPose:
                 state.globals[f"{name}:{key}"] = array
 
     def restore(self, state: State) -> None:
-        """Go on from a state of `remember`, with the same bits."""
+        """Restore the result of `remember`, bit for bit."""
         for name, part in self._parts():
             lead = f"{name}:"
             part.restore(
@@ -149,6 +149,6 @@ class TargetPose:
 
 
 def _masked(deformer: Deformer, rows: I32) -> Deformer:
-    """With the mask of these rows of the capture."""
+    """Return a deformer with the mask of these rows of the capture."""
     mask = deformer.mask
     return deformer if mask is None else replace(deformer, mask=mask[rows])

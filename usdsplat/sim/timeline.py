@@ -1,4 +1,4 @@
-"""Steps of a simulation, and the times that they stand for."""
+"""Steps of a simulation and their times."""
 
 from __future__ import annotations
 
@@ -8,32 +8,44 @@ from dataclasses import dataclass
 from usdsplat.sim.parameters import SimParameters
 
 
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One substep of a simulation."""
+
+    now: float
+    """Time since the simulation's start at the end of the step [s]."""
+    dt: float
+    """Duration [s]."""
+    seed: int
+    """Seed of the simulation's random numbers."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timeline:
-    """Times are worked out from the number of steps, and never added up."""
+    """Times of steps, computed from the step number and never accumulated."""
 
     zero: float
-    """Of step 0 [time code]."""
+    """Time of step 0 [time code]."""
     lead: int
-    """Steps from there to the first frame that is drawn."""
+    """Steps from step 0 to the first frame that is drawn."""
     begin: int
     """Step at which the simulation begins."""
     substeps: int
-    """In a frame."""
+    """Steps of a frame."""
     dt: float
     """Duration of a step [s]."""
 
     @classmethod
     def of(cls, sim: SimParameters, first: float, codes_per_second: float) -> Timeline:
-        """Of a simulation that is drawn from a frame on.
+        """Return the timeline of a simulation that is drawn from a frame on.
 
-        Where it begins earlier, there are steps before that frame; where it begins later, there
-        are steps before it begins.
+        If the simulation starts earlier, steps precede that frame; if it starts later, steps
+        precede the start.
 
         Args:
-            sim: Its steps and its start.
-            first: The frame [time code].
-            codes_per_second: Time codes in a second.
+            sim: Substeps and start time.
+            first: The first frame [time code].
+            codes_per_second: Time codes per second.
         """
         steps = sim.substeps
         start = sim.start_time if math.isfinite(sim.start_time) else first
@@ -48,13 +60,13 @@ class Timeline:
         )
 
     def time(self, step: int) -> float:
-        """[time code]."""
+        """Return the time of a step [time code]."""
         return self.zero + step / self.substeps
 
     def seconds(self, step: int) -> float:
-        """Since the simulation began; 0 before [s]."""
+        """Return the time of a step since the simulation's start, 0 before it [s]."""
         return max(0, step - self.begin) * self.dt
 
     def is_frame(self, step: int) -> bool:
-        """Whether a step ends at a frame."""
+        """Return whether a step ends at a frame."""
         return (step - self.lead) % self.substeps == 0

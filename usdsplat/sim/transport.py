@@ -1,14 +1,14 @@
-"""What a deformation makes of splats: their ellipsoids, their opacity, their harmonics.
+"""Deform splats: ellipsoids, opacity and harmonics under a deformation gradient.
 
-A deformation is given by its gradient F at each splat, from the capture to now. Everything starts
-from the capture, never from the frame before, so that errors do not add up; of the frame before
-only the sign of quaternions is taken, so that they may be interpolated.
+The gradient F of each splat maps from the capture to now. Everything is computed from the capture,
+never from the last frame, so that errors do not accumulate; only the signs of quaternions follow
+the last frame, so that they can be interpolated.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +17,11 @@ from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import harmonics
 from usdsplat.kernels.sim import transport as kernels
+from usdsplat.sim.parameters import AppearanceParameters
 
 U8: TypeAlias = npt.NDArray[np.uint8]
-Policy = Literal["full", "rigid", "volume"]
 
-POLICIES: dict[Policy, int] = {
+POLICIES = {
     "full": kernels.FULL,
     "rigid": kernels.RIGID,
     "volume": kernels.VOLUME,
@@ -36,52 +36,48 @@ def transport(
     rest_scales: F32,
     rotations: F32,
     scales: F32,
-    *,
-    policy: Policy = "full",
-    max_stretch: float = 3.0,
-    keep_opacity: bool = False,
+    appearance: AppearanceParameters,
 ) -> F32 | None:
-    """Ellipsoids of deformed splats.
+    """Deform the ellipsoids of splats.
 
-    A row whose gradient is exactly the identity, or not finite, gets its values at rest bit for
-    bit, but for the sign of the quaternion. A gradient that mirrors or flattens counts as the
-    rotation nearest to it. Axes keep their order; they move steadily as long as no two of them
-    come to be of one length, where they are not defined.
+    A row whose gradient is exactly the identity, or not finite, gets its rest values bit for bit,
+    except for the sign of the quaternion. A gradient that mirrors or flattens counts as the nearest
+    rotation. Axes keep their order; they change smoothly unless two of them become equally long,
+    where they are undefined.
 
     Args:
         gradient: F of each splat, shape (n, 3, 3).
         rest_rotations: Unit quaternions (w, x, y, z), shape (n, 4).
         rest_scales: [unit], shape (n, 3).
-        rotations: Those of the time before (at first: of rest), replaced by unit quaternions of
-            which none is more than a right angle from its predecessor in four dimensions, shape
-            (n, 4).
+        rotations: Unit quaternions of the last frame (of rest at first), replaced by those of which
+            none is more than a right angle from its predecessor in four dimensions, shape (n, 4).
         scales: Receives [unit], shape (n, 3).
-        policy: What splats take of F: all of it; its rotation R of F = R U; or F / |F|^(1/3).
-        max_stretch: s; principal stretches are kept within [1/s, s], at least 1.
-        keep_opacity: Whether to return how much larger faces have become.
+        appearance: `covariance` selects what splats take of F: all of it; its rotation R of F = R
+            U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.
+            `keep_opacity` selects whether areas are returned.
 
     Returns:
-        Area of each splat's face (the ellipse of its two longer axes at rest), deformed over at
-        rest, shape (n,); None unless `keep_opacity`.
+        Ratio of the deformed to the rest area of each splat's face (the ellipse of its two longer
+        axes at rest), shape (n,); None unless `appearance.keep_opacity`.
 
     Source:
         Xie et al. 2024, "PhysGaussian"; Hestenes 1958 for the axes.
     """
-    areas = np.empty(len(gradient), np.float32) if keep_opacity else NOBODY
-    limit = np.float32(max_stretch)
+    areas = np.empty(len(gradient), np.float32) if appearance.keep_opacity else NOBODY
+    limit = np.float32(appearance.max_stretch)
     device.run(
-        kernels.transport, gradient, rest_rotations, rest_scales, POLICIES[policy], limit,
-        rotations, scales, areas,
+        kernels.transport, gradient, rest_rotations, rest_scales,
+        POLICIES[appearance.covariance], limit, rotations, scales, areas,
     )  # fmt: skip
-    return areas if keep_opacity else None
+    return areas if appearance.keep_opacity else None
 
 
 def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> None:
-    """Opacities that keep a stretched surface as opaque as it was: 1 - (1 - a)^(1 / area).
+    """Compute opacities that keep a stretched surface equally opaque: 1 - (1 - a)^(1 / area).
 
     Args:
         rest_opacities: [0..1], shape (n,).
-        areas: As `transport` returns them, shape (n,).
+        areas: Area ratios from `transport`, shape (n,).
         opacities: Receives [0..1], shape (n,).
     """
     device.run(kernels.thin, rest_opacities, areas, opacities)
@@ -90,19 +86,18 @@ def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> Non
 def rotate_harmonics(
     device: Device, gradient: F32, rest_sh: F32, sh: F32, turned: U8, *, min_angle: float = 1.0
 ) -> tuple[F32, int]:
-    """Turn view-dependent colour with the splats, by the rotation R of F = R U.
+    """Rotate view-dependent colour with the splats, by the rotation R of F = R U.
 
     Args:
         gradient: F of each splat, shape (n, 3, 3).
         rest_sh: Coefficients at rest, shape (n, k, 3) with k = 1, 4, 9, 16 or 25.
-        sh: What is replaced; may be `rest_sh` itself, which is then left alone: a copy is made as
-            soon as a splat turns.
-        turned: 1 for each row of `sh` that may differ from rest, replaced by what is so after the
-            call, shape (n,). Other rows are not looked at if they do not turn now either.
-        min_angle: By less than this [deg] a splat is not turned: it gets its values at rest.
+        sh: Coefficients to replace. If it is `rest_sh` itself, a copy is made once a splat turns.
+        turned: 1 for each row of `sh` that may differ from rest, updated in place, shape (n,).
+            Other rows are only read if they turn now.
+        min_angle: Splats that turn by less [deg] get their values at rest.
 
     Returns:
-        (the coefficients, how many splats are turned).
+        The coefficients, and the number of splats that are turned.
 
     Source:
         Rotation by values in fixed directions, as `core.sh_rotation`.
@@ -111,7 +106,8 @@ def rotate_harmonics(
         return sh, 0
     cosine = np.float32(math.cos(math.radians(min_angle) / 2))
     turns = np.empty((len(gradient), 4), np.float32)
-    count = int(device.run(harmonics.turns, gradient, cosine, turns))
+    device.run(harmonics.turns, gradient, cosine, turns)
+    count = int(np.count_nonzero(turns[:, 0] < 1))
     if count == 0 and not turned.any():
         return sh, 0
     if sh is rest_sh:

@@ -1,4 +1,4 @@
-"""What a simulation will need, found out before it begins: what is written, and who is asked."""
+"""Find out what a simulation needs before it starts: stages, neighbours, and arrays that change."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from usdsplat.sim.specs import Moment, Recipe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uses:
-    """What happens at any time of a simulation."""
+    """What is needed at any time of a simulation."""
 
     deforms: bool = False
-    """Deformers, a skin or a target carry splats."""
+    """Whether deformers, a skin or a target move splats."""
     collides: bool = False
     reacts: bool = False
     grows: bool = False
-    """Splats move along their normals as the pattern says."""
+    """Whether splats move along their normals with the pattern."""
     bears: bool = False
-    """Splats are born, and may die."""
+    """Whether splats are born, and may die."""
     flies: bool = False
     dissolves: bool = False
     crowds: bool = False
-    """Somebody asks for neighbours of splats, other than the reaction."""
+    """Whether anything but the reaction needs neighbours of splats."""
     fades: bool = False
-    """Opacities change."""
+    """Whether opacities change."""
     sizes: bool = False
-    """Scales change other than by deformation."""
+    """Whether scales change other than by deformation."""
     colors: bool = False
 
     faces: bool = False
-    """Somebody asks which way splats face, and which side is out."""
+    """Whether normals are needed, with their outer side."""
 
     @property
     def writes(self) -> frozenset[str]:
-        """The arrays of the cloud that may change."""
+        """Names of the cloud's arrays that may change."""
         found = {"positions"}
         turns = self.deforms or self.collides
         if turns or self.bears:
@@ -50,7 +50,7 @@ class Uses:
         return frozenset(found)
 
     def joined(self, other: Uses) -> Uses:
-        """What either needs."""
+        """Return what either of two needs."""
         return Uses(**{name: getattr(self, name) or getattr(other, name) for name in _NAMES})
 
 
@@ -58,13 +58,13 @@ _NAMES = tuple(Uses.__dataclass_fields__)
 
 
 def uses_over(recipe: Recipe, times: Iterable[float]) -> Uses:
-    """What a field's simulation needs at these times [time code]."""
+    """Return what a field's simulation needs at these times [time code]."""
     has_skin = recipe.binding is not None
     return reduce(Uses.joined, (uses_at(recipe.at(time), has_skin) for time in times), Uses())
 
 
 def uses_at(moment: Moment, has_skin: bool) -> Uses:
-    """What is needed at one time, by a field that is bound to a skeleton or not."""
+    """Return what is needed at one time."""
     p = moment.parameters
     if not p.sim.enabled:
         return Uses()

@@ -43,7 +43,9 @@ EDITS = {
         Counter(field=1),
     ),
     "a hint": (
-        lambda stage: schema.author(stage, "/World/A", random_cloud(), sorting_mode="zDepth"),
+        lambda stage: schema.author(
+            stage, "/World/A", random_cloud(), drawing=schema.DrawingHints(sorting_mode="zDepth")
+        ),
         Counter(field=1),
     ),
     "extent": (

@@ -122,7 +122,7 @@ def test_what_becomes_of_a_bake_that_is_there_is_asked(
     assert {button.text().replace("&", "") for button in box.buttons()} == buttons
     QTest.mouseClick(box.defaultButton(), LEFT)
     wait_until(lambda: bool(asked) or not is_stopped)
-    assert asked == ([{"resume": True, "force": False}] if is_stopped else [])
+    assert asked == ([{"existing": "resume"}] if is_stopped else [])
 
 
 def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:

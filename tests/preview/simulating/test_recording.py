@@ -100,7 +100,7 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         assert status.state == "ready"
         assert "record to it again to resume" in status.message
         assert can_resume(target)
-        runner.record(target, resume=True)
+        runner.record(target, existing="resume")
         host.wait(lambda event: "frames of" in event.message)
         assert files(target) == expected
         record = read_record(Sdf.Layer.FindOrOpen(str(target)))
@@ -137,7 +137,7 @@ def test_a_recording_begins_when_the_one_before_writes_no_more(
         runner.record(target)
         assert writing.wait(PATIENCE)
         jobs += runner._jobs
-        runner.record(target, force=True)
+        runner.record(target, existing="replace")
         assert runner.is_recording
         may_write.set()
         host.wait(lambda event: "frames of" in event.message)

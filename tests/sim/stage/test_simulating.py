@@ -26,7 +26,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import read_record
-from usdsplat.sim.stage.simulating import Clock, Simulation, simulate
+from usdsplat.sim.stage.simulating import Clock, SimulateOptions, Simulation, simulate
 
 ROOT = Path(__file__).resolve().parents[3]
 FRAMES = tuple(float(time) for time in range(1, 15))
@@ -36,7 +36,7 @@ def bake(shot: Path, folder: str = "whole", frames=FRAMES, **options) -> Path:
     """A bake in a folder beside the shot."""
     target = shot.with_name(folder) / "bake.usda"
     target.parent.mkdir(exist_ok=True)
-    simulate(Usd.Stage.Open(str(shot)), target, frames, **options)
+    simulate(Usd.Stage.Open(str(shot)), target, frames, SimulateOptions(**options))
     return target
 
 
@@ -61,17 +61,17 @@ def test_the_device_is_closed_and_its_remark_is_told(
         def close(self) -> None:
             closed.append(self.remark)
 
-    def stops(*_: Any) -> None:
+    def stops(*_: Any, **__: Any) -> None:
         raise Killed
 
     monkeypatch.setattr(simulating, "open_device", lambda *_, **__: Told(remark="a GPU but"))
-    monkeypatch.setattr(simulating, "_simulate", stops)
+    monkeypatch.setattr(simulating, "Simulation", stops)
     stage, target, told = Usd.Stage.CreateInMemory(), tmp_path / "bake.usda", []
     with pytest.raises(Killed):
         simulate(stage, target, FRAMES, remark=told.append)
     assert told == closed == ["a GPU but"]
     with pytest.raises(Killed):
-        simulate(stage, target, FRAMES, device=Told(remark="given"))
+        simulate(stage, target, FRAMES, SimulateOptions(device=Told(remark="given")))
     assert closed == ["a GPU but"]
 
 
@@ -109,7 +109,7 @@ def test_ten_of_ten_stopped_bakes_end_like_one_that_was_not(
         with pytest.raises(Killed):
             bake(shot, "killed")
         laps[0] = 0
-        again = bake(shot, "killed", resume=True)
+        again = bake(shot, "killed", existing="resume")
         assert files(again) == expected
     assert everything(again) == everything(whole)
 
@@ -178,7 +178,7 @@ def test_an_existing_file_is_not_replaced_unasked(tmp_path: Path) -> None:
     before = files(target)
     with pytest.raises(OutputError, match="a new name, or --resume or --force"):
         bake(shot, frames=FRAMES[:3])
-    assert files(bake(shot, frames=FRAMES[:3], force=True)) == before
+    assert files(bake(shot, frames=FRAMES[:3], existing="replace")) == before
 
 
 # --- what a bake says ------------------------------------------------------------------------
@@ -313,7 +313,7 @@ def test_a_restart_in_the_stages_space_keeps_the_bits(
     monkeypatch.setattr(Clock, "lap", stop)
     with pytest.raises(Killed):
         bake(shot, "killed")
-    assert files(bake(shot, "killed", resume=True)) == expected
+    assert files(bake(shot, "killed", existing="resume")) == expected
 
 
 def test_in_its_own_space_a_field_that_moves_takes_no_notice(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
-    PEAKS,
+    RAY_HITS,
     THREADS,
     alpha_in,
-    fetch_peak,
+    fetch_ray_hit,
     fetch_splat,
     is_hidden,
     origin,
@@ -27,11 +27,11 @@ from usdsplat.kernels.cuda.tile import (
 
 @kernel
 def _blend(
-    records, paints, column, starts, lists, grid, peaks, stops, is_parallel, image
+    records, paints, column, starts, lists, grid, ray_hits, stops, is_parallel, image
 ):  # fmt: skip
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
     colors = cuda.shared.array((3, BATCH), np.float32)
-    shape = cuda.shared.array((PEAKS, BATCH), np.float32)
+    shape = cuda.shared.array((RAY_HITS, BATCH), np.float32)
     rows = cuda.shared.array((2, BATCH), np.int32)
     tile, thread = cuda.blockIdx.x, cuda.threadIdx.x
     x, y = thread % TILE, thread // TILE
@@ -53,7 +53,7 @@ def _blend(
             for c in range(3):
                 colors[c, thread] = paints[rank, column + c]
             if has_stops:
-                fetch_peak(peaks, rank, shape, thread)
+                fetch_ray_hit(ray_hits, rank, shape, thread)
         cuda.syncthreads()
         for i in range(min(BATCH, end - first)):
             if t <= np.float32(0):

@@ -6,8 +6,10 @@ after it. What stays on the GPU between launches was asked for: `keep`, `move`, 
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
+import math
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -27,10 +29,12 @@ from usdsplat.kernels.cuda.arrays import with_views
 from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.derive import Underivable, counts, derive
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS, grid_of
 from usdsplat.kernels.cuda.support import is_compiled, is_simulated
 from usdsplat.kernels.cuda.transfers import CONSTANT, SMALL, Constants, PinnedPool, Rings
 from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.launch import Kernel, Reduction, rounds
 
 if is_compiled():
     from numba.cuda.cudadrv.driver import device_to_host
@@ -39,10 +43,6 @@ connect()  # once for each process, as a module is imported
 
 HOST = "usdsplat.kernels"
 HERE = "usdsplat.kernels.cuda"
-THREADS = 128
-"""Of a block of a derived kernel."""
-BLOCKS = 132 * 16
-"""Of a derived kernel: enough to fill any GPU; loops take what is left."""
 
 TOOLS = ("numba.", "cuda.")
 """How the modules of what drives a GPU, and compiles for it, begin."""
@@ -55,9 +55,28 @@ _FORMS: dict[Callable[..., Any], Form | None] = {}
 def form_of(kernel: Callable[..., Any]) -> Form | None:
     """How `kernel` runs on a GPU: called with the device, then with the kernel's arguments, its
     arrays on the GPU. None where the CPU does it."""
+    if isinstance(kernel, Kernel):
+        return functools.partial(_launch, kernel)
     if kernel not in _FORMS:
         _FORMS[kernel] = _written(kernel) or _derived(kernel)
     return _FORMS[kernel]
+
+
+def _launch(kernel: Kernel, device: CudaDevice, *args: Any) -> Any:
+    """Run a kernel over its items; return what a reduction comes to."""
+    size = kernel.size(args)
+    if isinstance(kernel, Reduction):
+        assert isinstance(size, int)
+        blocks = rounds(size)
+        partial = device.borrow("partial", blocks, kernel.dtype)
+        if blocks:
+            kernel.gpu[min(BLOCKS, blocks), THREADS, device.stream](size, blocks, partial, args)
+        return kernel.total(device.fetch(partial)[:blocks])
+    count = math.prod(size) if isinstance(size, tuple) else size
+    if count:
+        blocks = min(BLOCKS, count) if kernel.team else grid_of(count)
+        kernel.gpu[blocks, THREADS, device.stream](size, args)
+    return None
 
 
 def _written(kernel: Callable[..., Any]) -> Form | None:
@@ -85,7 +104,7 @@ def derived_kernel(host: Callable[..., Any], derived: Callable[..., None], kind:
     return kernel(
         derived,
         name=f"{source.__module__.removeprefix(HOST + '.')}.{source.__name__}",
-        made_of=(f"{HERE}.derive", f"{HERE}.exact"),
+        made_of=(f"{HERE}.derive",),
         detail=f"{kind}, blocks of {THREADS}",
     )
 

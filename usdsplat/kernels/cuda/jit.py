@@ -23,6 +23,8 @@ from usdsplat.kernels.cuda.support import Capability, is_compiled, versions
 PREFIX = "usdsplat.kernels."
 KERNELS: dict[str, Any] = {}
 """Name -> Numba's dispatcher, of all kernels in modules that were imported."""
+_EXACT: set[Callable[..., Any]] = set()
+"""Functions of kernels whose products are not contracted."""
 
 
 def kernel(
@@ -31,6 +33,7 @@ def kernel(
     name: str | None = None,
     made_of: tuple[str, ...] = (),
     detail: str = "",
+    exact: bool = False,
     **options: Any,
 ) -> Any:
     """Return a kernel of a function, with our cache: a `launch.Kernel`, or the simulator's.
@@ -39,11 +42,18 @@ def kernel(
         name: Unique name; None for that of the module and the function.
         made_of: Further modules that the kernel depends on, besides its own and its imports.
         detail: Whatever else it depends on, as text.
+        exact: Round each product and each sum by itself: none is contracted to a fused
+            multiply-add. The same expression then has the same bits in every kernel.
         options: Of `cuda.jit`.
     """
     if function is None:
-        return functools.partial(kernel, name=name, made_of=made_of, detail=detail, **options)
+        return functools.partial(
+            kernel, name=name, made_of=made_of, detail=detail, exact=exact, **options
+        )
     own = name or f"{function.__module__.removeprefix(PREFIX)}.{function.__name__}"
+    if exact and is_compiled():
+        _EXACT.add(function)
+        detail = f"{detail} exact"
     made = cuda.jit(**options)(function) if options else cuda.jit(function)
     if is_compiled() and function.__module__.startswith(PREFIX):
         made._cache = KernelCache(
@@ -118,17 +128,47 @@ def assemble(name: str, types: tuple[Any, ...], capability: Capability) -> bytes
     Raises:
         Exception: Whatever numba-cuda or NVIDIA's tools raise, if it is not valid.
     """
-    from numba.cuda.dispatcher import _Kernel
-
-    dispatcher = KERNELS[name]
     with _compiling_for(capability):
-        made = _Kernel(dispatcher.py_func, types, **dispatcher.targetoptions)
+        made = _built(name, types)
         code: bytes = made._codelibrary.get_cubin().code
-        dispatcher._cache.save(types, capability, made)
+        KERNELS[name]._cache.save(types, capability, made)
     return code
 
 
+def source_of(name: str, types: tuple[Any, ...], capability: Capability) -> str:
+    """Return the PTX of a kernel of KERNELS: what NVIDIA's assembler is given."""
+    with _compiling_for(capability):
+        text: str = _built(name, types)._codelibrary.get_asm_str()
+    return text
+
+
 # --- private -------------------------------------------------------------------------------
+
+
+def _without_contraction() -> None:
+    """Let numba-cuda pass NVVM's option `-fma=0` for the kernels of _EXACT; it has no option for
+    that of its own. NVVM then writes instructions that say how they are rounded, which the
+    assembler does not contract either; `tests/kernels/cuda/test_exact.py` reads them."""
+    dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
+    compile_cuda = dispatcher.compile_cuda
+
+    def compile_kernel(function: Any, *args: Any, **options: Any) -> Any:
+        if function in _EXACT:
+            options["nvvm_options"] = {**(options.get("nvvm_options") or {}), "fma": False}
+        return compile_cuda(function, *args, **options)
+
+    dispatcher.compile_cuda = compile_kernel
+
+
+if is_compiled():
+    _without_contraction()  # once for each process, as a module is imported
+
+
+def _built(name: str, types: tuple[Any, ...]) -> Any:
+    from numba.cuda.dispatcher import _Kernel
+
+    dispatcher = KERNELS[name]
+    return _Kernel(dispatcher.py_func, types, **dispatcher.targetoptions)
 
 
 def _types(signature: Any) -> tuple[Any, ...]:

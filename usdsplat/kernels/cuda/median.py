@@ -15,10 +15,10 @@ from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
-    PEAKS,
+    RAY_HITS,
     THREADS,
     alpha_in,
-    fetch_peak,
+    fetch_ray_hit,
     fetch_splat,
     is_hidden,
     origin,
@@ -28,10 +28,10 @@ from usdsplat.kernels.median import NONE
 
 @kernel
 def _median(
-    records, starts, lists, grid, peaks, stops, is_parallel, image, covered, part, ranks
+    records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks
 ):  # fmt: skip
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
-    shape = cuda.shared.array((PEAKS, BATCH), np.float32)
+    shape = cuda.shared.array((RAY_HITS, BATCH), np.float32)
     rows = cuda.shared.array((2, BATCH), np.int32)
     tile, thread = cuda.blockIdx.x, cuda.threadIdx.x
     x, y = thread % TILE, thread // TILE
@@ -57,7 +57,7 @@ def _median(
             rank = lists[first + thread]
             fetch_splat(records, rank, left, top, batch, rows, thread)
             if has_stops:
-                fetch_peak(peaks, rank, shape, thread)
+                fetch_ray_hit(ray_hits, rank, shape, thread)
         cuda.syncthreads()
         for i in range(min(BATCH, end - first)):
             if t <= np.float32(0):

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels import project as host
 from usdsplat.kernels.crop import is_left
 from usdsplat.kernels.cuda.device import CudaDevice, form
-from usdsplat.kernels.cuda.exact import contracted
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.project import (
     DEPTH,
@@ -29,17 +27,16 @@ from usdsplat.kernels.project import (
     C,
     U,
     V,
+    project_one,
+    squared_distance,
 )
 
 THREADS = 128
 WARPS = THREADS // 32
 ALL_LANES = 0xFFFFFFFF
 
-project_one, squared_distance = contracted(host.project_one), contracted(host.squared_distance)
-"""The same bits in each kernel: all must see the same splats, in the same order."""
 
-
-@kernel
+@kernel(exact=True)  # as `frame.project`: both must see the same splats, in the same order
 def _project(
     camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
     base, out, found,

@@ -12,14 +12,14 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import SHRINK, rows_touched
 from usdsplat.kernels.cuda.falloff import TO_BITS, along_row, contribution, exponent
-from usdsplat.kernels.peak import CENTER, GX, GY, HX, HY, HZ, REACH, peak_at, row_at
 from usdsplat.kernels.project import HALF_HEIGHT, LOG_OPACITY, A, B, C, U, V
+from usdsplat.kernels.ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
 THREADS = TILE * TILE
 BATCH = THREADS
 """Splats of a batch."""
-FIELDS, PEAKS = 6, 7
-"""Numbers of a splat in a batch, and those of its peak."""
+FIELDS, RAY_HITS = 6, 7
+"""Numbers of a splat in a batch, and those of its ray hit."""
 
 
 @cuda.jit(device=True)
@@ -44,10 +44,10 @@ def fetch_splat(records, rank, left, top, batch, rows, i):
 
 
 @cuda.jit(device=True)
-def fetch_peak(peaks, rank, shape, i):
-    """Put a splat's peak into place i of a batch."""
-    for k in range(PEAKS):
-        shape[k, i] = peaks[rank, k]
+def fetch_ray_hit(ray_hits, rank, shape, i):
+    """Put a splat's ray hit into place i of a batch."""
+    for k in range(RAY_HITS):
+        shape[k, i] = ray_hits[rank, k]
 
 
 @cuda.jit(device=True)
@@ -59,10 +59,10 @@ def alpha_in(batch, i, x, y):
 
 @cuda.jit(device=True)
 def depth_in(batch, shape, i, x, y, is_parallel):
-    """The depth at which splat i of a batch peaks along the ray of pixel (x, y)."""
+    """Return the depth at which the ray of pixel (x, y) hits splat i of a batch."""
     dy = np.float32(y) - batch[1, i]
     first, second, third = row_at(shape[HX, i], shape[HY, i], shape[HZ, i], dy)
-    return peak_at(
+    return ray_hit_at(
         np.float32(x) - batch[0, i], shape[GX, i], shape[GY, i], first, second, third,
         shape[CENTER, i], shape[REACH, i], is_parallel,
     )  # fmt: skip
@@ -70,7 +70,7 @@ def depth_in(batch, shape, i, x, y, is_parallel):
 
 @cuda.jit(device=True)
 def is_hidden(batch, shape, i, x, y, stop, is_parallel):
-    """Whether splat i of a batch peaks behind the depth `stop` at pixel (x, y)."""
+    """Return whether the ray of pixel (x, y) hits splat i of a batch behind the depth `stop`."""
     if shape[CENTER, i] + shape[REACH, i] <= stop:
         return False
     if shape[CENTER, i] - shape[REACH, i] > stop:

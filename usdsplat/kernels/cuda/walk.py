@@ -21,17 +21,17 @@ from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
-    PEAKS,
+    RAY_HITS,
     THREADS,
     alpha_in,
     depth_in,
-    fetch_peak,
+    fetch_ray_hit,
     fetch_splat,
     is_hidden,
     origin,
 )
-from usdsplat.kernels.peak import CENTER, REACH
 from usdsplat.kernels.project import DEPTH
+from usdsplat.kernels.ray_hit import CENTER, REACH
 from usdsplat.kernels.walk import (
     COUNT,
     COVER,
@@ -41,9 +41,7 @@ from usdsplat.kernels.walk import (
     FLUSH,
     GOAL,
     MEDIAN,
-    NONE,
     PAINT,
-    RANKS,
     SECOND,
     SEEN,
     STATE,
@@ -53,6 +51,7 @@ from usdsplat.kernels.walk import (
     WEIGHT,
     held_through,
 )
+from usdsplat.kernels.weigh import NONE, RANKS
 
 ROOM = 1 << 30
 """[byte] of all windows together, unless one block needs more."""
@@ -127,11 +126,11 @@ def _take(
 
 
 @cuda.jit(device=True)
-def _bound(lists, peaks, begin, n, bounds, thread):
-    """bounds[k] = the least depth at which anything from place k of the list on may peak."""
+def _bound(lists, ray_hits, begin, n, bounds, thread):
+    """bounds[k] = the least depth at which a ray may hit anything from place k of the list on."""
     for k in range(thread, n, THREADS):
         rank = lists[begin + k]
-        bounds[begin + k] = peaks[rank, CENTER] - peaks[rank, REACH]
+        bounds[begin + k] = ray_hits[rank, CENTER] - ray_hits[rank, REACH]
     cuda.syncthreads()
     if thread == 0:
         least = np.float32(np.inf)
@@ -188,20 +187,20 @@ def _held_at_stop(holdout, pixel, stop):
 
 @kernel
 def _walk(
-    options, tiles, room, records, paints, keeps, labels, starts, lists, grid, peaks, stops,
+    options, tiles, room, records, paints, keeps, labels, starts, lists, grid, ray_hits, stops,
     covered, holdout, out,
 ):  # fmt: skip
     nears, strengths, places, bounds, local, known, names, tables = room
     image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
-    shape = cuda.shared.array((PEAKS, BATCH), np.float32)
+    shape = cuda.shared.array((RAY_HITS, BATCH), np.float32)
     rows = cuda.shared.array((2, BATCH), np.int32)
     state = cuda.local.array(STATE, np.float32)
     mark = cuda.local.array(1, np.int32)
     thread = cuda.threadIdx.x
     x, y = thread % TILE, thread // TILE
     g, o = grid[0], options[0]
-    mode, by_ray, is_parallel = o.mode, o.by_ray, o.is_parallel
+    mode, sort_by_ray_hit, is_parallel = o.mode, o.sort_by_ray_hit, o.is_parallel
     near, strength = nears[cuda.blockIdx.x], strengths[cuda.blockIdx.x]
     place, table = places[cuda.blockIdx.x], tables[cuda.blockIdx.x]
     has_stops = stops.shape[0] > 0
@@ -213,8 +212,8 @@ def _walk(
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
         pixel = row * (g.x1 - g.x0) + column
         cuda.syncthreads()
-        if by_ray:
-            _bound(lists, peaks, begin, n, bounds, thread)
+        if sort_by_ray_hit:
+            _bound(lists, ray_hits, begin, n, bounds, thread)
         prims = 0
         if mode == WEIGH:
             prims = _number(
@@ -242,8 +241,8 @@ def _walk(
             if first + thread < n:
                 rank = lists[begin + first + thread]
                 fetch_splat(records, rank, left, top, batch, rows, thread)
-                if by_ray or has_stops:
-                    fetch_peak(peaks, rank, shape, thread)
+                if sort_by_ray_hit or has_stops:
+                    fetch_ray_hit(ray_hits, rank, shape, thread)
             cuda.syncthreads()
             for i in range(min(BATCH, n - first)):
                 if not alive:
@@ -254,7 +253,7 @@ def _walk(
                     goes_in = alpha > np.float32(0)
                     if goes_in and has_stops:
                         goes_in = not is_hidden(batch, shape, i, x, y, stop, is_parallel)
-                    if goes_in and not by_ray:
+                    if goes_in and not sort_by_ray_hit:
                         rank = lists[begin + k]
                         alive = _take(
                             o, k, rank, alpha, min(records[rank, DEPTH], stop), pixel, thread,
@@ -273,7 +272,7 @@ def _walk(
                         near[j, thread], strength[j, thread] = depth, alpha
                         place[j, thread] = np.int32(k)
                         tail += 1
-                if by_ray and (k % FLUSH == FLUSH - 1 or k == n - 1):
+                if sort_by_ray_hit and (k % FLUSH == FLUSH - 1 or k == n - 1):
                     rest = bounds[begin + k + 1] if k + 1 < n else np.float32(np.inf)
                     while alive and head < tail and near[head, thread] <= rest:
                         at = place[head, thread]
@@ -321,18 +320,18 @@ def walk(device: CudaDevice, options: Any, *args: Any) -> None:
     starts, lists = args[4], args[5]
     chosen = device.fetch(options)[0]
     lengths = np.diff(device.fetch(starts))
-    by_ray, weighs = bool(chosen["by_ray"]), chosen["mode"] == WEIGH
+    sort_by_ray_hit, weighs = bool(chosen["sort_by_ray_hit"]), chosen["mode"] == WEIGH
     prims = int(chosen["prims"]) if weighs else 0
     pairs = lists.shape[0]
     borrow = device.borrow
-    bounds = borrow("walk bounds", pairs if by_ray else 0, np.float32)
+    bounds = borrow("walk bounds", pairs if sort_by_ray_hit else 0, np.float32)
     local = borrow("walk local", pairs if weighs else 0, np.int32)
-    for tiles in _groups(lengths) if by_ray else [np.arange(len(lengths), dtype=np.int32)]:
-        longest = int(lengths[tiles[0]]) if by_ray else 0
+    for tiles in _groups(lengths) if sort_by_ray_hit else [np.arange(len(lengths), dtype=np.int32)]:
+        longest = int(lengths[tiles[0]]) if sort_by_ray_hit else 0
         here = min(prims, int(lengths[tiles].max()))
         size = THREADS * (longest * WINDOW + 4 * here) + 8 * prims
         blocks = min(len(tiles), max(1, ROOM // max(size, 1)))
-        blocks = min(blocks, BLOCKS) if by_ray or weighs else blocks
+        blocks = min(blocks, BLOCKS) if sort_by_ray_hit or weighs else blocks
 
         def windows(name: str, dtype: Any, depth: int = longest, blocks: int = blocks) -> Any:
             count = blocks * depth * THREADS

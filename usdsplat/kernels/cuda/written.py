@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from usdsplat.kernels.launch import Kernel
+
 _PARTS = ("view", "reshape", "ravel", "T")
 """Methods and attributes that give an array on the same memory."""
 _READERS = ("shape", "size", "copy", "sum", "min", "max", "any", "all", "astype")
@@ -28,6 +30,8 @@ _KNOWN: dict[Any, frozenset[int]] = {}
 
 def written(kernel: Callable[..., Any]) -> frozenset[int]:
     """Places, from 0, of the arguments that `kernel` may write."""
+    if isinstance(kernel, Kernel):
+        return kernel.writes
     source = getattr(kernel, "py_func", kernel)
     with _READING:  # or another thread would be given what is half known
         if source not in _KNOWN:

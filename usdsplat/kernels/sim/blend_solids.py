@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.solids import HALF, ONE, ROUND, ZERO, round_distance, solid
 
 BLOCK = 1024
@@ -217,15 +217,12 @@ def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
     return tx * keep + out * nx + sx, ty * keep + out * ny + sy, tz * keep + out * nz + sz
 
 
-@parallel
-def union_distances(bodies, rows, fields, voxels, positions, out):
+@kernel(over="positions", writes=("out",))
+def union_distances(i, bodies, rows, fields, voxels, positions, out):
     """Distance [unit] of every point from the union of all `rows`, out (n,) f32; positions (n, 3)
     f32."""
-    n = positions.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            out[i] = union(
-                bodies, rows, rows.shape[0], fields, voxels,
-                np.float64(positions[i, 0]), np.float64(positions[i, 1]),
-                np.float64(positions[i, 2]), 0.0, np.inf,
-            )[0]  # fmt: skip
+    out[i] = union(
+        bodies, rows, rows.shape[0], fields, voxels,
+        np.float64(positions[i, 0]), np.float64(positions[i, 1]),
+        np.float64(positions[i, 2]), 0.0, np.inf,
+    )[0]  # fmt: skip

@@ -15,14 +15,12 @@ Intersection" (edges that belong to both sides).
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from ..jit import exact, parallel, serial
+from ..jit import exact, serial
+from ..launch import kernel
 
 LEAF = 4
 """Most triangles in a leaf."""
-BLOCK = 1024
-"""Queries that a thread takes at once."""
 
 _SLACK = 1.0 - 1e-12
 """Boxes this much nearer are looked at too: rounding must not hide a triangle of the same
@@ -139,7 +137,7 @@ def way_to_box(x, y, z, dx, dy, dz, boxes, row):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@serial
+@serial(writes=("order",))
 def build_order(centres, order, depth):
     """Order triangles so that every node's run is split at the median of its longest axis.
 
@@ -186,7 +184,7 @@ def build_order(centres, order, depth):
                     break
 
 
-@serial
+@serial(writes=("boxes",))
 def fit_boxes(corners, boxes):
     """Fit boxes about triangles.
 
@@ -208,8 +206,8 @@ def fit_boxes(corners, boxes):
             boxes[row, a + 3] = max(boxes[2 * row, a + 3], boxes[2 * row + 1, a + 3])
 
 
-@parallel
-def find_closest(points, limit, corners, faces, boxes, out):
+@kernel(over="points", writes=("out",), exact=True)
+def find_closest(i, points, limit, corners, faces, boxes, out):
     """Find the triangle closest to each point; of equally close ones that of the lowest number.
 
     Args:
@@ -220,55 +218,53 @@ def find_closest(points, limit, corners, faces, boxes, out):
         out: Receives (faces (n,) i32, -1 where none is within `limit`; weights of the three
             corners (n, 3) f32; distance² (n,) f32, inf; points (n, 3) f32).
     """
-    n, t, leaves = points.shape[0], corners.shape[0], boxes.shape[0] // 2
+    t, leaves = corners.shape[0], boxes.shape[0] // 2
     out_faces, out_weights, out_squared, out_points = out
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            best, found, at, bv, bw = limit, np.int32(-1), 0, 0.0, 0.0
-            row, trail = 1, 0
-            if not distance_to_box(x, y, z, boxes, row) <= best:
-                row = 0
-            while row > 0:
-                if row >= leaves:
-                    leaf = row - leaves
-                    for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
-                        d, v, w = closest_on_triangle(
-                            corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
-                            corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
-                            corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
-                        )  # fmt: skip
-                        if d < best or (d == best and (found < 0 or faces[k] < found)):
-                            best, found, at, bv, bw = d, faces[k], k, v, w
-                    is_end = True
-                else:
-                    left = distance_to_box(x, y, z, boxes, 2 * row)
-                    right = distance_to_box(x, y, z, boxes, 2 * row + 1)
-                    is_end = min(left, right) > best
-                    if not is_end:
-                        row = 2 * row + (1 if right < left else 0)
-                        trail = 2 * trail + (1 if max(left, right) <= best else 0)
-                while is_end and row > 0:
-                    while trail & 1 == 0 and row > 0:
-                        row >>= 1
-                        trail >>= 1
-                    if row > 0:
-                        row ^= 1
-                        trail ^= 1
-                        is_end = distance_to_box(x, y, z, boxes, row) > best
-            out_faces[i], out_squared[i] = found, np.float32(best if found >= 0 else np.inf)
-            u = 1.0 - bv - bw
-            out_weights[i, 0], out_weights[i, 1], out_weights[i, 2] = u, bv, bw
-            for a in range(3):
-                out_points[i, a] = (
-                    u * corners[at, a] + bv * corners[at, a + 3] + bw * corners[at, a + 6]
-                    if found >= 0
-                    else points[i, a]
-                )
+    x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+    best, found, at, bv, bw = limit, np.int32(-1), 0, 0.0, 0.0
+    row, trail = 1, 0
+    if not distance_to_box(x, y, z, boxes, row) <= best:
+        row = 0
+    while row > 0:
+        if row >= leaves:
+            leaf = row - leaves
+            for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
+                d, v, w = closest_on_triangle(
+                    corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
+                    corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
+                    corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
+                )  # fmt: skip
+                if d < best or (d == best and (found < 0 or faces[k] < found)):
+                    best, found, at, bv, bw = d, faces[k], k, v, w
+            is_end = True
+        else:
+            left = distance_to_box(x, y, z, boxes, 2 * row)
+            right = distance_to_box(x, y, z, boxes, 2 * row + 1)
+            is_end = min(left, right) > best
+            if not is_end:
+                row = 2 * row + (1 if right < left else 0)
+                trail = 2 * trail + (1 if max(left, right) <= best else 0)
+        while is_end and row > 0:
+            while trail & 1 == 0 and row > 0:
+                row >>= 1
+                trail >>= 1
+            if row > 0:
+                row ^= 1
+                trail ^= 1
+                is_end = distance_to_box(x, y, z, boxes, row) > best
+    out_faces[i], out_squared[i] = found, np.float32(best if found >= 0 else np.inf)
+    u = 1.0 - bv - bw
+    out_weights[i, 0], out_weights[i, 1], out_weights[i, 2] = u, bv, bw
+    for a in range(3):
+        out_points[i, a] = (
+            u * corners[at, a] + bv * corners[at, a + 3] + bw * corners[at, a + 6]
+            if found >= 0
+            else points[i, a]
+        )
 
 
-@parallel
-def find_hits(origins, directions, corners, faces, boxes, out):
+@kernel(over="origins", writes=("out",), exact=True)
+def find_hits(i, origins, directions, corners, faces, boxes, out):
     """Find the triangle that each ray hits first.
 
     Args:
@@ -277,57 +273,55 @@ def find_hits(origins, directions, corners, faces, boxes, out):
         out: Receives (faces (n,) i32, -1 where nothing is hit; weights (n, 3) f32; distance²
             (n,) f32, inf; points (n, 3) f32).
     """
-    n, t, leaves = origins.shape[0], corners.shape[0], boxes.shape[0] // 2
+    t, leaves = corners.shape[0], boxes.shape[0] // 2
     out_faces, out_weights, out_squared, out_points = out
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            x, y, z = (
-                np.float64(origins[i, 0]), np.float64(origins[i, 1]), np.float64(origins[i, 2])
-            )  # fmt: skip
-            dx, dy, dz = (
-                np.float64(directions[i, 0]), np.float64(directions[i, 1]),
-                np.float64(directions[i, 2]),
-            )  # fmt: skip
-            best, found, at, bv, bw = np.inf, np.int32(-1), 0, 0.0, 0.0
-            row, trail = 1, 0
-            if not dx * dx + dy * dy + dz * dz > 0.0:
-                row = 0
-            while row > 0:
-                if row >= leaves:
-                    leaf = row - leaves
-                    for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
-                        way, v, w = hit_triangle(
-                            dx, dy, dz,
-                            corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
-                            corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
-                            corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
-                        )  # fmt: skip
-                        if way >= 0.0 and (way < best or (way == best and faces[k] < found)):
-                            best, found, at, bv, bw = way, faces[k], k, v, w
-                    is_end = True
-                else:
-                    left = way_to_box(x, y, z, dx, dy, dz, boxes, 2 * row)
-                    right = way_to_box(x, y, z, dx, dy, dz, boxes, 2 * row + 1)
-                    is_end = not (min(left, right) <= best and min(left, right) < np.inf)
-                    if not is_end:
-                        row = 2 * row + (1 if right < left else 0)
-                        is_both = max(left, right) <= best and max(left, right) < np.inf
-                        trail = 2 * trail + (1 if is_both else 0)
-                while is_end and row > 0:
-                    while trail & 1 == 0 and row > 0:
-                        row >>= 1
-                        trail >>= 1
-                    if row > 0:
-                        row ^= 1
-                        trail ^= 1
-                        is_end = way_to_box(x, y, z, dx, dy, dz, boxes, row) > best
-            square = best * best * (dx * dx + dy * dy + dz * dz)
-            out_faces[i], out_squared[i] = found, np.float32(square if found >= 0 else np.inf)
-            u = 1.0 - bv - bw
-            out_weights[i, 0], out_weights[i, 1], out_weights[i, 2] = u, bv, bw
-            for a in range(3):
-                out_points[i, a] = (
-                    u * corners[at, a] + bv * corners[at, a + 3] + bw * corners[at, a + 6]
-                    if found >= 0
-                    else origins[i, a]
-                )
+    x, y, z = (
+        np.float64(origins[i, 0]), np.float64(origins[i, 1]), np.float64(origins[i, 2])
+    )  # fmt: skip
+    dx, dy, dz = (
+        np.float64(directions[i, 0]), np.float64(directions[i, 1]),
+        np.float64(directions[i, 2]),
+    )  # fmt: skip
+    best, found, at, bv, bw = np.inf, np.int32(-1), 0, 0.0, 0.0
+    row, trail = 1, 0
+    if not dx * dx + dy * dy + dz * dz > 0.0:
+        row = 0
+    while row > 0:
+        if row >= leaves:
+            leaf = row - leaves
+            for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
+                way, v, w = hit_triangle(
+                    dx, dy, dz,
+                    corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
+                    corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
+                    corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
+                )  # fmt: skip
+                if way >= 0.0 and (way < best or (way == best and faces[k] < found)):
+                    best, found, at, bv, bw = way, faces[k], k, v, w
+            is_end = True
+        else:
+            left = way_to_box(x, y, z, dx, dy, dz, boxes, 2 * row)
+            right = way_to_box(x, y, z, dx, dy, dz, boxes, 2 * row + 1)
+            is_end = not (min(left, right) <= best and min(left, right) < np.inf)
+            if not is_end:
+                row = 2 * row + (1 if right < left else 0)
+                is_both = max(left, right) <= best and max(left, right) < np.inf
+                trail = 2 * trail + (1 if is_both else 0)
+        while is_end and row > 0:
+            while trail & 1 == 0 and row > 0:
+                row >>= 1
+                trail >>= 1
+            if row > 0:
+                row ^= 1
+                trail ^= 1
+                is_end = way_to_box(x, y, z, dx, dy, dz, boxes, row) > best
+    square = best * best * (dx * dx + dy * dy + dz * dz)
+    out_faces[i], out_squared[i] = found, np.float32(square if found >= 0 else np.inf)
+    u = 1.0 - bv - bw
+    out_weights[i, 0], out_weights[i, 1], out_weights[i, 2] = u, bv, bw
+    for a in range(3):
+        out_points[i, a] = (
+            u * corners[at, a] + bv * corners[at, a + 3] + bw * corners[at, a + 6]
+            if found >= 0
+            else origins[i, a]
+        )

@@ -8,15 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.grid import squared_distance
-from usdsplat.kernels.sim.laplacian import kernel
+from usdsplat.kernels.sim.laplacian import falloff
 from usdsplat.kernels.sim.philox import CARRIERS, uniforms
-
-BLOCK = 1024
-"""Points that one thread takes at a time."""
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TURN = np.float32(2 * math.pi)
@@ -35,8 +32,8 @@ def bucket(x, y, z, mask):
 # --- 2. loops ---------------------------------------------------------------------------
 
 
-@parallel
-def scatter(centres, long, short, ids, first, seed, out, priority):
+@kernel(over="ids", writes=("out", "priority"))
+def scatter(i, centres, long, short, ids, first, seed, out, priority):
     """Points spread evenly over ellipses, the first of each in its centre.
 
     centres, long, short: float32 (n, 3), of each ellipse and its half axes. ids: int64 (n,).
@@ -44,22 +41,17 @@ def scatter(centres, long, short, ids, first, seed, out, priority):
     out: float32 (first[n], 3), written. priority: float32 (first[n],), written: random numbers,
     those of centres in [0, 1), those of others in [1, 2).
     """
-    n = len(ids)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            for e in range(first[i], first[i + 1]):
-                a, b, c, _ = uniforms(seed, CARRIERS, ids[i], 0, e - first[i])
-                away = ZERO if e == first[i] else np.float32(math.sqrt(a))
-                along = away * np.float32(math.cos(TURN * b))
-                across = away * np.float32(math.sin(TURN * b))
-                for axis in range(3):
-                    out[e, axis] = (
-                        centres[i, axis] + along * long[i, axis] + across * short[i, axis]
-                    )
-                priority[e] = c if e == first[i] else ONE + c
+    for e in range(first[i], first[i + 1]):
+        a, b, c, _ = uniforms(seed, CARRIERS, ids[i], 0, e - first[i])
+        away = ZERO if e == first[i] else np.float32(math.sqrt(a))
+        along = away * np.float32(math.cos(TURN * b))
+        across = away * np.float32(math.sin(TURN * b))
+        for axis in range(3):
+            out[e, axis] = centres[i, axis] + along * long[i, axis] + across * short[i, axis]
+        priority[e] = c if e == first[i] else ONE + c
 
 
-@serial
+@serial(writes=("head", "following", "kept"))
 def throw(positions, order, distance, head, following, kept):
     """Keep each point, in this order, that is at least `distance` from all kept before.
 
@@ -92,8 +84,8 @@ def throw(positions, order, distance, head, following, kept):
             head[own] = i
 
 
-@parallel
-def bind(points, positions, near, reach, widen, weights):
+@kernel(over="near", writes=("weights",))
+def bind(i, points, positions, near, reach, widen, weights):
     """How much each of the nearest of `positions` counts at `points`: K, rows sum to 1.
 
     points: float32 (n, 3). positions: float32 (c, 3). near: int32 (n, m), rows of `positions`,
@@ -101,45 +93,41 @@ def bind(points, positions, near, reach, widen, weights):
     reach: distance of the first from where none counts. widen: the radius of K, in distances of
     the last. weights: float32 (n, m), written; rows of points beyond reach are zero.
     """
-    n, m = near.shape
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            first, last = np.float32(np.inf), ZERO
-            for e in range(m):
-                weights[i, e] = ZERO
-                j = near[i, e]
-                if j >= 0:
-                    square = squared_distance(
-                        points[i, 0], points[i, 1], points[i, 2],
-                        positions[j, 0], positions[j, 1], positions[j, 2],
-                    )  # fmt: skip
-                    weights[i, e] = square
-                    first, last = min(first, square), max(last, square)
-            counted = first <= reach * reach
-            scale = ONE / (last * widen * widen) if last > ZERO else ZERO
-            total = ZERO
-            for e in range(m):
-                weight = ZERO
-                if counted and near[i, e] >= 0:
-                    weight = kernel(weights[i, e] * scale)
-                weights[i, e] = weight
-                total += weight
-            for e in range(m):
-                weights[i, e] = weights[i, e] / total if counted else ZERO
+    m = near.shape[1]
+    first, last = np.float32(np.inf), ZERO
+    for e in range(m):
+        weights[i, e] = ZERO
+        j = near[i, e]
+        if j >= 0:
+            square = squared_distance(
+                points[i, 0], points[i, 1], points[i, 2],
+                positions[j, 0], positions[j, 1], positions[j, 2],
+            )  # fmt: skip
+            weights[i, e] = square
+            first, last = min(first, square), max(last, square)
+    counted = first <= reach * reach
+    scale = ONE / (last * widen * widen) if last > ZERO else ZERO
+    total = ZERO
+    for e in range(m):
+        weight = ZERO
+        if counted and near[i, e] >= 0:
+            weight = falloff(weights[i, e] * scale)
+        weights[i, e] = weight
+        total += weight
+    for e in range(m):
+        weights[i, e] = weights[i, e] / total if counted else ZERO
 
 
-@parallel
-def read(near, weights, uv, out):
+@kernel(over="near", writes=("out",))
+def read(i, near, weights, uv, out):
     """u and v at points, (1, 0) where no carrier counts.
 
     near: int32 (n, m); weights: float32 (n, m); uv: float32 (c, 2); out: float32 (n, 2), written.
     """
-    n, m = near.shape
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            u, v = ONE, ZERO
-            for e in range(m):
-                if weights[i, e] > ZERO:
-                    u += weights[i, e] * (uv[near[i, e], 0] - ONE)
-                    v += weights[i, e] * uv[near[i, e], 1]
-            out[i, 0], out[i, 1] = u, v
+    m = near.shape[1]
+    u, v = ONE, ZERO
+    for e in range(m):
+        if weights[i, e] > ZERO:
+            u += weights[i, e] * (uv[near[i, e], 0] - ONE)
+            v += weights[i, e] * uv[near[i, e], 1]
+    out[i, 0], out[i, 1] = u, v

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from ..jit import exact, parallel, scalar
-from .bvh import BLOCK
+from ..jit import exact, scalar
+from ..launch import Scratch, block_kernel, kernel
 from .facets import unit
 from .philox import STAGGER, uniforms
 
@@ -119,18 +118,15 @@ def lying(g, axes, i):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def draw_ranks(seed, ids, out):
+@kernel(over="ids", writes=("out",))
+def draw_ranks(i, seed, ids, out):
     """A number in [0, 1) for each identity, shape (n,) i64 to f32: who sets off when."""
-    n = ids.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            first, _, _, _ = uniforms(seed, STAGGER, ids[i], 0, 0)
-            out[i] = first
+    first, _, _, _ = uniforms(seed, STAGGER, ids[i], 0, 0)
+    out[i] = first
 
 
-@parallel
-def look(gradient, axes, out):
+@kernel(over="axes", writes=("out",))
+def look(i, gradient, axes, out):
     """Normals of splats as they lie now.
 
     Args:
@@ -138,14 +134,11 @@ def look(gradient, axes, out):
         axes: The smallest axis of each as captured, unit, shape (n, 3) f32.
         out: Receives unit vectors, shape (n, 3) f32.
     """
-    n = axes.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            out[i, 0], out[i, 1], out[i, 2] = lying(gradient, axes, i)
+    out[i, 0], out[i, 1], out[i, 2] = lying(gradient, axes, i)
 
 
-@parallel
-def attach(rows, axes, faces, places, normals, frames, turns, ups):
+@kernel(over="rows", writes=("turns", "ups"))
+def attach(k, rows, axes, faces, places, normals, frames, turns, ups):
     """Take down how splats will lie against their triangles.
 
     Args:
@@ -156,28 +149,25 @@ def attach(rows, axes, faces, places, normals, frames, turns, ups):
         turns: Receives the least turn onto the mesh, in the triangle's frame, shape (n, 4) f32.
         ups: Receives the mesh's unit normals, shape (n, 3) f32.
     """
-    m = rows.shape[0]
-    for block in prange((m + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(m, (block + 1) * BLOCK)):
-            i = rows[k]
-            face = faces[i]
-            corner = normals[face]
-            nx, ny, nz = unit(
-                on_face(corner, places, i, 0),
-                on_face(corner, places, i, 1),
-                on_face(corner, places, i, 2),
-            )
-            ups[i, 0], ups[i, 1], ups[i, 2] = nx, ny, nz
-            w, x, y, z = shortest_arc(
-                np.float64(axes[i, 0]), np.float64(axes[i, 1]), np.float64(axes[i, 2]), nx, ny, nz
-            )
-            f = frames[face]
-            w, x, y, z = multiply(f[0], -f[1], -f[2], -f[3], w, x, y, z)
-            turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = w, x, y, z
+    i = rows[k]
+    face = faces[i]
+    corner = normals[face]
+    nx, ny, nz = unit(
+        on_face(corner, places, i, 0),
+        on_face(corner, places, i, 1),
+        on_face(corner, places, i, 2),
+    )
+    ups[i, 0], ups[i, 1], ups[i, 2] = nx, ny, nz
+    w, x, y, z = shortest_arc(
+        np.float64(axes[i, 0]), np.float64(axes[i, 1]), np.float64(axes[i, 2]), nx, ny, nz
+    )
+    f = frames[face]
+    w, x, y, z = multiply(f[0], -f[1], -f[2], -f[3], w, x, y, z)
+    turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = w, x, y, z
 
 
-@parallel
-def approach(points, faces, places, mesh, way, out):
+@kernel(over="points", writes=("out",))
+def approach(i, points, faces, places, mesh, way, out):
     """Where splats are on straight lines to their places on the mesh.
 
     Args:
@@ -188,17 +178,14 @@ def approach(points, faces, places, mesh, way, out):
         out: Receives points, shape (n, 3) f32.
     """
     mesh_points, triangles = mesh
-    n = points.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            for a in range(3):
-                x = np.float64(points[i, a])
-                goal = place(mesh_points, triangles, faces[i], places, i, a) if faces[i] >= 0 else x
-                out[i, a] = x + way[i] * (goal - x)
+    for a in range(3):
+        x = np.float64(points[i, a])
+        goal = place(mesh_points, triangles, faces[i], places, i, a) if faces[i] >= 0 else x
+        out[i, a] = x + way[i] * (goal - x)
 
 
-@parallel
-def advance(now, timing, ranks, select, out):
+@kernel(over="ranks", writes=("out",))
+def advance(i, now, timing, ranks, select, out):
     """How far splats have gone, 0..1.
 
     Args:
@@ -209,15 +196,16 @@ def advance(now, timing, ranks, select, out):
         out: Shape (n,) f32.
     """
     weight, start, duration, stagger = timing
-    n = ranks.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            eased = progress(now, np.float64(ranks[i]), start, duration, stagger)
-            out[i] = weight * np.float64(select[i]) * eased
+    eased = progress(now, np.float64(ranks[i]), start, duration, stagger)
+    out[i] = weight * np.float64(select[i]) * eased
 
 
-@parallel
-def move(points, gradient, way, bound, mesh, splats, how, slide):
+@block_kernel(
+    over="points",
+    writes=("points", "gradient"),
+    scratch=(Scratch(shape=12, dtype=np.float64),),
+)
+def move(first, last, own, points, gradient, way, bound, mesh, splats, how, slide):
     """Move, turn and stretch splats a part of the way to their targets.
 
     Args:
@@ -239,79 +227,77 @@ def move(points, gradient, way, bound, mesh, splats, how, slide):
     axes, flats = splats
     orient, keep, scale_mode = how
     slide_faces, slide_places, slide_from, slide_heights = slide
-    n = points.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        goal, f = np.empty(3, np.float64), np.empty(9, np.float64)
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            c, face = np.float64(way[i]), faces[i]
-            if c == 0.0 or face < 0:
-                continue
-            corner = normals[face]
-            nx, ny, nz = unit(
-                on_face(corner, places, i, 0),
-                on_face(corner, places, i, 1),
-                on_face(corner, places, i, 2),
+    goal, f = own[:3], own[3:]
+    for i in range(first, last):
+        c, face = np.float64(way[i]), faces[i]
+        if c == 0.0 or face < 0:
+            continue
+        corner = normals[face]
+        nx, ny, nz = unit(
+            on_face(corner, places, i, 0),
+            on_face(corner, places, i, 1),
+            on_face(corner, places, i, 2),
+        )
+        height = keep * np.float64(heights[i])
+        if slide_faces.shape[0] == 0:
+            for a in range(3):
+                goal[a] = place(mesh_points, triangles, face, places, i, a)
+            goal[0] += nx * height
+            goal[1] += ny * height
+            goal[2] += nz * height
+            for a in range(3):
+                x = np.float64(points[i, a])
+                points[i, a] = x + c * (goal[a] - x)
+        else:
+            under = normals[slide_faces[i]]
+            ux, uy, uz = unit(
+                on_face(under, slide_places, i, 0),
+                on_face(under, slide_places, i, 1),
+                on_face(under, slide_places, i, 2),
             )
-            height = keep * np.float64(heights[i])
-            if slide_faces.shape[0] == 0:
+            for a in range(3):
+                goal[a] = place(mesh_points, triangles, slide_faces[i], slide_places, i, a)
+            dx, dy, dz = unit(
+                slide_from[i, 0] - goal[0],
+                slide_from[i, 1] - goal[1],
+                slide_from[i, 2] - goal[2],
+            )
+            up = (1.0 - c) * (-1.0 if dx * ux + dy * uy + dz * uz < 0.0 else 1.0)
+            dx, dy, dz = unit(up * dx + c * ux, up * dy + c * uy, up * dz + c * uz)
+            over = (1.0 - c) * np.float64(slide_heights[i]) + c * height
+            points[i, 0] = goal[0] + over * dx
+            points[i, 1] = goal[1] + over * dy
+            points[i, 2] = goal[2] + over * dz
+        if gradient.shape[0] > 0:
+            ax, ay, az = lying(gradient, axes, i)
+            r, t = frames[face], turns[i]
+            qw, qx, qy, qz = multiply(r[0], r[1], r[2], r[3], t[0], t[1], t[2], t[3])
+            bx, by, bz = rotate(qw, qx, qy, qz, ax, ay, az)
+            w, x, y, z = shortest_arc(bx, by, bz, nx, ny, nz)
+            w, x, y, z = multiply(w, x, y, z, qw, qx, qy, qz)
+            w, x, y, z = part_of_turn(w, x, y, z, c * orient)
+            flat, wide = 1.0, 1.0
+            if scale_mode == DENSITY and sizes[i] > 0:
+                grown = np.float64(spreads[i]) * mesh_sizes[face] / sizes[i]
+                wide += c * (grown - 1.0)
+            elif scale_mode == FLATTEN:
+                flat += c * (np.float64(flats[i]) - 1.0)
+            bx, by, bz = rotate(w, x, y, z, ax, ay, az)
+            # R (wide I + (flat - wide) a aT): the turn of each column, then the rest along b
+            f[0], f[3], f[6] = rotate(w, x, y, z, wide, 0.0, 0.0)
+            f[1], f[4], f[7] = rotate(w, x, y, z, 0.0, wide, 0.0)
+            f[2], f[5], f[8] = rotate(w, x, y, z, 0.0, 0.0, wide)
+            d = flat - wide
+            f[0] += d * bx * ax
+            f[1] += d * bx * ay
+            f[2] += d * bx * az
+            f[3] += d * by * ax
+            f[4] += d * by * ay
+            f[5] += d * by * az
+            f[6] += d * bz * ax
+            f[7] += d * bz * ay
+            f[8] += d * bz * az
+            for b in range(3):
+                x, y, z = gradient[i, 0, b], gradient[i, 1, b], gradient[i, 2, b]
                 for a in range(3):
-                    goal[a] = place(mesh_points, triangles, face, places, i, a)
-                goal[0] += nx * height
-                goal[1] += ny * height
-                goal[2] += nz * height
-                for a in range(3):
-                    x = np.float64(points[i, a])
-                    points[i, a] = x + c * (goal[a] - x)
-            else:
-                under = normals[slide_faces[i]]
-                ux, uy, uz = unit(
-                    on_face(under, slide_places, i, 0),
-                    on_face(under, slide_places, i, 1),
-                    on_face(under, slide_places, i, 2),
-                )
-                for a in range(3):
-                    goal[a] = place(mesh_points, triangles, slide_faces[i], slide_places, i, a)
-                dx, dy, dz = unit(
-                    slide_from[i, 0] - goal[0],
-                    slide_from[i, 1] - goal[1],
-                    slide_from[i, 2] - goal[2],
-                )
-                up = (1.0 - c) * (-1.0 if dx * ux + dy * uy + dz * uz < 0.0 else 1.0)
-                dx, dy, dz = unit(up * dx + c * ux, up * dy + c * uy, up * dz + c * uz)
-                over = (1.0 - c) * np.float64(slide_heights[i]) + c * height
-                points[i, 0] = goal[0] + over * dx
-                points[i, 1] = goal[1] + over * dy
-                points[i, 2] = goal[2] + over * dz
-            if gradient.shape[0] > 0:
-                ax, ay, az = lying(gradient, axes, i)
-                r, t = frames[face], turns[i]
-                qw, qx, qy, qz = multiply(r[0], r[1], r[2], r[3], t[0], t[1], t[2], t[3])
-                bx, by, bz = rotate(qw, qx, qy, qz, ax, ay, az)
-                w, x, y, z = shortest_arc(bx, by, bz, nx, ny, nz)
-                w, x, y, z = multiply(w, x, y, z, qw, qx, qy, qz)
-                w, x, y, z = part_of_turn(w, x, y, z, c * orient)
-                flat, wide = 1.0, 1.0
-                if scale_mode == DENSITY and sizes[i] > 0:
-                    grown = np.float64(spreads[i]) * mesh_sizes[face] / sizes[i]
-                    wide += c * (grown - 1.0)
-                elif scale_mode == FLATTEN:
-                    flat += c * (np.float64(flats[i]) - 1.0)
-                bx, by, bz = rotate(w, x, y, z, ax, ay, az)
-                # R (wide I + (flat - wide) a aT): the turn of each column, then the rest along b
-                f[0], f[3], f[6] = rotate(w, x, y, z, wide, 0.0, 0.0)
-                f[1], f[4], f[7] = rotate(w, x, y, z, 0.0, wide, 0.0)
-                f[2], f[5], f[8] = rotate(w, x, y, z, 0.0, 0.0, wide)
-                d = flat - wide
-                f[0] += d * bx * ax
-                f[1] += d * bx * ay
-                f[2] += d * bx * az
-                f[3] += d * by * ax
-                f[4] += d * by * ay
-                f[5] += d * by * az
-                f[6] += d * bz * ax
-                f[7] += d * bz * ay
-                f[8] += d * bz * az
-                for b in range(3):
-                    x, y, z = gradient[i, 0, b], gradient[i, 1, b], gradient[i, 2, b]
-                    for a in range(3):
-                        gradient[i, a, b] = f[3 * a] * x + f[3 * a + 1] * y + f[3 * a + 2] * z
+                    gradient[i, a, b] = f[3 * a] * x + f[3 * a + 1] * y + f[3 * a + 2] * z

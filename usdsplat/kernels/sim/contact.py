@@ -279,7 +279,7 @@ def contact_block(
             counts[block, TRAPPED] += trapped
 
 
-@parallel
+@parallel(writes=("positions", "velocities", "since", "near", "counts"), gpu="sim.contact.contact")
 def contact(
     bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
     positions, velocities, since, struck, near, counts,

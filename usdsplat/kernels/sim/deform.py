@@ -12,14 +12,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .matrix import product
 
 TRANSFORM, BEND, TWIST, TAPER, WAVE = range(5)
-BLOCK = 1024
 
 
 # --- 1. mathematics: one point ---------------------------------------------------------
@@ -153,8 +152,8 @@ def moved(positions, gradient, i, space, d, j, w, gx, gy, gz):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def deform(kind, numbers, space, weight, reach, mask, positions, gradient):
+@kernel(over="positions", writes=("positions", "gradient"))
+def deform(i, kind, numbers, space, weight, reach, mask, positions, gradient):
     """One deformer, on all splats.
 
     Args:
@@ -169,22 +168,19 @@ def deform(kind, numbers, space, weight, reach, mask, positions, gradient):
         positions: Replaced, shape (n, 3). Where the weight is 0 they keep their bits.
         gradient: Replaced by J F, shape (n, 3, 3), or (0, 3, 3) for nobody.
     """
-    n = len(positions)
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = inside(positions, i, space)
-            own = weight * mask[i] if len(mask) > 0 else weight
-            w, gx, gy, gz = fade(x, y, z, own, reach)
-            if w == 0.0:
-                continue
-            if kind == BEND:
-                d, j = bend(x, z, numbers[0], numbers[1])
-            elif kind == TWIST:
-                d, j = twist(x, y, z, numbers[0], numbers[1])
-            elif kind == TAPER:
-                d, j = taper(x, y, z, numbers[0], numbers[1], numbers[2])
-            elif kind == WAVE:
-                d, j = wave(x, numbers[0], numbers[1], numbers[2])
-            else:
-                d, j = affine(x, y, z, numbers)
-            moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
+    x, y, z = inside(positions, i, space)
+    own = weight * mask[i] if len(mask) > 0 else weight
+    w, gx, gy, gz = fade(x, y, z, own, reach)
+    if w == 0.0:
+        return
+    if kind == BEND:
+        d, j = bend(x, z, numbers[0], numbers[1])
+    elif kind == TWIST:
+        d, j = twist(x, y, z, numbers[0], numbers[1])
+    elif kind == TAPER:
+        d, j = taper(x, y, z, numbers[0], numbers[1], numbers[2])
+    elif kind == WAVE:
+        d, j = wave(x, numbers[0], numbers[1], numbers[2])
+    else:
+        d, j = affine(x, y, z, numbers)
+    moved(positions, gradient, i, space, d, j, w, gx, gy, gz)

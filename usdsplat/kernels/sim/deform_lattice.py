@@ -9,11 +9,10 @@ Source: Sederberg & Parry 1986, "Free-form deformation of solid geometric models
 
 from __future__ import annotations
 
-from numba import prange
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
-from usdsplat.kernels.jit import parallel, scalar
-
-from .deform import BLOCK, fade, inside, moved
+from .deform import fade, inside, moved
 
 # --- 1. mathematics: one point ---------------------------------------------------------
 
@@ -52,24 +51,21 @@ def kept(x):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def lattice(factors, space, weight, reach, mask, positions, gradient):
+@kernel(over="positions", writes=("positions", "gradient"))
+def lattice(i, factors, space, weight, reach, mask, positions, gradient):
     """A lattice over the unit cube, on all splats; arguments as `deform.deform`.
 
     Args:
         factors: Of the displacement's powers, shape (nz, ny, nx, 3) f64.
     """
-    n = len(positions)
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = inside(positions, i, space)
-            own = weight * mask[i] if len(mask) > 0 else weight
-            w, gx, gy, gz = fade(x, y, z, own, reach)
-            if w == 0.0:
-                continue
-            (x, sx), (y, sy), (z, sz) = kept(x), kept(y), kept(z)
-            dx, j0, j1, j2 = polynomial(factors, 0, x, y, z)
-            dy, j3, j4, j5 = polynomial(factors, 1, x, y, z)
-            dz, j6, j7, j8 = polynomial(factors, 2, x, y, z)
-            j = (j0 * sx, j1 * sy, j2 * sz, j3 * sx, j4 * sy, j5 * sz, j6 * sx, j7 * sy, j8 * sz)
-            moved(positions, gradient, i, space, (dx, dy, dz), j, w, gx, gy, gz)
+    x, y, z = inside(positions, i, space)
+    own = weight * mask[i] if len(mask) > 0 else weight
+    w, gx, gy, gz = fade(x, y, z, own, reach)
+    if w == 0.0:
+        return
+    (x, sx), (y, sy), (z, sz) = kept(x), kept(y), kept(z)
+    dx, j0, j1, j2 = polynomial(factors, 0, x, y, z)
+    dy, j3, j4, j5 = polynomial(factors, 1, x, y, z)
+    dz, j6, j7, j8 = polynomial(factors, 2, x, y, z)
+    j = (j0 * sx, j1 * sy, j2 * sz, j3 * sx, j4 * sy, j5 * sz, j6 * sx, j7 * sy, j8 * sz)
+    moved(positions, gradient, i, space, (dx, dy, dz), j, w, gx, gy, gz)

@@ -10,11 +10,11 @@ Source: Bridson, Hourihan & Nordenstam 2007, "Curl-noise for procedural fluid fl
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
-from .deform import BLOCK, fade, inside, moved
+from .deform import fade, inside, moved
 from .noise import curl_noise, gradient_noise
 
 STEPS = 4
@@ -89,8 +89,8 @@ def flow(x, y, z, amount, seed, samples):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def noise(amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
+@kernel(over="positions", writes=("positions", "gradient"))
+def noise(i, amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
     """Noise, on all splats; arguments as `deform.deform`.
 
     Args:
@@ -99,35 +99,29 @@ def noise(amount, size, shift, seed, space, weight, reach, mask, positions, grad
         shift: How many wavelengths have passed by, along the axis.
         seed: u32.
     """
-    n = len(positions)
     far = np.float32(amount / size)
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = inside(positions, i, space)
-            own = weight * mask[i] if len(mask) > 0 else weight
-            w, gx, gy, gz = fade(x, y, z, own, reach)
-            if w == 0.0:
-                continue
-            u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
-            d, j = three_noises(u, v, t, far, seed)
-            d = (d[0] * size, d[1] * size, d[2] * size)
-            moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
+    x, y, z = inside(positions, i, space)
+    own = weight * mask[i] if len(mask) > 0 else weight
+    w, gx, gy, gz = fade(x, y, z, own, reach)
+    if w == 0.0:
+        return
+    u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
+    d, j = three_noises(u, v, t, far, seed)
+    d = (d[0] * size, d[1] * size, d[2] * size)
+    moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
 
 
-@parallel
-def curl(amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
+@kernel(over="positions", writes=("positions", "gradient"))
+def curl(i, amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
     """The flow, on all splats; arguments as `noise`."""
-    n = len(positions)
     far = np.float32(amount / size)
     samples = 7 if len(gradient) > 0 else 1
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = inside(positions, i, space)
-            own = weight * mask[i] if len(mask) > 0 else weight
-            w, gx, gy, gz = fade(x, y, z, own, reach)
-            if w == 0.0:
-                continue
-            u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
-            d, j = flow(u, v, t, far, seed, samples)
-            d = (d[0] * size, d[1] * size, d[2] * size)
-            moved(positions, gradient, i, space, d, j, w, gx, gy, gz)
+    x, y, z = inside(positions, i, space)
+    own = weight * mask[i] if len(mask) > 0 else weight
+    w, gx, gy, gz = fade(x, y, z, own, reach)
+    if w == 0.0:
+        return
+    u, v, t = np.float32(x / size), np.float32(y / size), np.float32(z / size - shift)
+    d, j = flow(u, v, t, far, seed, samples)
+    d = (d[0] * size, d[1] * size, d[2] * size)
+    moved(positions, gradient, i, space, d, j, w, gx, gy, gz)

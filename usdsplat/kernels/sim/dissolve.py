@@ -8,16 +8,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .directions import around, is_normal
 from .flight import flight
 from .noise import gradient_noise
 from .philox import DISSOLVE, IMPULSE, uniforms
 
-BLOCK = 1024
 NOISE, DISTANCE, RANDOM = range(3)
 """What says who goes first."""
 
@@ -62,18 +61,15 @@ def impulse(identity, nx, ny, nz, speed, cosine, seed):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def turns(rest, ids, by, origin, per_length, seed, out):
+@kernel(over="rest", writes=("out",))
+def turns(i, rest, ids, by, origin, per_length, seed, out):
     """`turn_of` each splat: rest (n, 3) f32, origin (3,) f32, per_length f32, out (n,) f32."""
-    n = len(rest)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            x, y, z = rest[i, 0] - origin[0], rest[i, 1] - origin[1], rest[i, 2] - origin[2]
-            out[i] = turn_of(by, ids[i], x, y, z, per_length, seed)
+    x, y, z = rest[i, 0] - origin[0], rest[i, 1] - origin[1], rest[i, 2] - origin[2]
+    out[i] = turn_of(by, ids[i], x, y, z, per_length, seed)
 
 
-@parallel
-def let_go(velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
+@kernel(over="velocities", writes=("velocities", "flags", "gone"))
+def let_go(i, velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
     """Those whose time has come get the flag `free` and their impulse, once.
 
     Args:
@@ -81,25 +77,20 @@ def let_go(velocities, flags, gone, times, ids, normals, now, speed, cosine, fre
         times: When they go, (n,) f32; now: f32.
         normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
     """
-    n = len(velocities)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if gone[i] or not times[i] <= now or flags[i] & pinned:
-                continue
-            x, y, z = impulse(
-                ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed
-            )
-            velocities[i, 0] += x
-            velocities[i, 1] += y
-            velocities[i, 2] += z
-            flags[i] |= free
-            gone[i] = 1
+    if gone[i] or not times[i] <= now or flags[i] & pinned:
+        return
+    x, y, z = impulse(ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed)
+    velocities[i, 0] += x
+    velocities[i, 1] += y
+    velocities[i, 2] += z
+    flags[i] |= free
+    gone[i] = 1
 
 
-@parallel
+@kernel(over="positions", writes=("positions", "velocities", "flags"))
 def come(
-    positions, velocities, flags, goals, times, ids, normals, now, speed, cosine, push, drag, free,
-    pinned, seed,
+    i, positions, velocities, flags, goals, times, ids, normals, now, speed, cosine, push, drag,
+    free, pinned, seed,
 ):  # fmt: skip
     """Those that are still to arrive, on their way backwards; those that arrived, at rest.
 
@@ -110,26 +101,23 @@ def come(
         normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
         push: Gravity + drag times wind, (3,) f64; drag: f64 [1/s].
     """
-    n = len(positions)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if flags[i] & pinned:
-                continue
-            left = times[i] - now
-            if left > 0.0:
-                vx, vy, vz = impulse(
-                    ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed
-                )
-                x, vx = flight(vx, push[0], drag, left)
-                y, vy = flight(vy, push[1], drag, left)
-                z, vz = flight(vz, push[2], drag, left)
-                positions[i, 0] = goals[i, 0] + x
-                positions[i, 1] = goals[i, 1] + y
-                positions[i, 2] = goals[i, 2] + z
-                velocities[i, 0], velocities[i, 1], velocities[i, 2] = -vx, -vy, -vz
-                flags[i] |= free
-            elif flags[i] & free:
-                positions[i, 0], positions[i, 1] = goals[i, 0], goals[i, 1]
-                positions[i, 2] = goals[i, 2]
-                velocities[i, 0], velocities[i, 1], velocities[i, 2] = _ZERO, _ZERO, _ZERO
-                flags[i] &= ~free
+    if flags[i] & pinned:
+        return
+    left = times[i] - now
+    if left > 0.0:
+        vx, vy, vz = impulse(
+            ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed
+        )
+        x, vx = flight(vx, push[0], drag, left)
+        y, vy = flight(vy, push[1], drag, left)
+        z, vz = flight(vz, push[2], drag, left)
+        positions[i, 0] = goals[i, 0] + x
+        positions[i, 1] = goals[i, 1] + y
+        positions[i, 2] = goals[i, 2] + z
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = -vx, -vy, -vz
+        flags[i] |= free
+    elif flags[i] & free:
+        positions[i, 0], positions[i, 1] = goals[i, 0], goals[i, 1]
+        positions[i, 2] = goals[i, 2]
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = _ZERO, _ZERO, _ZERO
+        flags[i] &= ~free

@@ -17,7 +17,7 @@ def squared_distance(x, y, z, points, k):
     return u * u + v * v + w * w
 
 
-@serial
+@serial(writes=("points", "squared"))
 def spread(low, size, counts, points, squared):
     """Hand closest points on from voxel to voxel, until all have one.
 

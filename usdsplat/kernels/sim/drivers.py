@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .noise import quintic
 
-BLOCK = 1024
 U, V, V_MINUS_U, CROWDING, AGE, SPEED, DISTANCE = range(7)
 """Sources."""
 LINEAR, SMOOTH, SMOOTHER = range(3)
@@ -56,9 +55,9 @@ def faded(coefficient, target, part):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@kernel(over="out", writes=("out",))
 def amounts(
-    source, uv, crowding, births, now, velocities, positions, rest, low, high, ease, out
+    i, source, uv, crowding, births, now, velocities, positions, rest, low, high, ease, out
 ):  # fmt: skip
     """How much each splat is driven, [0, 1], into out (n,) f32.
 
@@ -68,32 +67,29 @@ def amounts(
         births: (n,) f32; now: f64 [s]; velocities, positions, rest: (n, 3) f32.
         low, high: f32, see `remapped`.
     """
-    n = len(out)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if source == U:
-                value = uv[i, 0]
-            elif source == V:
-                value = uv[i, 1]
-            elif source == V_MINUS_U:
-                value = uv[i, 1] - uv[i, 0]
-            elif source == CROWDING:
-                value = crowding[i]
-            elif source == AGE:
-                value = np.float32(now - births[i])
-            elif source == SPEED:
-                value = _length(velocities[i, 0], velocities[i, 1], velocities[i, 2])
-            else:
-                value = _length(
-                    positions[i, 0] - rest[i, 0],
-                    positions[i, 1] - rest[i, 1],
-                    positions[i, 2] - rest[i, 2],
-                )
-            out[i] = remapped(value, low, high, ease)
+    if source == U:
+        value = uv[i, 0]
+    elif source == V:
+        value = uv[i, 1]
+    elif source == V_MINUS_U:
+        value = uv[i, 1] - uv[i, 0]
+    elif source == CROWDING:
+        value = crowding[i]
+    elif source == AGE:
+        value = np.float32(now - births[i])
+    elif source == SPEED:
+        value = _length(velocities[i, 0], velocities[i, 1], velocities[i, 2])
+    else:
+        value = _length(
+            positions[i, 0] - rest[i, 0],
+            positions[i, 1] - rest[i, 1],
+            positions[i, 2] - rest[i, 2],
+        )
+    out[i] = remapped(value, low, high, ease)
 
 
-@parallel
-def drive(output, part, amount, positions, scales, opacities, normals):
+@kernel(over="part", writes=("positions", "scales", "opacities"))
+def drive(i, output, part, amount, positions, scales, opacities, normals):
     """Drive one output, in place.
 
     Args:
@@ -103,33 +99,30 @@ def drive(output, part, amount, positions, scales, opacities, normals):
         positions, scales, normals: (n, 3) f32; opacities: (n,) f32; those that the output does not
             use may be empty.
     """
-    n = len(part)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            factor = max(_ZERO, _ONE + part[i] * (amount - _ONE))
-            if output == SCALE:
-                scales[i, 0] *= factor
-                scales[i, 1] *= factor
-                scales[i, 2] *= factor
-            elif output == THICKNESS:
-                x, y, z = scales[i, 0], scales[i, 1], scales[i, 2]
-                if z <= x and z <= y:
-                    scales[i, 2] = z * factor
-                elif y <= x:
-                    scales[i, 1] = y * factor
-                else:
-                    scales[i, 0] = x * factor
-            elif output == OPACITY:
-                opacities[i] = min(_ONE, opacities[i] * factor)
-            else:
-                way = part[i] * amount
-                positions[i, 0] += way * normals[i, 0]
-                positions[i, 1] += way * normals[i, 1]
-                positions[i, 2] += way * normals[i, 2]
+    factor = max(_ZERO, _ONE + part[i] * (amount - _ONE))
+    if output == SCALE:
+        scales[i, 0] *= factor
+        scales[i, 1] *= factor
+        scales[i, 2] *= factor
+    elif output == THICKNESS:
+        x, y, z = scales[i, 0], scales[i, 1], scales[i, 2]
+        if z <= x and z <= y:
+            scales[i, 2] = z * factor
+        elif y <= x:
+            scales[i, 1] = y * factor
+        else:
+            scales[i, 0] = x * factor
+    elif output == OPACITY:
+        opacities[i] = min(_ONE, opacities[i] * factor)
+    else:
+        way = part[i] * amount
+        positions[i, 0] += way * normals[i, 0]
+        positions[i, 1] += way * normals[i, 1]
+        positions[i, 2] += way * normals[i, 2]
 
 
-@parallel
-def tint(part, amount, color, sh_fade, sh):
+@kernel(over="part", writes=("sh",))
+def tint(i, part, amount, color, sh_fade, sh):
     """Mix a colour in, in place.
 
     Args:
@@ -137,15 +130,12 @@ def tint(part, amount, color, sh_fade, sh):
         color: (3,) f32; sh_fade: f32, how much of the higher bands goes.
         sh: (n, k, 3) f32.
     """
-    n = len(part)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            much = min(_ONE, max(_ZERO, part[i] * amount))
-            if much == _ZERO:
-                continue
-            for c in range(3):
-                sh[i, 0, c] = faded(sh[i, 0, c], (color[c] - _HALF) / _C0, much)
-            rest = _ONE - much * sh_fade
-            for k in range(1, sh.shape[1]):
-                for c in range(3):
-                    sh[i, k, c] *= rest
+    much = min(_ONE, max(_ZERO, part[i] * amount))
+    if much == _ZERO:
+        return
+    for c in range(3):
+        sh[i, 0, c] = faded(sh[i, 0, c], (color[c] - _HALF) / _C0, much)
+    rest = _ONE - much * sh_fade
+    for k in range(1, sh.shape[1]):
+        for c in range(3):
+            sh[i, k, c] *= rest

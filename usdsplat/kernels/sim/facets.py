@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from ..jit import exact, parallel, scalar
-from .bvh import BLOCK
+from ..jit import exact, scalar
+from ..launch import kernel
 
 SMOOTH, CREASE = math.cos(math.radians(30)), math.cos(math.radians(60))
 """Triangles that meet at up to 30 degrees share a normal, from 60 on they do not; between, in part,
@@ -67,8 +66,8 @@ def share(cosine):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def measure(points, triangles, normals, angles, frames, sizes):
+@kernel(over="triangles", writes=("normals", "angles", "frames", "sizes"))
+def measure(i, points, triangles, normals, angles, frames, sizes):
     """Measure each triangle.
 
     Args:
@@ -79,36 +78,33 @@ def measure(points, triangles, normals, angles, frames, sizes):
             shape (t, 4) f32; the identity without area.
         sizes: Receives roots of areas, shape (t,) f32.
     """
-    t = triangles.shape[0]
-    for block in prange((t + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(t, (block + 1) * BLOCK)):
-            a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
-            ux, uy, uz = (
-                np.float64(points[b, 0]) - points[a, 0], np.float64(points[b, 1]) - points[a, 1],
-                np.float64(points[b, 2]) - points[a, 2],
-            )  # fmt: skip
-            vx, vy, vz = (
-                np.float64(points[c, 0]) - points[a, 0], np.float64(points[c, 1]) - points[a, 1],
-                np.float64(points[c, 2]) - points[a, 2],
-            )  # fmt: skip
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            sizes[i] = math.sqrt(0.5 * math.sqrt(nx * nx + ny * ny + nz * nz))
-            nx, ny, nz = unit(nx, ny, nz)
-            normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
-            wx, wy, wz = unit(vx - ux, vy - uy, vz - uz)
-            ux, uy, uz = unit(ux, uy, uz)
-            vx, vy, vz = unit(vx, vy, vz)
-            angles[i, 0] = angle(ux, uy, uz, vx, vy, vz)
-            angles[i, 1] = angle(-ux, -uy, -uz, wx, wy, wz)
-            angles[i, 2] = angle(vx, vy, vz, wx, wy, wz)
-            w, x, y, z = 1.0, 0.0, 0.0, 0.0
-            if sizes[i] > 0:
-                w, x, y, z = turn_to(ux, uy, uz, nx, ny, nz)
-            frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3] = w, x, y, z
+    a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
+    ux, uy, uz = (
+        np.float64(points[b, 0]) - points[a, 0], np.float64(points[b, 1]) - points[a, 1],
+        np.float64(points[b, 2]) - points[a, 2],
+    )  # fmt: skip
+    vx, vy, vz = (
+        np.float64(points[c, 0]) - points[a, 0], np.float64(points[c, 1]) - points[a, 1],
+        np.float64(points[c, 2]) - points[a, 2],
+    )  # fmt: skip
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    sizes[i] = math.sqrt(0.5 * math.sqrt(nx * nx + ny * ny + nz * nz))
+    nx, ny, nz = unit(nx, ny, nz)
+    normals[i, 0], normals[i, 1], normals[i, 2] = nx, ny, nz
+    wx, wy, wz = unit(vx - ux, vy - uy, vz - uz)
+    ux, uy, uz = unit(ux, uy, uz)
+    vx, vy, vz = unit(vx, vy, vz)
+    angles[i, 0] = angle(ux, uy, uz, vx, vy, vz)
+    angles[i, 1] = angle(-ux, -uy, -uz, wx, wy, wz)
+    angles[i, 2] = angle(vx, vy, vz, wx, wy, wz)
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    if sizes[i] > 0:
+        w, x, y, z = turn_to(ux, uy, uz, nx, ny, nz)
+    frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3] = w, x, y, z
 
 
-@parallel
-def smooth(triangles, starts, corners, normals, angles, out):
+@kernel(over="triangles", writes=("out",))
+def smooth(i, triangles, starts, corners, normals, angles, out):
     """Mean normals at the corners of triangles, of those around that lie alike.
 
     Args:
@@ -118,18 +114,15 @@ def smooth(triangles, starts, corners, normals, angles, out):
         normals, angles: As `measure` gives them.
         out: Receives sums, of no particular length, shape (t, 3, 3) f32.
     """
-    t = triangles.shape[0]
-    for block in prange((t + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(t, (block + 1) * BLOCK)):
-            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-            for c in range(3):
-                x, y, z, point = 0.0, 0.0, 0.0, triangles[i, c]
-                for k in range(starts[point], starts[point + 1]):
-                    other, which = corners[k] // 3, corners[k] % 3
-                    mx, my, mz = normals[other, 0], normals[other, 1], normals[other, 2]
-                    weight = angles[other, which] * share(nx * mx + ny * my + nz * mz)
-                    x += weight * mx
-                    y += weight * my
-                    z += weight * mz
-                x, y, z = unit(x, y, z)
-                out[i, c, 0], out[i, c, 1], out[i, c, 2] = x, y, z
+    nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+    for c in range(3):
+        x, y, z, point = 0.0, 0.0, 0.0, triangles[i, c]
+        for k in range(starts[point], starts[point + 1]):
+            other, which = corners[k] // 3, corners[k] % 3
+            mx, my, mz = normals[other, 0], normals[other, 1], normals[other, 2]
+            weight = angles[other, which] * share(nx * mx + ny * my + nz * mz)
+            x += weight * mx
+            y += weight * my
+            z += weight * mz
+        x, y, z = unit(x, y, z)
+        out[i, c, 0], out[i, c, 1], out[i, c, 2] = x, y, z

@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import EACH, Scratch, block_kernel
 
 from .noise import cell, change, curl_in_cell
 
-BLOCK = 1024
 SMALL = 1e-2
 """Drag times seconds below which the closed form is a series."""
 
@@ -67,14 +66,22 @@ def _whirls(count, cells, within, first, part, second, other, air):
         air[2, k] = part * c + other * r
 
 
-@parallel
+@block_kernel(
+    over="positions",
+    writes=("positions", "velocities"),
+    scratch=(
+        Scratch(shape=(4, EACH), dtype=np.uint32),
+        Scratch(shape=(6, EACH), dtype=np.float32),
+    ),
+)
 def fly(
-    positions, velocities, flags, wanted, excluded, pull, wind, extra, to_world, from_world,
-    whirl, per_length, time, keep, dt, limit, seed,
+    begin, end, whole, parts, positions, velocities, flags, wanted, excluded, pull, wind, extra,
+    to_world, from_world, whirl, per_length, time, keep, dt, limit, seed,
 ):  # fmt: skip
     """Move splats by a step, in place.
 
     Args:
+        whole, parts: Scratch: rows and cells; the air and places within cells.
         positions, velocities: (n, 3) f32.
         flags: (n,) u32; those move that have all bits of `wanted` and none of `excluded`.
         pull: Gravity times dt, (3,) f32; wind: velocity of the air, (3,) f32.
@@ -85,46 +92,42 @@ def fly(
         keep: e^(-drag dt); dt, limit: step [s] and greatest speed; f32.
         seed: Of the whirls.
     """
-    n = len(positions)
     first, part, second, other = change(time, seed)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        begin = block * BLOCK
-        rows, air = np.empty(BLOCK, np.int32), np.empty((3, BLOCK), np.float32)
-        count = 0
-        for i in range(begin, min(n, begin + BLOCK)):
-            rows[count] = i - begin
-            count += flags[i] & (wanted | excluded) == wanted
-        if whirl > _ZERO:
-            cells, within = np.empty((3, BLOCK), np.uint32), np.empty((3, BLOCK), np.float32)
-            for k in range(count):
-                i = begin + rows[k]
-                x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-                for c in range(3):
-                    m = to_world[c]
-                    along = m[0] * x + m[1] * y + m[2] * z + m[3]
-                    cells[c, k], within[c, k] = cell(along * per_length)
-            _whirls(count, cells, within, first, part, second, other, air)
-            for k in range(count):
-                x, y, z = air[0, k], air[1, k], air[2, k]
-                for c in range(3):
-                    m = from_world[c]
-                    air[c, k] = wind[c] + whirl * np.float32(m[0] * x + m[1] * y + m[2] * z)
-        else:
-            for c in range(3):
-                air[c, :] = wind[c]
+    rows, cells, air, within = whole[0], whole[1:], parts[:3], parts[3:]
+    count = 0
+    for i in range(begin, end):
+        rows[count] = i - begin
+        count += flags[i] & (wanted | excluded) == wanted
+    if whirl > _ZERO:
         for k in range(count):
             i = begin + rows[k]
-            ax, ay, az = air[0, k], air[1, k], air[2, k]
-            if len(extra):
-                ax, ay, az = ax + extra[i, 0], ay + extra[i, 1], az + extra[i, 2]
-            vx = _velocity(velocities[i, 0], pull[0], ax, keep)
-            vy = _velocity(velocities[i, 1], pull[1], ay, keep)
-            vz = _velocity(velocities[i, 2], pull[2], az, keep)
-            speed = np.float32(math.sqrt(vx * vx + vy * vy + vz * vz))
-            if speed > limit:
-                less = limit / speed
-                vx, vy, vz = vx * less, vy * less, vz * less
-            velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
-            positions[i, 0] += dt * vx
-            positions[i, 1] += dt * vy
-            positions[i, 2] += dt * vz
+            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+            for c in range(3):
+                m = to_world[c]
+                along = m[0] * x + m[1] * y + m[2] * z + m[3]
+                cells[c, k], within[c, k] = cell(along * per_length)
+        _whirls(count, cells, within, first, part, second, other, air)
+        for k in range(count):
+            x, y, z = air[0, k], air[1, k], air[2, k]
+            for c in range(3):
+                m = from_world[c]
+                air[c, k] = wind[c] + whirl * np.float32(m[0] * x + m[1] * y + m[2] * z)
+    else:
+        for c in range(3):
+            air[c, :] = wind[c]
+    for k in range(count):
+        i = begin + rows[k]
+        ax, ay, az = air[0, k], air[1, k], air[2, k]
+        if len(extra):
+            ax, ay, az = ax + extra[i, 0], ay + extra[i, 1], az + extra[i, 2]
+        vx = _velocity(velocities[i, 0], pull[0], ax, keep)
+        vy = _velocity(velocities[i, 1], pull[1], ay, keep)
+        vz = _velocity(velocities[i, 2], pull[2], az, keep)
+        speed = np.float32(math.sqrt(vx * vx + vy * vy + vz * vz))
+        if speed > limit:
+            less = limit / speed
+            vx, vy, vz = vx * less, vy * less, vz * less
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, vz
+        positions[i, 0] += dt * vx
+        positions[i, 1] += dt * vy
+        positions[i, 2] += dt * vz

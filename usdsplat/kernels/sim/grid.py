@@ -17,6 +17,7 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import exact, parallel
+from usdsplat.kernels.launch import kernel
 
 BLOCK = 1024
 """Rows of an item of work; results depend on no number of threads."""
@@ -67,7 +68,7 @@ def squared_distance(x, y, z, px, py, pz):
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("lower", "upper"), gpu="sim.grid.bounds")
 def bounds(positions, lower, upper):
     """Least and largest coordinates of each block, of finite points.
 
@@ -86,8 +87,8 @@ def bounds(positions, lower, upper):
                     upper[b, a] = max(upper[b, a], positions[i, a])
 
 
-@parallel
-def keys(positions, inverse, bits, out):
+@kernel(over="positions", writes=("out",))
+def keys(i, positions, inverse, bits, out):
     """Entry of the cell that each point lies in.
 
     Args:
@@ -96,22 +97,17 @@ def keys(positions, inverse, bits, out):
         bits: Of each axis, x first; three whole numbers, sum <= 24.
         out: Receives (n,) i32.
     """
-    n = positions.shape[0]
     bx, by, bz = bits
     last = (np.int64(1) << (bx + by + bz)) - 1
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
-                key = key_of(
-                    cell_of(x, inverse), cell_of(y, inverse), cell_of(z, inverse), bx, by, bz
-                )
-                out[i] = key
-            else:
-                out[i] = i & last
+    x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+    if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+        key = key_of(cell_of(x, inverse), cell_of(y, inverse), cell_of(z, inverse), bx, by, bz)
+        out[i] = key
+    else:
+        out[i] = i & last
 
 
-@parallel
+@parallel(writes=("histogram", "moved", "rows", "start", "order"), gpu="sim.grid.sort_cells")
 def sort_cells(entry, bits, histogram, moved, rows, start, order):
     """Sort rows by key, stably, in two levels of counting.
 
@@ -168,8 +164,8 @@ def sort_cells(entry, bits, histogram, moved, rows, start, order):
     start[1 << bits] = n
 
 
-@parallel
-def to_slots(order, positions, support, rank, sorted_positions, sorted_support):
+@kernel(over="order", writes=("rank", "sorted_positions", "sorted_support"))
+def to_slots(s, order, positions, support, rank, sorted_positions, sorted_support):
     """What searches read, in the order they read it.
 
     Args:
@@ -179,11 +175,8 @@ def to_slots(order, positions, support, rank, sorted_positions, sorted_support):
         rank: Receives the slot of each row, (n,) i32.
         sorted_positions, sorted_support: Receive those of each slot.
     """
-    n = order.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            i = order[s]
-            rank[i] = s
-            for a in range(3):
-                sorted_positions[s, a] = positions[i, a]
-            sorted_support[s] = support[i]
+    i = order[s]
+    rank[i] = s
+    for a in range(3):
+        sorted_positions[s, a] = positions[i, a]
+    sorted_support[s] = support[i]

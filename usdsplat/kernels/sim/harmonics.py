@@ -15,14 +15,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
 from usdsplat.core import sh as basis_of
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import Scratch, block_kernel, kernel
 
 from .matrix import ONE, ZERO, is_identity, matrix_quat, polar, quat_matrix
 
-BLOCK = 256
 LANES = 16
 
 _DIRECTIONS = (
@@ -302,40 +301,38 @@ def _turn4(r, rest, values, out, i):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def turns(gradient, cosine, out):
-    """Rotation of each splat, R of F = R U; returns how many turn.
+@kernel(over="gradient", writes=("out",))
+def turns(i, gradient, cosine, out):
+    """Rotation of each splat, R of F = R U.
 
     Args:
         gradient: Shape (n, 3, 3).
         cosine: Of half the angle from which they count as turned, f32.
         out: Receives unit quaternions with w >= 0, shape (n, 4); (1, 0, 0, 0) where they do not.
     """
-    n = len(gradient)
-    count = 0
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            f = (
-                gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
-                gradient[i, 1, 0], gradient[i, 1, 1], gradient[i, 1, 2],
-                gradient[i, 2, 0], gradient[i, 2, 1], gradient[i, 2, 2],
-            )  # fmt: skip
+    f = (
+        gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
+        gradient[i, 1, 0], gradient[i, 1, 1], gradient[i, 1, 2],
+        gradient[i, 2, 0], gradient[i, 2, 1], gradient[i, 2, 2],
+    )  # fmt: skip
+    w, x, y, z = ONE, ZERO, ZERO, ZERO
+    total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
+    if not is_identity(f) and math.isfinite(total):
+        w, x, y, z = matrix_quat(polar(f))
+        if w < ZERO:
+            w, x, y, z = -w, -x, -y, -z
+        if not w < cosine:
             w, x, y, z = ONE, ZERO, ZERO, ZERO
-            total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
-            if not is_identity(f) and math.isfinite(total):
-                w, x, y, z = matrix_quat(polar(f))
-                if w < ZERO:
-                    w, x, y, z = -w, -x, -y, -z
-                if w < cosine:
-                    count += 1
-                else:
-                    w, x, y, z = ONE, ZERO, ZERO, ZERO
-            out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
-    return count
+    out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
 
 
-@parallel
-def rotate(rotations, rest, out, turned):
+@block_kernel(
+    over="rest",
+    writes=("out", "turned"),
+    block=256,
+    scratch=(Scratch(shape=3 * LANES, dtype=np.float32),),
+)
+def rotate(first, last, values, rotations, rest, out, turned):
     """Turned coefficients of all splats from those at rest.
 
     Args:
@@ -344,31 +341,29 @@ def rotate(rotations, rest, out, turned):
         out: Receives, shape (n, k, 3).
         turned: 1 where `out` may differ from rest; replaced, shape (n,) u8.
     """
-    n, count = rest.shape[0], rest.shape[1]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        values = np.empty(3 * LANES, np.float32)
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            w, x, y, z = rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3]
-            turns_now = (x != ZERO) | (y != ZERO) | (z != ZERO)
-            if not turns_now:
-                if turned[i] != 0:
-                    for k in range(count):
-                        for c in range(3):
-                            out[i, k, c] = rest[i, k, c]
-                    turned[i] = 0
-                continue
-            turned[i] = 1
-            r = quat_matrix(w, x, y, z)
-            for c in range(3):
-                # Degree 1 is (-y, z, -x) of a vector, which turns as vectors do.
-                vx, vy, vz = -rest[i, 3, c], -rest[i, 1, c], rest[i, 2, c]
-                out[i, 0, c] = rest[i, 0, c]
-                out[i, 1, c] = -(r[3] * vx + r[4] * vy + r[5] * vz)
-                out[i, 2, c] = r[6] * vx + r[7] * vy + r[8] * vz
-                out[i, 3, c] = -(r[0] * vx + r[1] * vy + r[2] * vz)
-            if count > 4:
-                _turn2(r, rest, values, out, i)
-            if count > 9:
-                _turn3(r, rest, values, out, i)
-            if count > 16:
-                _turn4(r, rest, values, out, i)
+    count = rest.shape[1]
+    for i in range(first, last):
+        w, x, y, z = rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3]
+        turns_now = (x != ZERO) | (y != ZERO) | (z != ZERO)
+        if not turns_now:
+            if turned[i] != 0:
+                for k in range(count):
+                    for c in range(3):
+                        out[i, k, c] = rest[i, k, c]
+                turned[i] = 0
+            continue
+        turned[i] = 1
+        r = quat_matrix(w, x, y, z)
+        for c in range(3):
+            # Degree 1 is (-y, z, -x) of a vector, which turns as vectors do.
+            vx, vy, vz = -rest[i, 3, c], -rest[i, 1, c], rest[i, 2, c]
+            out[i, 0, c] = rest[i, 0, c]
+            out[i, 1, c] = -(r[3] * vx + r[4] * vy + r[5] * vz)
+            out[i, 2, c] = r[6] * vx + r[7] * vy + r[8] * vz
+            out[i, 3, c] = -(r[0] * vx + r[1] * vy + r[2] * vz)
+        if count > 4:
+            _turn2(r, rest, values, out, i)
+        if count > 9:
+            _turn3(r, rest, values, out, i)
+        if count > 16:
+            _turn4(r, rest, values, out, i)

@@ -15,12 +15,9 @@ Sources: Brookshaw 1985; Cleary & Monaghan 1999; Coifman & Lafon 2006 for the gr
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
-
-BLOCK = 1024
-"""Points that one thread takes at a time."""
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import kernel
 
 ZERO, ONE = np.float32(0), np.float32(1)
 
@@ -29,7 +26,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 
 @scalar
-def kernel(square):
+def falloff(square):
     """K of a squared relative distance."""
     rest = max(ONE - square, ZERO)
     return rest * rest * rest
@@ -46,8 +43,8 @@ def stretched(x, y, z, tx, ty, tz, excess):
 # --- 2. loops ---------------------------------------------------------------------------
 
 
-@parallel
-def laplacian(positions, row, nbr, h, directions, across, dimension, w, sums):
+@kernel(over="h", writes=("w", "sums"))
+def laplacian(i, positions, row, nbr, h, directions, across, dimension, w, sums):
     """Weights of each point's neighbours.
 
     positions: float32 (n, 3); row: int64 (n + 1,); nbr: int32 (m,); h: float32 (n,).
@@ -56,38 +53,35 @@ def laplacian(positions, row, nbr, h, directions, across, dimension, w, sums):
     w: float32 (m,), written, [1/unit^2]. sums: float32 (n, 2), written: the sum of a point's
     weights, and the sum of K over its neighbours, as if there were no directions.
     """
-    n = len(h)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            tx = ty = tz = excess = ZERO
-            d = dimension[i]
-            faster = np.float64(1)
-            if len(directions) > 0:
-                tx, ty, tz = directions[i, 0], directions[i, 1], directions[i, 2]
-                if tx * tx + ty * ty + tz * tz > ZERO:
-                    excess = np.float32(1.0 / across - 1.0)
-                    faster = across ** (1.0 / np.float64(d) - 1.0)
-            scale = ONE / (h[i] * h[i])
-            moment, near = np.float64(0), np.float64(0)
-            for e in range(row[i], row[i + 1]):
-                j = nbr[e]
-                dx, dy, dz = positions[j, 0] - x, positions[j, 1] - y, positions[j, 2] - z
-                square = stretched(dx, dy, dz, tx, ty, tz, excess)
-                k = kernel(square * scale)
-                w[e] = k
-                moment += k * square
-                near += kernel((dx * dx + dy * dy + dz * dz) * scale)
-            factor = 2.0 * d * faster / moment if moment > 0.0 else 0.0
-            total = np.float64(0)
-            for e in range(row[i], row[i + 1]):
-                w[e] = np.float32(w[e] * factor)
-                total += w[e]
-            sums[i, 0] = np.float32(total)
-            sums[i, 1] = np.float32(near)
+    x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+    tx = ty = tz = excess = ZERO
+    d = dimension[i]
+    faster = np.float64(1)
+    if len(directions) > 0:
+        tx, ty, tz = directions[i, 0], directions[i, 1], directions[i, 2]
+        if tx * tx + ty * ty + tz * tz > ZERO:
+            excess = np.float32(1.0 / across - 1.0)
+            faster = across ** (1.0 / np.float64(d) - 1.0)
+    scale = ONE / (h[i] * h[i])
+    moment, near = np.float64(0), np.float64(0)
+    for e in range(row[i], row[i + 1]):
+        j = nbr[e]
+        dx, dy, dz = positions[j, 0] - x, positions[j, 1] - y, positions[j, 2] - z
+        square = stretched(dx, dy, dz, tx, ty, tz, excess)
+        k = falloff(square * scale)
+        w[e] = k
+        moment += k * square
+        near += falloff((dx * dx + dy * dy + dz * dz) * scale)
+    factor = 2.0 * d * faster / moment if moment > 0.0 else 0.0
+    total = np.float64(0)
+    for e in range(row[i], row[i + 1]):
+        w[e] = np.float32(w[e] * factor)
+        total += w[e]
+    sums[i, 0] = np.float32(total)
+    sums[i, 1] = np.float32(near)
 
 
-@serial
+@serial(writes=("extra",))
 def missing(row, nbr, extra):
     """How many points have i as a neighbour that i does not have; rows ascend.
 
@@ -99,7 +93,7 @@ def missing(row, nbr, extra):
                 extra[nbr[e]] += 1
 
 
-@serial
+@serial(writes=("both_nbr", "both_w"))
 def merge(row, nbr, w, both_row, both_nbr, both_w):
     """Neighbours of either side, weighted with the mean of both sides' weights.
 
@@ -145,13 +139,10 @@ def find(row, nbr, i, j):
     return low if low < row[i + 1] and nbr[low] == j else np.int64(-1)
 
 
-@parallel
-def row_sums(row, w, sums):
+@kernel(over="sums", writes=("sums",))
+def row_sums(i, row, w, sums):
     """The sum of each row's weights. sums: float32 (n,), written."""
-    n = len(row) - 1
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            total = np.float64(0)
-            for e in range(row[i], row[i + 1]):
-                total += w[e]
-            sums[i] = np.float32(total)
+    total = np.float64(0)
+    for e in range(row[i], row[i + 1]):
+        total += w[e]
+    sums[i] = np.float32(total)

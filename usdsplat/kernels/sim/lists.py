@@ -14,6 +14,7 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import exact, parallel, scalar, serial
+from usdsplat.kernels.launch import kernel, reduction
 
 from . import philox
 from .grid import BLOCK, cell_of, span, squared_distance
@@ -109,7 +110,7 @@ def keep_nearest(positions, slot, hits, count, k, ranks, distance):
         kept += ranks[count + m] <= limit
 
 
-@parallel
+@parallel(writes=("found", "counts", "dropped", "twins"), gpu="sim.lists.search")
 def search(
     positions, reach, widest, start, inverse, bits, k_max, begin, found, counts, dropped, twins
 ):
@@ -196,7 +197,7 @@ def search(
         dropped[b] = overflows
 
 
-@parallel
+@parallel(writes=("neighbors",), gpu="sim.lists.pack")
 def pack(found, k_max, blocks, rows, neighbors):
     """Close the gaps that `search` left between blocks.
 
@@ -212,8 +213,8 @@ def pack(found, k_max, blocks, rows, neighbors):
             neighbors[e] = found[source + e]
 
 
-@parallel
-def separate(positions, support, seed, twins, out):
+@kernel(over="positions", writes=("out",))
+def separate(i, positions, support, seed, twins, out):
     """Copy points, those that are not alone at their place moved a little at random.
 
     Args:
@@ -222,43 +223,33 @@ def separate(positions, support, seed, twins, out):
         twins: Rows to move, (n,) bool.
         out: Receives (n, 3) f32.
     """
-    n = positions.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            if twins[i]:
-                u, v, w, _ = philox.uniforms(seed, philox.GRID, i, 0, 0)
-                largest = max(max(abs(x), abs(y)), abs(z))
-                size = np.float32(2) * max(JITTER * support[i], ULP * largest)
-                half = np.float32(0.5)
-                x, y, z = x + size * (u - half), y + size * (v - half), z + size * (w - half)
-            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+    x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+    if twins[i]:
+        u, v, w, _ = philox.uniforms(seed, philox.GRID, i, 0, 0)
+        largest = max(max(abs(x), abs(y)), abs(z))
+        size = np.float32(2) * max(JITTER * support[i], ULP * largest)
+        half = np.float32(0.5)
+        x, y, z = x + size * (u - half), y + size * (v - half), z + size * (w - half)
+    out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 
-@parallel
-def drift(positions, built, out):
-    """How far points went since lists were built.
+@reduction(over="positions", by="max")
+def drift(i, positions, built):
+    """Return the largest distance [unit] that a point went since lists were built; inf where a
+    point became finite or ceased to be.
 
     Args:
         positions, built: Of each row now and then, (n, 3) f32.
-        out: Receives the largest distance in each block [unit], (blocks,) f64; inf where a point
-            became finite or ceased to be.
     """
-    n = positions.shape[0]
-    for b in prange(out.shape[0]):
-        worst = 0.0
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            d = distance_gone(
-                positions[i, 0], positions[i, 1], positions[i, 2],
-                built[i, 0], built[i, 1], built[i, 2],
-            )  # fmt: skip
-            worst = max(worst, d)
-        out[b] = worst
+    return distance_gone(
+        positions[i, 0], positions[i, 1], positions[i, 2], built[i, 0], built[i, 1], built[i, 2]
+    )
 
 
-@parallel
-def stale(positions, support, built, built_support, skin, ratio, drift, out):
-    """Whether lists built for other positions may lack a neighbour now, or are much too long.
+@reduction(over="positions", by="any")
+def stale(i, positions, support, built, built_support, skin, ratio, drift):
+    """Return whether lists built for other positions may lack a neighbour now, or are much too
+    long.
 
     Args:
         positions, support: Of each row now.
@@ -266,17 +257,10 @@ def stale(positions, support, built, built_support, skin, ratio, drift, out):
         skin: Part of the radius by which lists are longer.
         ratio: Of radii, now and then, from which lists are built again, > 1.
         drift: Largest distance that any point went [unit], float64.
-        out: Receives whether any of a block's points is, (blocks,) bool.
     """
-    n = positions.shape[0]
-    for b in prange(out.shape[0]):
-        worst = False
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            h, before = np.float64(support[i]), np.float64(built_support[i])
-            d = distance_gone(
-                positions[i, 0], positions[i, 1], positions[i, 2],
-                built[i, 0], built[i, 1], built[i, 2],
-            )  # fmt: skip
-            worst |= h + d + drift > before * (1.0 + skin)
-            worst |= (h > before * ratio) | (before > h * ratio)
-        out[b] = worst
+    h, before = np.float64(support[i]), np.float64(built_support[i])
+    d = distance_gone(
+        positions[i, 0], positions[i, 1], positions[i, 2], built[i, 0], built[i, 1], built[i, 2]
+    )
+    is_short = h + d + drift > before * (1.0 + skin)
+    return is_short | (h > before * ratio) | (before > h * ratio)

@@ -22,9 +22,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .matrix import (
     ONE,
@@ -40,7 +40,6 @@ from .matrix import (
     transposed,
 )
 
-BLOCK = 1024
 LEAST = np.float32(1e-4)
 """Part of the largest moment below which neighbours are in a plane or on a line."""
 _RIDGE = np.float32(1e-2)
@@ -145,8 +144,8 @@ def partly(f, stretch, turn):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def prepare(rest, neighbours, normals, weights, sheets):
+@kernel(over="neighbours", writes=("weights", "sheets"))
+def prepare(i, rest, neighbours, normals, weights, sheets):
     """What each neighbour's displacement counts for.
 
     Args:
@@ -157,61 +156,59 @@ def prepare(rest, neighbours, normals, weights, sheets):
         weights: Receives g_ij, shape (n, k, 3).
         sheets: Receives the normal and its own g, shape (n, 2, 3); 0 where there is no sheet.
     """
-    n, k = neighbours.shape
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            px, py, pz = rest[i, 0], rest[i, 1], rest[i, 2]
-            farthest = ZERO
-            for m in range(k):
-                j = neighbours[i, m]
-                if j >= 0:
-                    x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
-                    farthest = max(farthest, x * x + y * y + z * z)
-            scale = ONE / math.sqrt(farthest) if farthest > np.float32(1e-30) else ZERO
-            xx, xy, xz, yy, yz, zz = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
-            for m in range(k):
-                j = neighbours[i, m]
-                if j >= 0:
-                    x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
-                    x, y, z = x * scale, y * scale, z * scale
-                    w = weight(x * x + y * y + z * z, _REACH * _REACH)
-                    xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
-                    yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
-            nx, ny, nz = ZERO, ZERO, ZERO
-            if len(normals) > 0:
-                nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-            u, (a, c, d), _ = decompose((xx, xy, xz, xy, yy, yz, xz, yz, zz))
-            most, middle = max(a, c), min(a, c)
-            if (nx == ZERO) & (ny == ZERO) & (nz == ZERO) & (d <= LEAST * most):
-                nx, ny, nz = u[2], u[5], u[8]
-            if middle <= LEAST * most:
-                # A line, or nobody: what is not known stays as it was.
-                ridge = _RIDGE * most if most > ZERO else ONE
-                xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
-                nx, ny, nz = ZERO, ZERO, ZERO
-            p = (a + c) / np.float32(2)
-            xx, xy, xz = xx + p * nx * nx, xy + p * nx * ny, xz + p * nx * nz
-            yy, yz, zz = yy + p * ny * ny, yz + p * ny * nz, zz + p * nz * nz
-            ixx, ixy, ixz, iyy, iyz, izz = inverse(xx, xy, xz, yy, yz, zz)
-            for m in range(k):
-                j = neighbours[i, m]
-                gx, gy, gz = ZERO, ZERO, ZERO
-                if j >= 0:
-                    x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
-                    x, y, z = x * scale, y * scale, z * scale
-                    w = weight(x * x + y * y + z * z, _REACH * _REACH) * scale
-                    gx = w * (ixx * x + ixy * y + ixz * z)
-                    gy = w * (ixy * x + iyy * y + iyz * z)
-                    gz = w * (ixz * x + iyz * y + izz * z)
-                weights[i, m, 0], weights[i, m, 1], weights[i, m, 2] = gx, gy, gz
-            sheets[i, 0, 0], sheets[i, 0, 1], sheets[i, 0, 2] = nx, ny, nz
-            sheets[i, 1, 0] = p * (ixx * nx + ixy * ny + ixz * nz)
-            sheets[i, 1, 1] = p * (ixy * nx + iyy * ny + iyz * nz)
-            sheets[i, 1, 2] = p * (ixz * nx + iyz * ny + izz * nz)
+    k = neighbours.shape[1]
+    px, py, pz = rest[i, 0], rest[i, 1], rest[i, 2]
+    farthest = ZERO
+    for m in range(k):
+        j = neighbours[i, m]
+        if j >= 0:
+            x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
+            farthest = max(farthest, x * x + y * y + z * z)
+    scale = ONE / math.sqrt(farthest) if farthest > np.float32(1e-30) else ZERO
+    xx, xy, xz, yy, yz, zz = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
+    for m in range(k):
+        j = neighbours[i, m]
+        if j >= 0:
+            x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
+            x, y, z = x * scale, y * scale, z * scale
+            w = weight(x * x + y * y + z * z, _REACH * _REACH)
+            xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
+            yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
+    nx, ny, nz = ZERO, ZERO, ZERO
+    if len(normals) > 0:
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+    u, (a, c, d), _ = decompose((xx, xy, xz, xy, yy, yz, xz, yz, zz))
+    most, middle = max(a, c), min(a, c)
+    if (nx == ZERO) & (ny == ZERO) & (nz == ZERO) & (d <= LEAST * most):
+        nx, ny, nz = u[2], u[5], u[8]
+    if middle <= LEAST * most:
+        # A line, or nobody: what is not known stays as it was.
+        ridge = _RIDGE * most if most > ZERO else ONE
+        xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+        nx, ny, nz = ZERO, ZERO, ZERO
+    p = (a + c) / np.float32(2)
+    xx, xy, xz = xx + p * nx * nx, xy + p * nx * ny, xz + p * nx * nz
+    yy, yz, zz = yy + p * ny * ny, yz + p * ny * nz, zz + p * nz * nz
+    ixx, ixy, ixz, iyy, iyz, izz = inverse(xx, xy, xz, yy, yz, zz)
+    for m in range(k):
+        j = neighbours[i, m]
+        gx, gy, gz = ZERO, ZERO, ZERO
+        if j >= 0:
+            x, y, z = rest[j, 0] - px, rest[j, 1] - py, rest[j, 2] - pz
+            x, y, z = x * scale, y * scale, z * scale
+            w = weight(x * x + y * y + z * z, _REACH * _REACH) * scale
+            gx = w * (ixx * x + ixy * y + ixz * z)
+            gy = w * (ixy * x + iyy * y + iyz * z)
+            gz = w * (ixz * x + iyz * y + izz * z)
+        weights[i, m, 0], weights[i, m, 1], weights[i, m, 2] = gx, gy, gz
+    sheets[i, 0, 0], sheets[i, 0, 1], sheets[i, 0, 2] = nx, ny, nz
+    sheets[i, 1, 0] = p * (ixx * nx + ixy * ny + ixz * nz)
+    sheets[i, 1, 1] = p * (ixy * nx + iyy * ny + iyz * nz)
+    sheets[i, 1, 2] = p * (ixz * nx + iyz * ny + izz * nz)
 
 
-@parallel
-def gradients(rest, displacements, neighbours, weights, sheets, sizes, rows, out):
+@kernel(over="neighbours", writes=("out",))
+def gradients(i, rest, displacements, neighbours, weights, sheets, sizes, rows, out):
     """Gradients of the deformation, as far as they explain where neighbours went.
 
     Args:
@@ -224,57 +221,55 @@ def gradients(rest, displacements, neighbours, weights, sheets, sizes, rows, out
         rows: 1 for the splats that are asked for, shape (n,) u8; or (0,) for all.
         out: Receives F, shape (n, 3, 3); other rows are left alone.
     """
-    n, k = neighbours.shape
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            if len(rows) > 0 and rows[i] == 0:
-                continue
-            px, py, pz = displacements[i, 0], displacements[i, 1], displacements[i, 2]
-            f0, f1, f2, f3, f4, f5, f6, f7, f8 = ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE
-            moved = False
-            for m in range(k):
-                j = neighbours[i, m]
-                if j >= 0:
-                    x = displacements[j, 0] - px
-                    y = displacements[j, 1] - py
-                    z = displacements[j, 2] - pz
-                    gx, gy, gz = weights[i, m, 0], weights[i, m, 1], weights[i, m, 2]
-                    f0, f1, f2 = f0 + x * gx, f1 + x * gy, f2 + x * gz
-                    f3, f4, f5 = f3 + y * gx, f4 + y * gy, f5 + y * gz
-                    f6, f7, f8 = f6 + z * gx, f7 + z * gy, f8 + z * gz
-                    moved |= (x != ZERO) | (y != ZERO) | (z != ZERO)
-            nx, ny, nz = sheets[i, 0, 0], sheets[i, 0, 1], sheets[i, 0, 2]
-            if moved & ((nx != ZERO) | (ny != ZERO) | (nz != ZERO)):
-                gx, gy, gz = sheets[i, 1, 0], sheets[i, 1, 1], sheets[i, 1, 2]
-                f0, f1, f2 = f0 - nx * gx, f1 - nx * gy, f2 - nx * gz
-                f3, f4, f5 = f3 - ny * gx, f4 - ny * gy, f5 - ny * gz
-                f6, f7, f8 = f6 - nz * gx, f7 - nz * gy, f8 - nz * gz
-                f0, f1, f2, f3, f4, f5, f6, f7, f8 = sheet_normal(
-                    (f0, f1, f2, f3, f4, f5, f6, f7, f8), gx, gy, gz, nx, ny, nz
-                )
-            if moved:
-                unexplained, square, farthest = ZERO, ZERO, ZERO
-                for m in range(k):
-                    j = neighbours[i, m]
-                    if j >= 0:
-                        x = rest[j, 0] - rest[i, 0]
-                        y = rest[j, 1] - rest[i, 1]
-                        z = rest[j, 2] - rest[i, 2]
-                        ex = displacements[j, 0] - px - ((f0 - ONE) * x + f1 * y + f2 * z)
-                        ey = displacements[j, 1] - py - (f3 * x + (f4 - ONE) * y + f5 * z)
-                        ez = displacements[j, 2] - pz - (f6 * x + f7 * y + (f8 - ONE) * z)
-                        unexplained += ex * ex + ey * ey + ez * ez
-                        square += x * x + y * y + z * z
-                        farthest = max(farthest, x * x + y * y + z * z)
-                error = math.sqrt(unexplained / square) if square > ZERO else ZERO
-                known = ONE
-                if len(sizes) > 0 and sizes[i] * sizes[i] > farthest:
-                    known = math.sqrt(farthest) / sizes[i]
-                f0, f1, f2, f3, f4, f5, f6, f7, f8 = partly(
-                    (f0, f1, f2, f3, f4, f5, f6, f7, f8),
-                    known * faded(error, STRETCH_FROM, STRETCH_TO),
-                    known * faded(error, TURN_FROM, TURN_TO),
-                )
-            out[i, 0, 0], out[i, 0, 1], out[i, 0, 2] = f0, f1, f2
-            out[i, 1, 0], out[i, 1, 1], out[i, 1, 2] = f3, f4, f5
-            out[i, 2, 0], out[i, 2, 1], out[i, 2, 2] = f6, f7, f8
+    k = neighbours.shape[1]
+    if len(rows) > 0 and rows[i] == 0:
+        return
+    px, py, pz = displacements[i, 0], displacements[i, 1], displacements[i, 2]
+    f0, f1, f2, f3, f4, f5, f6, f7, f8 = ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE
+    moved = False
+    for m in range(k):
+        j = neighbours[i, m]
+        if j >= 0:
+            x = displacements[j, 0] - px
+            y = displacements[j, 1] - py
+            z = displacements[j, 2] - pz
+            gx, gy, gz = weights[i, m, 0], weights[i, m, 1], weights[i, m, 2]
+            f0, f1, f2 = f0 + x * gx, f1 + x * gy, f2 + x * gz
+            f3, f4, f5 = f3 + y * gx, f4 + y * gy, f5 + y * gz
+            f6, f7, f8 = f6 + z * gx, f7 + z * gy, f8 + z * gz
+            moved |= (x != ZERO) | (y != ZERO) | (z != ZERO)
+    nx, ny, nz = sheets[i, 0, 0], sheets[i, 0, 1], sheets[i, 0, 2]
+    if moved & ((nx != ZERO) | (ny != ZERO) | (nz != ZERO)):
+        gx, gy, gz = sheets[i, 1, 0], sheets[i, 1, 1], sheets[i, 1, 2]
+        f0, f1, f2 = f0 - nx * gx, f1 - nx * gy, f2 - nx * gz
+        f3, f4, f5 = f3 - ny * gx, f4 - ny * gy, f5 - ny * gz
+        f6, f7, f8 = f6 - nz * gx, f7 - nz * gy, f8 - nz * gz
+        f0, f1, f2, f3, f4, f5, f6, f7, f8 = sheet_normal(
+            (f0, f1, f2, f3, f4, f5, f6, f7, f8), gx, gy, gz, nx, ny, nz
+        )
+    if moved:
+        unexplained, square, farthest = ZERO, ZERO, ZERO
+        for m in range(k):
+            j = neighbours[i, m]
+            if j >= 0:
+                x = rest[j, 0] - rest[i, 0]
+                y = rest[j, 1] - rest[i, 1]
+                z = rest[j, 2] - rest[i, 2]
+                ex = displacements[j, 0] - px - ((f0 - ONE) * x + f1 * y + f2 * z)
+                ey = displacements[j, 1] - py - (f3 * x + (f4 - ONE) * y + f5 * z)
+                ez = displacements[j, 2] - pz - (f6 * x + f7 * y + (f8 - ONE) * z)
+                unexplained += ex * ex + ey * ey + ez * ez
+                square += x * x + y * y + z * z
+                farthest = max(farthest, x * x + y * y + z * z)
+        error = math.sqrt(unexplained / square) if square > ZERO else ZERO
+        known = ONE
+        if len(sizes) > 0 and sizes[i] * sizes[i] > farthest:
+            known = math.sqrt(farthest) / sizes[i]
+        f0, f1, f2, f3, f4, f5, f6, f7, f8 = partly(
+            (f0, f1, f2, f3, f4, f5, f6, f7, f8),
+            known * faded(error, STRETCH_FROM, STRETCH_TO),
+            known * faded(error, TURN_FROM, TURN_TO),
+        )
+    out[i, 0, 0], out[i, 0, 1], out[i, 0, 2] = f0, f1, f2
+    out[i, 1, 0], out[i, 1, 1], out[i, 1, 2] = f3, f4, f5
+    out[i, 2, 0], out[i, 2, 1], out[i, 2, 2] = f6, f7, f8

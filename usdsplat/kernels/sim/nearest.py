@@ -16,8 +16,9 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import exact, parallel, serial
+from usdsplat.kernels.launch import Scratch, block_kernel
 
-from .grid import BLOCK, squared_distance
+from .grid import squared_distance
 
 DEPTH = 32
 """Levels of a tree, at most."""
@@ -86,7 +87,7 @@ def divide(points, index, axis, first, end, middle):
             break
 
 
-@parallel
+@parallel(writes=("points", "index", "boxes"))
 def plant(points, index, levels, boxes):
     """Order points as the tree has them.
 
@@ -117,11 +118,23 @@ def plant(points, index, levels, boxes):
                 divide(points, index, axis, first, end, middle)
 
 
-@parallel
-def nearest(points, index, levels, boxes, queries, order, k, indices, distances):
+@block_kernel(
+    over="order",
+    writes=("indices", "distances"),
+    scratch=(
+        Scratch(shape=(2, DEPTH), dtype=np.int64),
+        Scratch(shape=DEPTH, dtype=np.float32),
+    ),
+    exact=True,
+)
+def nearest(
+    begin, until, stack, bounds, points, index, levels, boxes, queries, order, k, indices,
+    distances,
+):  # fmt: skip
     """Find the nearest of each query.
 
     Args:
+        stack, bounds: Scratch: numbers and levels of the nodes to come, and how far they are.
         points, index, levels, boxes: As `plant` left them.
         queries: (m, 3) f32.
         order: In which queries are taken, near ones together: (m,) i32.
@@ -131,63 +144,59 @@ def nearest(points, index, levels, boxes, queries, order, k, indices, distances)
         distances: Receives squared distances, (m * k,) f32; inf where there are no more.
     """
     n = np.int64(points.shape[0])
-    m = order.shape[0]
-    for b in prange((m + BLOCK - 1) // BLOCK):
-        nodes = np.empty(DEPTH, np.int64)
-        bounds = np.empty(DEPTH, np.float32)
-        depths = np.empty(DEPTH, np.int64)
-        for row in range(b * BLOCK, min(m, (b + 1) * BLOCK)):
-            q = order[row]
-            base = np.uint64(q * k)
-            last = base + np.uint64(k - 1)
-            for c in range(base, last + ONE):
-                indices[c] = -1
-                distances[c] = np.inf
-            x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
-            if n == 0 or not math.isfinite(x + y + z):
-                continue
-            nodes[0], bounds[0], depths[0] = 1, np.float32(0), 0
-            worst = np.float32(np.inf)
-            top = NONE
-            waiting = True
-            while waiting:
-                node, level = nodes[top], depths[top]
-                if not bounds[top] > worst:
-                    while level < levels:
-                        left = np.uint64(2 * node)
-                        right = left + ONE
-                        to_left = box_distance(
-                            x, y, z, boxes[left, 0], boxes[left, 1], boxes[left, 2],
-                            boxes[left, 3], boxes[left, 4], boxes[left, 5],
-                        )  # fmt: skip
-                        to_right = box_distance(
-                            x, y, z, boxes[right, 0], boxes[right, 1], boxes[right, 2],
-                            boxes[right, 3], boxes[right, 4], boxes[right, 5],
-                        )  # fmt: skip
-                        level += 1
-                        swap = to_right < to_left
-                        node = 2 * node + swap
-                        far = max(to_left, to_right)
-                        nodes[top], bounds[top], depths[top] = node + 1 - 2 * swap, far, level
-                        top += np.uint64(far <= worst)
-                    first, end = first_of(node, level, n), first_of(node + 1, level, n)
-                    for i in range(np.uint64(first), np.uint64(end)):
-                        d2 = squared_distance(x, y, z, points[i, 0], points[i, 1], points[i, 2])
-                        if d2 > worst:
-                            continue
-                        me = index[i]
-                        if d2 == worst and indices[last] >= 0 and me > indices[last]:
-                            continue
-                        c = last
-                        while c > base and (
-                            d2 < distances[c - ONE]
-                            or (d2 == distances[c - ONE] and goes_before(me, indices[c - ONE]))
-                        ):
-                            distances[c] = distances[c - ONE]
-                            indices[c] = indices[c - ONE]
-                            c -= ONE
-                        distances[c] = d2
-                        indices[c] = me
-                        worst = distances[last]
-                waiting = top > NONE
-                top -= np.uint64(waiting)
+    nodes, depths = stack[0], stack[1]
+    for row in range(begin, until):
+        q = order[row]
+        base = np.uint64(q * k)
+        last = base + np.uint64(k - 1)
+        for c in range(base, last + ONE):
+            indices[c] = -1
+            distances[c] = np.inf
+        x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
+        if n == 0 or not math.isfinite(x + y + z):
+            continue
+        nodes[0], bounds[0], depths[0] = 1, np.float32(0), 0
+        worst = np.float32(np.inf)
+        top = NONE
+        waiting = True
+        while waiting:
+            node, level = nodes[top], depths[top]
+            if not bounds[top] > worst:
+                while level < levels:
+                    left = np.uint64(2 * node)
+                    right = left + ONE
+                    to_left = box_distance(
+                        x, y, z, boxes[left, 0], boxes[left, 1], boxes[left, 2],
+                        boxes[left, 3], boxes[left, 4], boxes[left, 5],
+                    )  # fmt: skip
+                    to_right = box_distance(
+                        x, y, z, boxes[right, 0], boxes[right, 1], boxes[right, 2],
+                        boxes[right, 3], boxes[right, 4], boxes[right, 5],
+                    )  # fmt: skip
+                    level += 1
+                    swap = to_right < to_left
+                    node = 2 * node + swap
+                    far = max(to_left, to_right)
+                    nodes[top], bounds[top], depths[top] = node + 1 - 2 * swap, far, level
+                    top += np.uint64(far <= worst)
+                first, end = first_of(node, level, n), first_of(node + 1, level, n)
+                for i in range(np.uint64(first), np.uint64(end)):
+                    d2 = squared_distance(x, y, z, points[i, 0], points[i, 1], points[i, 2])
+                    if d2 > worst:
+                        continue
+                    me = index[i]
+                    if d2 == worst and indices[last] >= 0 and me > indices[last]:
+                        continue
+                    c = last
+                    while c > base and (
+                        d2 < distances[c - ONE]
+                        or (d2 == distances[c - ONE] and goes_before(me, indices[c - ONE]))
+                    ):
+                        distances[c] = distances[c - ONE]
+                        indices[c] = indices[c - ONE]
+                        c -= ONE
+                    distances[c] = d2
+                    indices[c] = me
+                    worst = distances[last]
+            waiting = top > NONE
+            top -= np.uint64(waiting)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import kernel
 
-from .grid import BLOCK, squared_distance
+from .grid import squared_distance
 from .support import falloff
 
 DOUBLE = 1e-12
@@ -71,8 +71,8 @@ def least_axis(xx, xy, xz, yy, yz, zz):
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
-@parallel
-def thin_axes(rotations, scales, out):
+@kernel(over="scales", writes=("out",))
+def thin_axes(i, rotations, scales, out):
     """The axis along which each splat is thinnest.
 
     Args:
@@ -80,20 +80,17 @@ def thin_axes(rotations, scales, out):
         scales: (n, 3) f32.
         out: Receives unit vectors, (n, 3) f32.
     """
-    n = scales.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            axis = 0
-            for a in range(1, 3):
-                if scales[i, a] < scales[i, axis]:
-                    axis = a
-            out[i, 0], out[i, 1], out[i, 2] = column(
-                rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3], axis
-            )
+    axis = 0
+    for a in range(1, 3):
+        if scales[i, a] < scales[i, axis]:
+            axis = a
+    out[i, 0], out[i, 1], out[i, 2] = column(
+        rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3], axis
+    )
 
 
-@parallel
-def planes(positions, support, order, rows, neighbors, before, out, surfaceness):
+@kernel(over="positions", writes=("out", "surfaceness"))
+def planes(s, positions, support, order, rows, neighbors, before, out, surfaceness):
     """Normals of the planes through neighbours.
 
     Args:
@@ -104,43 +101,40 @@ def planes(positions, support, order, rows, neighbors, before, out, surfaceness)
         surfaceness: Receives 1 - l0 / l1 of the two least eigenvalues, (n,) f32 by row: 1 on a
             sheet, 0 where neighbours are all around.
     """
-    n = positions.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            i = order[s]
-            px, py, pz = before[i, 0], before[i, 1], before[i, 2]
-            out[i, 0], out[i, 1], out[i, 2] = px, py, pz
-            surfaceness[i] = 0
-            if not support[s] > 0:
-                continue
-            inverse = np.float32(1) / support[s]
-            x0, y0, z0 = positions[s, 0], positions[s, 1], positions[s, 2]
-            total, sx, sy, sz = 1.0, 0.0, 0.0, 0.0
-            xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for e in range(rows[s], rows[s + 1]):
-                j = neighbors[e]
-                x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
-                d2 = squared_distance(x0, y0, z0, x, y, z)
-                w = np.float64(falloff(d2 * inverse * inverse))
-                dx = np.float64((x - x0) * inverse)
-                dy = np.float64((y - y0) * inverse)
-                dz = np.float64((z - z0) * inverse)
-                total += w
-                sx, sy, sz = sx + w * dx, sy + w * dy, sz + w * dz
-                xx, xy, xz = xx + w * dx * dx, xy + w * dx * dy, xz + w * dx * dz
-                yy, yz, zz = yy + w * dy * dy, yz + w * dy * dz, zz + w * dz * dz
-            sx, sy, sz = sx / total, sy / total, sz / total
-            least, middle, x, y, z = least_axis(
-                xx / total - sx * sx, xy / total - sx * sy, xz / total - sx * sz,
-                yy / total - sy * sy, yz / total - sy * sz, zz / total - sz * sz,
-            )  # fmt: skip
-            if x * x + y * y + z * z > 0:
-                surfaceness[i] = 1 - max(least, 0.0) / middle
-                sign = -1.0 if x * px + y * py + z * pz < 0 else 1.0
-                out[i, 0], out[i, 1], out[i, 2] = sign * x, sign * y, sign * z
+    i = order[s]
+    px, py, pz = before[i, 0], before[i, 1], before[i, 2]
+    out[i, 0], out[i, 1], out[i, 2] = px, py, pz
+    surfaceness[i] = 0
+    if not support[s] > 0:
+        return
+    inverse = np.float32(1) / support[s]
+    x0, y0, z0 = positions[s, 0], positions[s, 1], positions[s, 2]
+    total, sx, sy, sz = 1.0, 0.0, 0.0, 0.0
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for e in range(rows[s], rows[s + 1]):
+        j = neighbors[e]
+        x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
+        d2 = squared_distance(x0, y0, z0, x, y, z)
+        w = np.float64(falloff(d2 * inverse * inverse))
+        dx = np.float64((x - x0) * inverse)
+        dy = np.float64((y - y0) * inverse)
+        dz = np.float64((z - z0) * inverse)
+        total += w
+        sx, sy, sz = sx + w * dx, sy + w * dy, sz + w * dz
+        xx, xy, xz = xx + w * dx * dx, xy + w * dx * dy, xz + w * dx * dz
+        yy, yz, zz = yy + w * dy * dy, yz + w * dy * dz, zz + w * dz * dz
+    sx, sy, sz = sx / total, sy / total, sz / total
+    least, middle, x, y, z = least_axis(
+        xx / total - sx * sx, xy / total - sx * sy, xz / total - sx * sz,
+        yy / total - sy * sy, yz / total - sy * sz, zz / total - sz * sz,
+    )  # fmt: skip
+    if x * x + y * y + z * z > 0:
+        surfaceness[i] = 1 - max(least, 0.0) / middle
+        sign = -1.0 if x * px + y * py + z * pz < 0 else 1.0
+        out[i, 0], out[i, 1], out[i, 2] = sign * x, sign * y, sign * z
 
 
-@serial
+@serial(writes=("normals", "queue", "state"))
 def orient(normals, rows, neighbors, seeds, outward, queue, state):
     """Give normals of each connected part the same side.
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .directions import around, carried, is_normal
 from .philox import BIRTH, uniforms
 
-BLOCK = 1024
 STEP_MAX = 0.2
 """Furthest that a splat grows in a step, in radii of its neighbourhood."""
 
@@ -57,10 +56,10 @@ def direction(identity, step, nx, ny, nz, dimension, seed):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@kernel(over="positions", writes=("positions", "rest_positions"))
 def grow(
-    positions, rest_positions, rotations, rest_rotations, uv, support, normals, factor, flags, way,
-    low, high, alive, held,
+    i, positions, rest_positions, rotations, rest_rotations, uv, support, normals, factor, flags,
+    way, low, high, alive, held,
 ):  # fmt: skip
     """Move splats along their normals, at rest and, turned as they are, where they are now.
 
@@ -70,32 +69,29 @@ def grow(
         flags: (n,) u32; those with `alive` and without any of `held` move.
         way: Speed times dt; low, high: see `activity`; f32.
     """
-    n = len(positions)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            if flags[i] & (alive | held) != alive:
-                continue
-            far = way * activity(uv[i, 1], low, high)
-            if len(factor):
-                far *= factor[i]
-            most = _STEP * support[i]
-            far = min(most, max(-most, far))
-            if far == _ZERO:
-                continue
-            x, y, z = far * normals[i, 0], far * normals[i, 1], far * normals[i, 2]
-            rest_positions[i, 0] += x
-            rest_positions[i, 1] += y
-            rest_positions[i, 2] += z
-            q, r = rotations[i], rest_rotations[i]
-            x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
-            positions[i, 0] += x
-            positions[i, 1] += y
-            positions[i, 2] += z
+    if flags[i] & (alive | held) != alive:
+        return
+    far = way * activity(uv[i, 1], low, high)
+    if len(factor):
+        far *= factor[i]
+    most = _STEP * support[i]
+    far = min(most, max(-most, far))
+    if far == _ZERO:
+        return
+    x, y, z = far * normals[i, 0], far * normals[i, 1], far * normals[i, 2]
+    rest_positions[i, 0] += x
+    rest_positions[i, 1] += y
+    rest_positions[i, 2] += z
+    q, r = rotations[i], rest_rotations[i]
+    x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
+    positions[i, 0] += x
+    positions[i, 1] += y
+    positions[i, 2] += z
 
 
-@parallel
+@kernel(over="progress", writes=("progress", "ripe"))
 def ripen(
-    progress, ids, uv, support, crowding, factor, flags, chance, low, high, h_target, dimension,
+    i, progress, ids, uv, support, crowding, factor, flags, chance, low, high, h_target, dimension,
     crowd_max, alive, held, seed, ripe,
 ):  # fmt: skip
     """Add a step's chance of a child, and mark those that are due and have room.
@@ -111,31 +107,28 @@ def ripen(
         dimension: 2 or 3.
         ripe: Receives 1 or 0, (n,) u8.
     """
-    n = len(progress)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            ripe[i] = 0
-            if flags[i] & (alive | held) != alive:
-                continue
-            room = support[i] / h_target
-            room = room * room if dimension == 2 else room * room * room
-            before = progress[i]
-            if before < _ZERO:
-                before = uniforms(seed, BIRTH, ids[i], 0, 1)[0]
-            part = factor[i] if len(factor) else _ONE
-            total = before + part * chance * activity(uv[i, 1], low, high) * room
-            if total >= _ONE:
-                if crowding[i] < crowd_max and part > _ZERO:
-                    ripe[i] = 1
-                else:
-                    total = _ONE
-            progress[i] = total
+    ripe[i] = 0
+    if flags[i] & (alive | held) != alive:
+        return
+    room = support[i] / h_target
+    room = room * room if dimension == 2 else room * room * room
+    before = progress[i]
+    if before < _ZERO:
+        before = uniforms(seed, BIRTH, ids[i], 0, 1)[0]
+    part = factor[i] if len(factor) else _ONE
+    total = before + part * chance * activity(uv[i, 1], low, high) * room
+    if total >= _ONE:
+        if crowding[i] < crowd_max and part > _ZERO:
+            ripe[i] = 1
+        else:
+            total = _ONE
+    progress[i] = total
 
 
-@parallel
+@kernel(over="parents", writes=("rest", "now"))
 def put(
-    parents, ids, support, normals, rotations, rest_rotations, target, dimension, seed, step, rest,
-    now,
+    k, parents, ids, support, normals, rotations, rest_rotations, target, dimension, seed, step,
+    rest, now,
 ):  # fmt: skip
     """Move children half a spacing from their parents.
 
@@ -145,20 +138,15 @@ def put(
         target: Neighbours wanted, f64; dimension: 2 or 3; seed, step: of `uniforms`.
         rest, now: The children's positions at rest and now, copies of their parents', (b, 3) f32.
     """
-    n = len(parents)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for k in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            i = parents[k]
-            x, y, z = direction(
-                ids[i], step, normals[i, 0], normals[i, 1], normals[i, 2], dimension, seed
-            )
-            far = _HALF * spacing(support[i], target, dimension)
-            x, y, z = far * x, far * y, far * z
-            rest[k, 0] += x
-            rest[k, 1] += y
-            rest[k, 2] += z
-            q, r = rotations[i], rest_rotations[i]
-            x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
-            now[k, 0] += x
-            now[k, 1] += y
-            now[k, 2] += z
+    i = parents[k]
+    x, y, z = direction(ids[i], step, normals[i, 0], normals[i, 1], normals[i, 2], dimension, seed)
+    far = _HALF * spacing(support[i], target, dimension)
+    x, y, z = far * x, far * y, far * z
+    rest[k, 0] += x
+    rest[k, 1] += y
+    rest[k, 2] += z
+    q, r = rotations[i], rest_rotations[i]
+    x, y, z = carried(q[0], q[1], q[2], q[3], r[0], r[1], r[2], r[3], x, y, z)
+    now[k, 0] += x
+    now[k, 1] += y
+    now[k, 2] += z

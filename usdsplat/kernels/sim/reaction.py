@@ -12,6 +12,7 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.launch import kernel
 
 BLOCK = 1024
 """Points that one thread takes at a time."""
@@ -37,7 +38,7 @@ def reacted(u, v, flow_u, flow_v, feed, kill, step):
 # --- 2. loops ---------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("out",), gpu="sim.reaction.gray_scott")
 def gray_scott(row, nbr, w, uv, feed, kill, du, dv, step, out):
     """One step of all points. Sums have a fixed order: four in turn, then the rest.
 
@@ -82,12 +83,9 @@ def gray_scott(row, nbr, w, uv, feed, kill, du, dv, step, out):
             )  # fmt: skip
 
 
-@parallel
-def seed(uv, weight, u, v):
+@kernel(over="uv", writes=("uv",))
+def seed(i, uv, weight, u, v):
     """Move uv towards (u, v) by each point's weight, in place. weight: float32 (n,), 0 to 1."""
-    n = len(uv)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            t = min(max(weight[i], ZERO), ONE)
-            uv[i, 0] += t * (u - uv[i, 0])
-            uv[i, 1] += t * (v - uv[i, 1])
+    t = min(max(weight[i], ZERO), ONE)
+    uv[i, 0] += t * (u - uv[i, 0])
+    uv[i, 1] += t * (v - uv[i, 1])

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import reduction
 
-from .grid import BLOCK, squared_distance
+from .grid import squared_distance
 from .support import falloff
 
 RANGE = np.float32(1.8)
@@ -48,9 +48,11 @@ def push(d2, own, other):
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
-@parallel
-def sweep(positions, support, normals, order, rows, neighbors, unit, strength, out, moved):
-    """Move all splats once, each by where the others were.
+@reduction(over="positions", by="sum", writes=("out",))
+def sweep(s, positions, support, normals, order, rows, neighbors, unit, strength, out):
+    """Move a splat once, by where the others were; return the step, in spacings.
+
+    The sum over all splats comes back.
 
     Args:
         positions, support, order, rows, neighbors: A graph's, of lists within either's radius.
@@ -59,70 +61,62 @@ def sweep(positions, support, normals, order, rows, neighbors, unit, strength, o
         unit: Spacing over radius, f32.
         strength: Part of the spacing, f32.
         out: Receives positions by row, (n, 3) f32.
-        moved: Receives the sum of steps in each block, in spacings, (blocks,) f64.
     """
-    n = positions.shape[0]
     zero = np.float32(0)
-    for b in prange(moved.shape[0]):
-        total = 0.0
-        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
-            nx, ny, nz = normals[s, 0], normals[s, 1], normals[s, 2]
-            spacing = unit * support[s]
-            i = order[s]
-            out[i, 0], out[i, 1], out[i, 2] = x, y, z
-            if not (spacing > 0 and rows[s + 1] > rows[s]):
-                continue
-            inverse = np.float32(1) / (support[s] * support[s])
-            fx, fy, fz = zero, zero, zero
-            weights, height, mx, my, mz = zero, zero, zero, zero, zero
-            cx, cy, cz = zero, zero, zero
-            for e in range(rows[s], rows[s + 1]):
-                j = neighbors[e]
-                px, py, pz = positions[j, 0], positions[j, 1], positions[j, 2]
-                d2 = squared_distance(px, py, pz, x, y, z)
-                dx, dy, dz = x - px, y - py, z - pz
-                f = push(d2, spacing, unit * support[j])
-                fx, fy, fz = fx + f * dx, fy + f * dy, fz + f * dz
-                ox, oy, oz = normals[j, 0], normals[j, 1], normals[j, 2]
-                w = falloff(d2 * inverse)
-                side = w if ox * nx + oy * ny + oz * nz >= 0 else -w
-                ox, oy, oz = w * nx + side * ox, w * ny + side * oy, w * nz + side * oz
-                weights += w
-                cx, cy, cz = cx + w * dx, cy + w * dy, cz + w * dz
-                height += ox * dx + oy * dy + oz * dz
-                mx, my, mz = mx + ox, my + oy, mz + oz
-            along = fx * nx + fy * ny + fz * nz
-            fx, fy, fz = fx - along * nx, fy - along * ny, fz - along * nz
-            along = cx * nx + cy * ny + cz * nz
-            cx, cy, cz = cx - along * nx, cy - along * ny, cz - along * nz
-            away = np.float32(math.sqrt(cx * cx + cy * cy + cz * cz))
-            # Nothing holds a border against those that push it from one side: it would run away.
-            if away > ASIDE * weights * support[s]:
-                cx, cy, cz = cx / away, cy / away, cz / away
-                outward = fx * cx + fy * cy + fz * cz
-                is_border = outward > 0
-                for e in range(rows[s], rows[s + 1]):
-                    j = neighbors[e]
-                    dx, dy, dz = positions[j, 0] - x, positions[j, 1] - y, positions[j, 2] - z
-                    d2 = dx * dx + dy * dy + dz * dz
-                    d = np.float32(math.sqrt(d2))
-                    ahead = dx * cx + dy * cy + dz * cz > CONE * d
-                    is_border &= not (ahead and d < support[s])
-                if is_border:
-                    fx, fy, fz = fx - outward * cx, fy - outward * cy, fz - outward * cz
-            length = np.float32(math.sqrt(fx * fx + fy * fy + fz * fz))
-            step = (
-                strength * spacing * min(np.float32(1), LONGEST / max(strength * length, LONGEST))
-            )
-            fx, fy, fz = step * fx, step * fy, step * fz
-            # A chord makes equal angles with both normals of an arc, so their mean leaves a splat
-            # on a sphere where it is; the neighbours' centroid would draw it inwards.
-            back = zero
-            if weights > 0:
-                back = -RETURN * np.float32(0.5) * (height + mx * fx + my * fy + mz * fz) / weights
-            out[i, 0] = x + fx + back * nx
-            out[i, 1] = y + fy + back * ny
-            out[i, 2] = z + fz + back * nz
-            total += np.float64(step * length / spacing)
-        moved[b] = total
+    x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
+    nx, ny, nz = normals[s, 0], normals[s, 1], normals[s, 2]
+    spacing = unit * support[s]
+    i = order[s]
+    out[i, 0], out[i, 1], out[i, 2] = x, y, z
+    if not (spacing > 0 and rows[s + 1] > rows[s]):
+        return 0.0
+    inverse = np.float32(1) / (support[s] * support[s])
+    fx, fy, fz = zero, zero, zero
+    weights, height, mx, my, mz = zero, zero, zero, zero, zero
+    cx, cy, cz = zero, zero, zero
+    for e in range(rows[s], rows[s + 1]):
+        j = neighbors[e]
+        px, py, pz = positions[j, 0], positions[j, 1], positions[j, 2]
+        d2 = squared_distance(px, py, pz, x, y, z)
+        dx, dy, dz = x - px, y - py, z - pz
+        f = push(d2, spacing, unit * support[j])
+        fx, fy, fz = fx + f * dx, fy + f * dy, fz + f * dz
+        ox, oy, oz = normals[j, 0], normals[j, 1], normals[j, 2]
+        w = falloff(d2 * inverse)
+        side = w if ox * nx + oy * ny + oz * nz >= 0 else -w
+        ox, oy, oz = w * nx + side * ox, w * ny + side * oy, w * nz + side * oz
+        weights += w
+        cx, cy, cz = cx + w * dx, cy + w * dy, cz + w * dz
+        height += ox * dx + oy * dy + oz * dz
+        mx, my, mz = mx + ox, my + oy, mz + oz
+    along = fx * nx + fy * ny + fz * nz
+    fx, fy, fz = fx - along * nx, fy - along * ny, fz - along * nz
+    along = cx * nx + cy * ny + cz * nz
+    cx, cy, cz = cx - along * nx, cy - along * ny, cz - along * nz
+    away = np.float32(math.sqrt(cx * cx + cy * cy + cz * cz))
+    # Nothing holds a border against those that push it from one side: it would run away.
+    if away > ASIDE * weights * support[s]:
+        cx, cy, cz = cx / away, cy / away, cz / away
+        outward = fx * cx + fy * cy + fz * cz
+        is_border = outward > 0
+        for e in range(rows[s], rows[s + 1]):
+            j = neighbors[e]
+            dx, dy, dz = positions[j, 0] - x, positions[j, 1] - y, positions[j, 2] - z
+            d2 = dx * dx + dy * dy + dz * dz
+            d = np.float32(math.sqrt(d2))
+            ahead = dx * cx + dy * cy + dz * cz > CONE * d
+            is_border &= not (ahead and d < support[s])
+        if is_border:
+            fx, fy, fz = fx - outward * cx, fy - outward * cy, fz - outward * cz
+    length = np.float32(math.sqrt(fx * fx + fy * fy + fz * fz))
+    step = strength * spacing * min(np.float32(1), LONGEST / max(strength * length, LONGEST))
+    fx, fy, fz = step * fx, step * fy, step * fz
+    # A chord makes equal angles with both normals of an arc, so their mean leaves a splat
+    # on a sphere where it is; the neighbours' centroid would draw it inwards.
+    back = zero
+    if weights > 0:
+        back = -RETURN * np.float32(0.5) * (height + mx * fx + my * fy + mz * fz) / weights
+    out[i, 0] = x + fx + back * nx
+    out[i, 1] = y + fy + back * ny
+    out[i, 2] = z + fz + back * nz
+    return np.float64(step * length / spacing)

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar, serial
+from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.philox import SEEDS, uniforms
-
-BLOCK = 1024
-"""Points that one thread takes at a time."""
 
 ONE = np.float32(1)
 HALF_RANGE = 1 << 20
@@ -44,39 +41,33 @@ def mixed(a, b, t):
 # --- 2. loops ---------------------------------------------------------------------------
 
 
-@parallel
-def draw(ids, seed, out):
+@kernel(over="ids", writes=("out",))
+def draw(i, ids, seed, out):
     """A number in [0, 1) for each identity. ids: int64 (n,); out: float32 (n,), written."""
-    n = len(ids)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            out[i] = uniforms(seed, SEEDS, ids[i], 0, 0)[0]
+    out[i] = uniforms(seed, SEEDS, ids[i], 0, 0)[0]
 
 
-@parallel
-def noise(positions, seed, size, out):
+@kernel(over="positions", writes=("out",))
+def noise(i, positions, seed, size, out):
     """Value noise: smooth, 0 to 1, of patches about `size` across.
 
     positions: float32 (n, 3), finite; size: float64; out: float32 (n,), written.
     """
-    n = len(positions)
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(block * BLOCK + BLOCK, n)):
-            px, py, pz = positions[i, 0] / size, positions[i, 1] / size, positions[i, 2] / size
-            x = np.int64(math.floor(px))  # which on a GPU is a float64
-            y, z = np.int64(math.floor(py)), np.int64(math.floor(pz))
-            tx = eased(np.float32(px - x))
-            ty = eased(np.float32(py - y))
-            tz = eased(np.float32(pz - z))
-            low = high = np.float32(0)
-            for k in range(2):
-                near = mixed(corner(seed, x, y, z + k), corner(seed, x + 1, y, z + k), tx)
-                far = mixed(corner(seed, x, y + 1, z + k), corner(seed, x + 1, y + 1, z + k), tx)
-                low, high = high, mixed(near, far, ty)
-            out[i] = mixed(low, high, tz)
+    px, py, pz = positions[i, 0] / size, positions[i, 1] / size, positions[i, 2] / size
+    x = np.int64(math.floor(px))  # which on a GPU is a float64
+    y, z = np.int64(math.floor(py)), np.int64(math.floor(pz))
+    tx = eased(np.float32(px - x))
+    ty = eased(np.float32(py - y))
+    tz = eased(np.float32(pz - z))
+    low = high = np.float32(0)
+    for k in range(2):
+        near = mixed(corner(seed, x, y, z + k), corner(seed, x + 1, y, z + k), tx)
+        far = mixed(corner(seed, x, y + 1, z + k), corner(seed, x + 1, y + 1, z + k), tx)
+        low, high = high, mixed(near, far, ty)
+    out[i] = mixed(low, high, tz)
 
 
-@serial
+@serial(writes=("queue", "label"))
 def parts(rows, neighbors, queue, label):
     """Number the connected parts of a graph, and return how many there are.
 

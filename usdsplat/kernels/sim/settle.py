@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
-BLOCK = 1024
 SKIPPED = 10  # bits PINNED and FREE of State.flags
 
 
@@ -41,10 +40,11 @@ def rest_axis(x, v, omega, decay, dt):
     return x + v * (np.float32(1) - square) / (omega + omega), v * square
 
 
-@parallel
+@kernel(over="positions", writes=("speeds", "positions", "velocities", "since"))
 def settle(
-    omega, delay, fastest, dt, before, after, speeds, flags, weights, positions, velocities, since
-):
+    i, omega, delay, fastest, dt, before, after, speeds, flags, weights, positions, velocities,
+    since,
+):  # fmt: skip
     """One substep of every splat that is neither pinned nor free.
 
     Args:
@@ -60,37 +60,34 @@ def settle(
         positions, velocities: Shape (n, 3) f32; written.
         since: Time since the last contact [s], shape (n,) f32; dt is added.
     """
-    n = positions.shape[0]
     per_dt = np.float32(1) / dt
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            rests = since[i] < delay
-            since[i] += dt
-            if flags[i] & SKIPPED != 0:
-                for axis in range(len(speeds) and 3):
-                    speeds[i, axis] = (after[i, axis] - before[i, axis]) * per_dt
-                continue
-            own = omega * weights[i]
-            decay = math.exp(-own * dt)
-            for axis in range(3):
-                x, v = positions[i, axis], velocities[i, axis]
-                carried = speed = np.float32(0)
-                if len(speeds):
-                    carried, speed = speeds[i, axis], (after[i, axis] - before[i, axis]) * per_dt
-                    speeds[i, axis] = speed
-                if own == np.float32(0):
-                    x, v = follow_axis(x, before[i, axis], after[i, axis], speed)
-                elif rests:
-                    x, v = rest_axis(x, v, own, decay, dt)
-                else:
-                    x, v = settle_axis(
-                        x, v, before[i, axis], after[i, axis], carried, speed, own, decay, dt
-                    )
-                positions[i, axis], velocities[i, axis] = x, v
-            vx, vy, vz = velocities[i, 0], velocities[i, 1], velocities[i, 2]
-            rate = math.sqrt(vx * vx + vy * vy + vz * vz)
-            if rate > fastest:
-                part = fastest / rate
-                velocities[i, 0], velocities[i, 1], velocities[i, 2] = (
-                    vx * part, vy * part, vz * part,
-                )  # fmt: skip
+    rests = since[i] < delay
+    since[i] += dt
+    if flags[i] & SKIPPED != 0:
+        for axis in range(len(speeds) and 3):
+            speeds[i, axis] = (after[i, axis] - before[i, axis]) * per_dt
+        return
+    own = omega * weights[i]
+    decay = math.exp(-own * dt)
+    for axis in range(3):
+        x, v = positions[i, axis], velocities[i, axis]
+        carried = speed = np.float32(0)
+        if len(speeds):
+            carried, speed = speeds[i, axis], (after[i, axis] - before[i, axis]) * per_dt
+            speeds[i, axis] = speed
+        if own == np.float32(0):
+            x, v = follow_axis(x, before[i, axis], after[i, axis], speed)
+        elif rests:
+            x, v = rest_axis(x, v, own, decay, dt)
+        else:
+            x, v = settle_axis(
+                x, v, before[i, axis], after[i, axis], carried, speed, own, decay, dt
+            )
+        positions[i, axis], velocities[i, axis] = x, v
+    vx, vy, vz = velocities[i, 0], velocities[i, 1], velocities[i, 2]
+    rate = math.sqrt(vx * vx + vy * vy + vz * vz)
+    if rate > fastest:
+        part = fastest / rate
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = (
+            vx * part, vy * part, vz * part,
+        )  # fmt: skip

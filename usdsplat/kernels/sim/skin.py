@@ -13,10 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from ..jit import exact, parallel, scalar
-from .bvh import BLOCK
+from ..jit import exact, scalar
+from ..launch import Scratch, block_kernel, kernel
 
 DUAL = 17
 """Columns of a joint for dual quaternions: rotation, dual part, stretch by rows."""
@@ -76,8 +75,12 @@ def edge(points, triangles, face, end):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def blend_linear(points, gradient, indices, weights, amount, joints):
+@block_kernel(
+    over="points",
+    writes=("points", "gradient"),
+    scratch=(Scratch(shape=12, dtype=np.float64),),
+)
+def blend_linear(first, last, m, points, gradient, indices, weights, amount, joints):
     """Move splats by the mean of what their joints do.
 
     Args:
@@ -87,26 +90,27 @@ def blend_linear(points, gradient, indices, weights, amount, joints):
         amount: How far, 0..1.
         joints: (A | t) by rows, shape (j, 12) f64.
     """
-    n = points.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        m = np.empty(12, np.float64)
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            m[:] = 0.0
-            stays = 1.0
-            for k in range(indices.shape[1]):
-                weight = amount * np.float64(weights[i, k])
-                if weight != 0.0:
-                    stays -= weight
-                    for a in range(12):
-                        m[a] += weight * joints[indices[i, k], a]
-            m[0] += stays
-            m[5] += stays
-            m[10] += stays
-            carry(m, points, gradient, i)
+    for i in range(first, last):
+        m[:] = 0.0
+        stays = 1.0
+        for k in range(indices.shape[1]):
+            weight = amount * np.float64(weights[i, k])
+            if weight != 0.0:
+                stays -= weight
+                for a in range(12):
+                    m[a] += weight * joints[indices[i, k], a]
+        m[0] += stays
+        m[5] += stays
+        m[10] += stays
+        carry(m, points, gradient, i)
 
 
-@parallel
-def blend_dual(points, gradient, indices, weights, amount, joints):
+@block_kernel(
+    over="points",
+    writes=("points", "gradient"),
+    scratch=(Scratch(shape=29, dtype=np.float64),),
+)
+def blend_dual(first, last, own, points, gradient, indices, weights, amount, joints):
     """Move splats by the rigid motion between those of their joints; stretch is blended linearly
     and comes first.
 
@@ -114,67 +118,71 @@ def blend_dual(points, gradient, indices, weights, amount, joints):
         points, gradient, indices, weights, amount: As `blend_linear` takes them.
         joints: Shape (j, DUAL) f64.
     """
-    n = points.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        m, s, q = np.empty(12, np.float64), np.empty(9, np.float64), np.empty(8, np.float64)
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            pivot, most = np.int32(-1), np.float32(0)
+    m, s, q = own[:12], own[12:21], own[21:]
+    for i in range(first, last):
+        pivot, most = np.int32(-1), np.float32(0)
+        for k in range(indices.shape[1]):
+            if weights[i, k] > most:
+                pivot, most = indices[i, k], weights[i, k]
+        if pivot >= 0 and amount > 0.0:
+            q[:] = 0.0
+            s[:] = 0.0
+            stays = 1.0
             for k in range(indices.shape[1]):
-                if weights[i, k] > most:
-                    pivot, most = indices[i, k], weights[i, k]
-            if pivot >= 0 and amount > 0.0:
-                q[:] = 0.0
-                s[:] = 0.0
-                stays = 1.0
-                for k in range(indices.shape[1]):
-                    weight, j = amount * np.float64(weights[i, k]), indices[i, k]
-                    if weight != 0.0:
-                        stays -= weight
-                        cosine = 0.0
-                        for a in range(4):
-                            cosine += joints[j, a] * joints[pivot, a]
-                        signed = -weight if cosine < 0.0 else weight
-                        for a in range(8):
-                            q[a] += signed * joints[j, a]
-                        for a in range(9):
-                            s[a] += weight * joints[j, 8 + a]
-                q[0] += -stays if joints[pivot, 0] < 0.0 else stays
-                for a in range(0, 9, 4):
-                    s[a] += stays
-                square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-                if not square > 1e-12:  # opposite motions have no middle
+                weight, j = amount * np.float64(weights[i, k]), indices[i, k]
+                if weight != 0.0:
+                    stays -= weight
+                    cosine = 0.0
+                    for a in range(4):
+                        cosine += joints[j, a] * joints[pivot, a]
+                    signed = -weight if cosine < 0.0 else weight
                     for a in range(8):
-                        q[a] = joints[pivot, a]
-                    square = 1.0
-                w, x, y, z = q[0], q[1], q[2], q[3]
-                f = 2.0 / square
-                m[0], m[1], m[2] = (
-                    1.0 - f * (y * y + z * z),
-                    f * (x * y - w * z),
-                    f * (x * z + w * y),
-                )
-                m[4], m[5], m[6] = (
-                    f * (x * y + w * z),
-                    1.0 - f * (x * x + z * z),
-                    f * (y * z - w * x),
-                )
-                m[8], m[9], m[10] = (
-                    f * (x * z - w * y),
-                    f * (y * z + w * x),
-                    1.0 - f * (x * x + y * y),
-                )
-                m[3] = f * (w * q[5] - x * q[4] - z * q[6] + y * q[7])
-                m[7] = f * (w * q[6] - y * q[4] - x * q[7] + z * q[5])
-                m[11] = f * (w * q[7] - z * q[4] - y * q[5] + x * q[6])
-                for a in range(0, 12, 4):
-                    x, y, z = m[a], m[a + 1], m[a + 2]
-                    for b in range(3):
-                        m[a + b] = x * s[b] + y * s[3 + b] + z * s[6 + b]
-                carry(m, points, gradient, i)
+                        q[a] += signed * joints[j, a]
+                    for a in range(9):
+                        s[a] += weight * joints[j, 8 + a]
+            q[0] += -stays if joints[pivot, 0] < 0.0 else stays
+            for a in range(0, 9, 4):
+                s[a] += stays
+            square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+            if not square > 1e-12:  # opposite motions have no middle
+                for a in range(8):
+                    q[a] = joints[pivot, a]
+                square = 1.0
+            w, x, y, z = q[0], q[1], q[2], q[3]
+            f = 2.0 / square
+            m[0], m[1], m[2] = (
+                1.0 - f * (y * y + z * z),
+                f * (x * y - w * z),
+                f * (x * z + w * y),
+            )
+            m[4], m[5], m[6] = (
+                f * (x * y + w * z),
+                1.0 - f * (x * x + z * z),
+                f * (y * z - w * x),
+            )
+            m[8], m[9], m[10] = (
+                f * (x * z - w * y),
+                f * (y * z + w * x),
+                1.0 - f * (x * x + y * y),
+            )
+            m[3] = f * (w * q[5] - x * q[4] - z * q[6] + y * q[7])
+            m[7] = f * (w * q[6] - y * q[4] - x * q[7] + z * q[5])
+            m[11] = f * (w * q[7] - z * q[4] - y * q[5] + x * q[6])
+            for a in range(0, 12, 4):
+                x, y, z = m[a], m[a + 1], m[a + 2]
+                for b in range(3):
+                    m[a + b] = x * s[b] + y * s[3 + b] + z * s[6 + b]
+            carry(m, points, gradient, i)
 
 
-@parallel
-def follow_triangles(points, gradient, faces, weights, amount, triangles, before, after, bind):
+@block_kernel(
+    over="points",
+    writes=("points", "gradient"),
+    scratch=(Scratch(shape=21, dtype=np.float64),),
+)
+def follow_triangles(
+    first, last, own, points, gradient, faces, weights, amount, triangles, before, after, bind
+):
     """Move splats as the triangles move that they are bound to.
 
     Args:
@@ -185,44 +193,42 @@ def follow_triangles(points, gradient, faces, weights, amount, triangles, before
         before, after: The mesh at bind time and now, shape (p, 3) f32.
         bind: Splats to where they were bound, (A | t) by rows, shape (12,) f64.
     """
-    n = points.shape[0]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        m, f = np.empty(12, np.float64), np.empty(9, np.float64)
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            face = faces[i]
-            ux, uy, uz = edge(before, triangles, face, 1)
-            vx, vy, vz = edge(before, triangles, face, 2)
-            nx, ny, nz = upright(ux, uy, uz, vx, vy, vz)
-            rux, ruy, ruz = cross(vx, vy, vz, nx, ny, nz)
-            rvx, rvy, rvz = cross(nx, ny, nz, ux, uy, uz)
-            rnx, rny, rnz = cross(ux, uy, uz, vx, vy, vz)
-            volume = ux * rux + uy * ruy + uz * ruz
-            u = edge(after, triangles, face, 1)
-            v = edge(after, triangles, face, 2)
-            w = upright(u[0], u[1], u[2], v[0], v[1], v[2])
-            for a in range(3):
-                f[3 * a] = (u[a] * rux + v[a] * rvx + w[a] * rnx) / volume
-                f[3 * a + 1] = (u[a] * ruy + v[a] * rvy + w[a] * rny) / volume
-                f[3 * a + 2] = (u[a] * ruz + v[a] * rvz + w[a] * rnz) / volume
-            if not volume > 0.0:  # a triangle without area only takes splats along
-                f[:] = 0.0
-                f[0] = f[4] = f[8] = 1.0
-            for a in range(3):
-                shift = corner(after, triangles, weights, face, i, a)
-                for b in range(4):
-                    total = 0.0
-                    for c in range(3):
-                        total += f[3 * a + c] * bind[4 * c + b]
-                    m[4 * a + b] = amount * total
+    m, f = own[:12], own[12:]
+    for i in range(first, last):
+        face = faces[i]
+        ux, uy, uz = edge(before, triangles, face, 1)
+        vx, vy, vz = edge(before, triangles, face, 2)
+        nx, ny, nz = upright(ux, uy, uz, vx, vy, vz)
+        rux, ruy, ruz = cross(vx, vy, vz, nx, ny, nz)
+        rvx, rvy, rvz = cross(nx, ny, nz, ux, uy, uz)
+        rnx, rny, rnz = cross(ux, uy, uz, vx, vy, vz)
+        volume = ux * rux + uy * ruy + uz * ruz
+        u = edge(after, triangles, face, 1)
+        v = edge(after, triangles, face, 2)
+        w = upright(u[0], u[1], u[2], v[0], v[1], v[2])
+        for a in range(3):
+            f[3 * a] = (u[a] * rux + v[a] * rvx + w[a] * rnx) / volume
+            f[3 * a + 1] = (u[a] * ruy + v[a] * rvy + w[a] * rny) / volume
+            f[3 * a + 2] = (u[a] * ruz + v[a] * rvz + w[a] * rnz) / volume
+        if not volume > 0.0:  # a triangle without area only takes splats along
+            f[:] = 0.0
+            f[0] = f[4] = f[8] = 1.0
+        for a in range(3):
+            shift = corner(after, triangles, weights, face, i, a)
+            for b in range(4):
+                total = 0.0
                 for c in range(3):
-                    shift -= f[3 * a + c] * corner(before, triangles, weights, face, i, c)
-                m[4 * a + 3] += amount * shift
-                m[5 * a] += 1.0 - amount
-            carry(m, points, gradient, i)
+                    total += f[3 * a + c] * bind[4 * c + b]
+                m[4 * a + b] = amount * total
+            for c in range(3):
+                shift -= f[3 * a + c] * corner(before, triangles, weights, face, i, c)
+            m[4 * a + 3] += amount * shift
+            m[5 * a] += 1.0 - amount
+        carry(m, points, gradient, i)
 
 
-@parallel
-def gather_weights(faces, places, triangles, joints, weights, out_joints, out_weights):
+@kernel(over="faces", writes=("out_joints", "out_weights"))
+def gather_weights(i, faces, places, triangles, joints, weights, out_joints, out_weights):
     """Take joints from a bound mesh: those of the triangle's points, each as its place says.
 
     The strongest are kept, of equal ones the lowest, and sum to 1.
@@ -234,37 +240,35 @@ def gather_weights(faces, places, triangles, joints, weights, out_joints, out_we
         out_joints, out_weights: Receive the strongest first, shape (n, m) i32, f32; zeros where
             there are fewer.
     """
-    n, k, kept = faces.shape[0], joints.shape[1], out_joints.shape[1]
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            face = faces[i]
-            for m in range(kept):
-                out_joints[i, m], out_weights[i, m] = np.int32(0), np.float32(0)
-            for one in range(3 * k):
-                joint = joints[triangles[face, one // k], one % k]
-                total, is_new = np.float32(0), True
-                for other in range(3 * k):
-                    row = triangles[face, other // k]
-                    if joints[row, other % k] == joint:
-                        is_new = is_new and other >= one
-                        total += places[i, other // k] * weights[row, other % k]
-                at = kept
-                while (
-                    is_new
-                    and at > 0
-                    and (
-                        total > out_weights[i, at - 1]
-                        or (total == out_weights[i, at - 1] and joint < out_joints[i, at - 1])
-                    )
-                ):
-                    at -= 1
-                if is_new and total > np.float32(0) and at < kept:
-                    for m in range(kept - 1, at, -1):
-                        out_joints[i, m] = out_joints[i, m - 1]
-                        out_weights[i, m] = out_weights[i, m - 1]
-                    out_joints[i, at], out_weights[i, at] = joint, total
-            total = np.float32(0)
-            for m in range(kept):
-                total += out_weights[i, m]
-            for m in range(kept):
-                out_weights[i, m] = out_weights[i, m] / total if total > 0 else np.float32(0)
+    k, kept = joints.shape[1], out_joints.shape[1]
+    face = faces[i]
+    for m in range(kept):
+        out_joints[i, m], out_weights[i, m] = np.int32(0), np.float32(0)
+    for one in range(3 * k):
+        joint = joints[triangles[face, one // k], one % k]
+        total, is_new = np.float32(0), True
+        for other in range(3 * k):
+            row = triangles[face, other // k]
+            if joints[row, other % k] == joint:
+                is_new = is_new and other >= one
+                total += places[i, other // k] * weights[row, other % k]
+        at = kept
+        while (
+            is_new
+            and at > 0
+            and (
+                total > out_weights[i, at - 1]
+                or (total == out_weights[i, at - 1] and joint < out_joints[i, at - 1])
+            )
+        ):
+            at -= 1
+        if is_new and total > np.float32(0) and at < kept:
+            for m in range(kept - 1, at, -1):
+                out_joints[i, m] = out_joints[i, m - 1]
+                out_weights[i, m] = out_weights[i, m - 1]
+            out_joints[i, at], out_weights[i, at] = joint, total
+    total = np.float32(0)
+    for m in range(kept):
+        total += out_weights[i, m]
+    for m in range(kept):
+        out_weights[i, m] = out_weights[i, m] / total if total > 0 else np.float32(0)

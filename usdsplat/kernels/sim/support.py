@@ -10,11 +10,11 @@ magnetohydrodynamics".
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
-from .grid import BLOCK, squared_distance
+from .grid import squared_distance
 
 FACTOR = {2: 4.0, 3: 105 / 16}
 """Dimension -> area or volume of the unit ball over the integral of K."""
@@ -39,8 +39,8 @@ def corrected(h, count, target, power, least, most):
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
-@parallel
-def crowding(positions, support, order, rows, neighbors, factor, out):
+@kernel(over="positions", writes=("out",))
+def crowding(s, positions, support, order, rows, neighbors, factor, out):
     """Smooth number of neighbours.
 
     Args:
@@ -48,24 +48,19 @@ def crowding(positions, support, order, rows, neighbors, factor, out):
         factor: Of the dimension, f32.
         out: Receives that of each row, (n,) f32.
     """
-    n = positions.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for s in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
-            total = np.float32(0)
-            if support[s] > 0:
-                inverse = np.float32(1) / (support[s] * support[s])
-                for e in range(rows[s], rows[s + 1]):
-                    j = neighbors[e]
-                    d2 = squared_distance(
-                        x, y, z, positions[j, 0], positions[j, 1], positions[j, 2]
-                    )
-                    total += falloff(d2 * inverse)
-            out[order[s]] = factor * total
+    x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
+    total = np.float32(0)
+    if support[s] > 0:
+        inverse = np.float32(1) / (support[s] * support[s])
+        for e in range(rows[s], rows[s + 1]):
+            j = neighbors[e]
+            d2 = squared_distance(x, y, z, positions[j, 0], positions[j, 1], positions[j, 2])
+            total += falloff(d2 * inverse)
+    out[order[s]] = factor * total
 
 
-@parallel
-def control(support, count, target, power, least, most, out):
+@kernel(over="support", writes=("out",))
+def control(i, support, count, target, power, least, most, out):
     """Correct radii by the number of neighbours.
 
     Args:
@@ -76,8 +71,5 @@ def control(support, count, target, power, least, most, out):
         least, most: Limits, f32.
         out: Receives (n,) f32.
     """
-    n = support.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            h = support[i]
-            out[i] = corrected(h, count[i], target, power, least, most) if h > 0 else h
+    h = support[i]
+    out[i] = corrected(h, count[i], target, power, least, most) if h > 0 else h

@@ -328,7 +328,9 @@ def sweep_block(
                 counts[block] += 1
 
 
-@parallel
+@parallel(
+    writes=("positions", "velocities", "since", "struck", "near", "counts"), gpu="sim.sweep.sweep"
+)
 def sweep(
     bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities, since,
     struck, near, counts,

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import parallel, scalar
+from usdsplat.kernels.jit import scalar
+from usdsplat.kernels.launch import kernel
 
 from .matrix import (
     ONE,
@@ -37,7 +37,6 @@ from .matrix import (
 FULL, RIGID, VOLUME = range(3)
 """Of a deformation a splat takes all, only the rotation, or all but the change of volume."""
 
-BLOCK = 1024
 _THIRD = np.float32(-1 / 3)
 _THIN = np.float32(1e-6)
 """Axes below this part of the longest are carried along as if they had it."""
@@ -85,9 +84,9 @@ def carried(f, w, x, y, z, sx, sy, sz):
     return w, x, y, z, lx * longest * px / ux, ly * longest * py / uy, lz * longest * pz / uz, area
 
 
-@parallel
-def transport(gradient, rest_rotations, rest_scales, policy, limit, rotations, scales, areas):
-    """Ellipsoids of all splats from those at rest; returns how many are not at rest.
+@kernel(over="gradient", writes=("rotations", "scales", "areas"))
+def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations, scales, areas):
+    """Compute the ellipsoid of each splat from that at rest.
 
     Args:
         gradient: Shape (n, 3, 3). Rows that are exactly the identity, or not finite, are at rest.
@@ -99,48 +98,42 @@ def transport(gradient, rest_rotations, rest_scales, policy, limit, rotations, s
         scales: Receives, shape (n, 3).
         areas: Receives the factor of each one's face, shape (n,), or (0,) for nobody.
     """
-    n = len(gradient)
-    moved = 0
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            f = (
-                gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
-                gradient[i, 1, 0], gradient[i, 1, 1], gradient[i, 1, 2],
-                gradient[i, 2, 0], gradient[i, 2, 1], gradient[i, 2, 2],
-            )  # fmt: skip
-            w, x, y, z = (
-                rest_rotations[i, 0], rest_rotations[i, 1],
-                rest_rotations[i, 2], rest_rotations[i, 3],
-            )  # fmt: skip
-            sx, sy, sz = rest_scales[i, 0], rest_scales[i, 1], rest_scales[i, 2]
-            area = ONE
-            total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
-            if not is_identity(f) and math.isfinite(total):
-                moved += 1
-                if policy == RIGID:
-                    w, x, y, z = matrix_quat(product(polar(f), quat_matrix(w, x, y, z)))
-                else:
-                    if not is_mild(f, limit):
-                        f = guarded(f, limit)
-                    if policy == VOLUME:
-                        k = determinant(f) ** _THIRD
-                        f = by_columns(f, k, k, k)
-                    w, x, y, z, sx, sy, sz, area = carried(f, w, x, y, z, sx, sy, sz)
-            dot = (
-                w * rotations[i, 0] + x * rotations[i, 1]
-                + y * rotations[i, 2] + z * rotations[i, 3]
-            )  # fmt: skip
-            if dot < ZERO:
-                w, x, y, z = -w, -x, -y, -z
-            rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3] = w, x, y, z
-            scales[i, 0], scales[i, 1], scales[i, 2] = sx, sy, sz
-            if len(areas) > 0:
-                areas[i] = area
-    return moved
+    f = (
+        gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
+        gradient[i, 1, 0], gradient[i, 1, 1], gradient[i, 1, 2],
+        gradient[i, 2, 0], gradient[i, 2, 1], gradient[i, 2, 2],
+    )  # fmt: skip
+    w, x, y, z = (
+        rest_rotations[i, 0], rest_rotations[i, 1],
+        rest_rotations[i, 2], rest_rotations[i, 3],
+    )  # fmt: skip
+    sx, sy, sz = rest_scales[i, 0], rest_scales[i, 1], rest_scales[i, 2]
+    area = ONE
+    total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
+    if not is_identity(f) and math.isfinite(total):
+        if policy == RIGID:
+            w, x, y, z = matrix_quat(product(polar(f), quat_matrix(w, x, y, z)))
+        else:
+            if not is_mild(f, limit):
+                f = guarded(f, limit)
+            if policy == VOLUME:
+                k = determinant(f) ** _THIRD
+                f = by_columns(f, k, k, k)
+            w, x, y, z, sx, sy, sz, area = carried(f, w, x, y, z, sx, sy, sz)
+    dot = (
+        w * rotations[i, 0] + x * rotations[i, 1]
+        + y * rotations[i, 2] + z * rotations[i, 3]
+    )  # fmt: skip
+    if dot < ZERO:
+        w, x, y, z = -w, -x, -y, -z
+    rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3] = w, x, y, z
+    scales[i, 0], scales[i, 1], scales[i, 2] = sx, sy, sz
+    if len(areas) > 0:
+        areas[i] = area
 
 
-@parallel
-def thin(opacities, areas, out):
+@kernel(over="opacities", writes=("out",))
+def thin(i, opacities, areas, out):
     """Opacity of the same matter on a face that has grown: 1 - (1 - a)^(1 / area).
 
     Args:
@@ -148,10 +141,7 @@ def thin(opacities, areas, out):
         areas: As `transport` gives them, shape (n,).
         out: Receives, shape (n,).
     """
-    n = len(opacities)
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            a = opacities[i]
-            if areas[i] != ONE:
-                a = ONE - (ONE - a) ** (ONE / areas[i])
-            out[i] = a
+    a = opacities[i]
+    if areas[i] != ONE:
+        a = ONE - (ONE - a) ** (ONE / areas[i])
+    out[i] = a

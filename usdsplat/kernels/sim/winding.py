@@ -14,10 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from ..jit import exact, parallel, serial
-from .bvh import BLOCK
+from ..jit import exact, serial
+from ..launch import kernel
 
 MOMENTS = 7
 """Columns of a node's dipole: area vector, centre, radius."""
@@ -49,7 +48,7 @@ def dipole(nx, ny, nz, x, y, z):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@serial
+@serial(writes=("moments",))
 def fit_dipoles(corners, moments):
     """Sum up the triangles of each node.
 
@@ -116,8 +115,8 @@ def fit_dipoles(corners, moments):
                 m[6] = max(m[6], reach)
 
 
-@parallel
-def sum_winding(points, corners, moments, far, out):
+@kernel(over="points", writes=("out",))
+def sum_winding(i, points, corners, moments, far, out):
     """Winding number of a surface around each point.
 
     Args:
@@ -127,29 +126,27 @@ def sum_winding(points, corners, moments, far, out):
             every triangle.
         out: Receives the numbers, shape (n,) f32.
     """
-    n, t, leaves = points.shape[0], corners.shape[0], moments.shape[0] // 2
-    for block in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(block * BLOCK, min(n, (block + 1) * BLOCK)):
-            x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-            row, total = 1, 0.0
-            while row > 0:
-                dx, dy, dz = moments[row, 3] - x, moments[row, 4] - y, moments[row, 5] - z
-                reach = far * moments[row, 6]
-                is_end = True
-                if dx * dx + dy * dy + dz * dz > reach * reach:
-                    total += dipole(moments[row, 0], moments[row, 1], moments[row, 2], dx, dy, dz)
-                elif row >= leaves:
-                    leaf = row - leaves
-                    for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
-                        total += solid_angle(
-                            corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
-                            corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
-                            corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
-                        )  # fmt: skip
-                else:
-                    row, is_end = 2 * row, False
-                if is_end:
-                    while row & 1 == 1:
-                        row >>= 1
-                    row += 1 if row > 0 else 0
-            out[i] = np.float32(total / (4.0 * math.pi))
+    t, leaves = corners.shape[0], moments.shape[0] // 2
+    x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+    row, total = 1, 0.0
+    while row > 0:
+        dx, dy, dz = moments[row, 3] - x, moments[row, 4] - y, moments[row, 5] - z
+        reach = far * moments[row, 6]
+        is_end = True
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            total += dipole(moments[row, 0], moments[row, 1], moments[row, 2], dx, dy, dz)
+        elif row >= leaves:
+            leaf = row - leaves
+            for k in range(leaf * t // leaves, (leaf + 1) * t // leaves):
+                total += solid_angle(
+                    corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z,
+                    corners[k, 3] - x, corners[k, 4] - y, corners[k, 5] - z,
+                    corners[k, 6] - x, corners[k, 7] - y, corners[k, 8] - z,
+                )  # fmt: skip
+        else:
+            row, is_end = 2 * row, False
+        if is_end:
+            while row & 1 == 1:
+                row >>= 1
+            row += 1 if row > 0 else 0
+    out[i] = np.float32(total / (4.0 * math.pi))

@@ -14,12 +14,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from usdsplat.kernels.jit import exact, parallel, serial
+from usdsplat.kernels.jit import exact, serial
+from usdsplat.kernels.launch import kernel
 
-BLOCK = 1024
-"""Rows of an item of work; results depend on no number of threads."""
 OPAQUE = 0.999
 """Opacity that merged splats have at most. Half of what is more, by its logarithm, makes them
 larger instead; the other half is taken to lie behind what can be seen."""
@@ -98,8 +96,8 @@ def joined(i, j, part, positions, covariances):
 # --- 2. CPU -----------------------------------------------------------------------------
 
 
-@parallel
-def weigh(scales, rotations, opacities, covariances, masses, volumes):
+@kernel(over="scales", writes=("covariances", "masses", "volumes"))
+def weigh(i, scales, rotations, opacities, covariances, masses, volumes):
     """What pairs are judged by.
 
     Args:
@@ -108,26 +106,23 @@ def weigh(scales, rotations, opacities, covariances, masses, volumes):
         masses: Receives opacity times area [unit^2], (n,) f64.
         volumes: Receives logarithms, (n,) f64.
     """
-    n = scales.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            s0, s1, s2 = (
-                np.float64(scales[i, 0]), np.float64(scales[i, 1]), np.float64(scales[i, 2])
-            )  # fmt: skip
-            xx, xy, xz, yy, yz, zz = covariance(
-                np.float64(rotations[i, 0]), np.float64(rotations[i, 1]),
-                np.float64(rotations[i, 2]), np.float64(rotations[i, 3]),
-                s0 * s0, s1 * s1, s2 * s2,
-            )  # fmt: skip
-            covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
-            covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
-            masses[i] = opacities[i] * area(xx, xy, xz, yy, yz, zz)
-            volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
+    s0, s1, s2 = (
+        np.float64(scales[i, 0]), np.float64(scales[i, 1]), np.float64(scales[i, 2])
+    )  # fmt: skip
+    xx, xy, xz, yy, yz, zz = covariance(
+        np.float64(rotations[i, 0]), np.float64(rotations[i, 1]),
+        np.float64(rotations[i, 2]), np.float64(rotations[i, 3]),
+        s0 * s0, s1 * s1, s2 * s2,
+    )  # fmt: skip
+    covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
+    covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
+    masses[i] = opacities[i] * area(xx, xy, xz, yy, yz, zz)
+    volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
 
 
-@parallel
+@kernel(over="rows", writes=("partners", "costs"))
 def cheapest(
-    rows, near, positions, covariances, masses, volumes, opacities, sh, by_color, by_opacity,
+    s, rows, near, positions, covariances, masses, volumes, opacities, sh, by_color, by_opacity,
     partners, costs,
 ):  # fmt: skip
     """The neighbour with which each splat makes the cheapest pair.
@@ -141,38 +136,35 @@ def cheapest(
         partners: Receives entries of `rows`, (m,) i32; -1 where there is none.
         costs: Receives what they cost, (m,) f64; inf where there is none.
     """
-    m = rows.shape[0]
-    for b in prange((m + BLOCK - 1) // BLOCK):
-        for s in range(b * BLOCK, min(m, (b + 1) * BLOCK)):
-            i = rows[s]
-            partners[s], costs[s] = -1, np.inf
-            for c in range(near.shape[1]):
-                t = near[s, c]
-                if t < 0 or t == s:
-                    continue
-                j = rows[t]
-                mass = masses[i] + masses[j]
-                cost = 0.0
-                if masses[i] > 0 and masses[j] > 0:
-                    part = masses[i] / mass
-                    xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
-                    volume = log_volume(xx, xy, xz, yy, yz, zz)
-                    nats = volume - part * volumes[i] - (1 - part) * volumes[j]
-                    seen = mass**SEEN
-                    if seen * nats < costs[s]:
-                        color = np.float32(0)
-                        for f in range(sh.shape[1]):
-                            difference = sh[i, f] - sh[j, f]
-                            color += difference * difference
-                        opacity = np.float64(opacities[i]) - opacities[j]
-                        lost = by_color * color + by_opacity * opacity * opacity
-                        nats += part * (1 - part) * lost
-                    cost = seen * nats
-                if partners[s] < 0 or cost < costs[s]:
-                    partners[s], costs[s] = t, cost
+    i = rows[s]
+    partners[s], costs[s] = -1, np.inf
+    for c in range(near.shape[1]):
+        t = near[s, c]
+        if t < 0 or t == s:
+            continue
+        j = rows[t]
+        mass = masses[i] + masses[j]
+        cost = 0.0
+        if masses[i] > 0 and masses[j] > 0:
+            part = masses[i] / mass
+            xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
+            volume = log_volume(xx, xy, xz, yy, yz, zz)
+            nats = volume - part * volumes[i] - (1 - part) * volumes[j]
+            seen = mass**SEEN
+            if seen * nats < costs[s]:
+                color = np.float32(0)
+                for f in range(sh.shape[1]):
+                    difference = sh[i, f] - sh[j, f]
+                    color += difference * difference
+                opacity = np.float64(opacities[i]) - opacities[j]
+                lost = by_color * color + by_opacity * opacity * opacity
+                nats += part * (1 - part) * lost
+            cost = seen * nats
+        if partners[s] < 0 or cost < costs[s]:
+            partners[s], costs[s] = t, cost
 
 
-@serial
+@serial(writes=("taken", "pairs"))
 def match(order, partners, most, taken, pairs):
     """Take pairs in order, none that shares a splat with one before.
 
@@ -198,9 +190,15 @@ def match(order, partners, most, taken, pairs):
     return found
 
 
-@parallel
+@kernel(
+    over="pairs",
+    writes=(
+        "positions", "covariances", "masses", "volumes", "opacities", "sh", "velocities", "merged",
+        "gone",
+    ),
+)  # fmt: skip
 def merge(
-    pairs, rows, positions, covariances, masses, volumes, opacities, sh, velocities, merged, gone
+    p, pairs, rows, positions, covariances, masses, volumes, opacities, sh, velocities, merged, gone
 ):
     """Put each pair into the row of its heavier splat; of equally heavy ones, the first.
 
@@ -212,32 +210,31 @@ def merge(
         merged: Receives True for rows that are another splat now, (n,) bool.
         gone: Receives True for rows that are none any more, (n,) bool.
     """
-    for p in prange(pairs.shape[0]):
-        i, j = rows[pairs[p, 0]], rows[pairs[p, 1]]
-        if masses[j] > masses[i] or (masses[j] == masses[i] and j < i):
-            i, j = j, i
-        gone[j] = True
-        if masses[j] == 0:  # a point, or nothing to be seen
-            continue
-        merged[i] = True
-        mass = masses[i] + masses[j]
-        part = masses[i] / mass
-        xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
-        for a in range(3):
-            positions[i, a] = part * positions[i, a] + (1 - part) * positions[j, a]
-        for f in range(sh.shape[1]):
-            sh[i, f] = part * sh[i, f] + (1 - part) * sh[j, f]
-        for a in range(velocities.shape[1]):
-            velocities[i, a] = part * velocities[i, a] + (1 - part) * velocities[j, a]
-        opacity = mass / area(xx, xy, xz, yy, yz, zz)
-        if opacity > OPAQUE:
-            grow = math.sqrt(opacity / OPAQUE)
-            xx, xy, xz, yy, yz, zz = (
-                grow * xx, grow * xy, grow * xz, grow * yy, grow * yz, grow * zz
-            )  # fmt: skip
-            opacity = OPAQUE
-        covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
-        covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
-        opacities[i] = opacity
-        masses[i] = opacity * area(xx, xy, xz, yy, yz, zz)
-        volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)
+    i, j = rows[pairs[p, 0]], rows[pairs[p, 1]]
+    if masses[j] > masses[i] or (masses[j] == masses[i] and j < i):
+        i, j = j, i
+    gone[j] = True
+    if masses[j] == 0:  # a point, or nothing to be seen
+        return
+    merged[i] = True
+    mass = masses[i] + masses[j]
+    part = masses[i] / mass
+    xx, xy, xz, yy, yz, zz = joined(i, j, part, positions, covariances)
+    for a in range(3):
+        positions[i, a] = part * positions[i, a] + (1 - part) * positions[j, a]
+    for f in range(sh.shape[1]):
+        sh[i, f] = part * sh[i, f] + (1 - part) * sh[j, f]
+    for a in range(velocities.shape[1]):
+        velocities[i, a] = part * velocities[i, a] + (1 - part) * velocities[j, a]
+    opacity = mass / area(xx, xy, xz, yy, yz, zz)
+    if opacity > OPAQUE:
+        grow = math.sqrt(opacity / OPAQUE)
+        xx, xy, xz, yy, yz, zz = (
+            grow * xx, grow * xy, grow * xz, grow * yy, grow * yz, grow * zz
+        )  # fmt: skip
+        opacity = OPAQUE
+    covariances[i, 0], covariances[i, 1], covariances[i, 2] = xx, xy, xz
+    covariances[i, 3], covariances[i, 4], covariances[i, 5] = yy, yz, zz
+    opacities[i] = opacity
+    masses[i] = opacity * area(xx, xy, xz, yy, yz, zz)
+    volumes[i] = log_volume(xx, xy, xz, yy, yz, zz)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.stage_model import saving as stage_saving
+from usdsplat.products.cancel import CancelToken
 
 USD = "USD layers (*.usda *.usd *.usdc)"
 BAKES = "USD layers (*.usda)"
@@ -112,9 +112,7 @@ class Saving(QObject):
             progress.deleteLater()
             self._context.complain(str(error))
 
-        book = saving.Flipbook(
-            state, frames, path, progress=reporter, cancelled=progress.stopped.is_set
-        )
+        book = saving.Flipbook(state, frames, path, progress=reporter, cancel=progress.token)
 
         def done(has_more: bool) -> None:
             if has_more:
@@ -224,13 +222,13 @@ class _Progress(QProgressDialog):
 
     def __init__(self, name: str, total: int, parent: QWidget) -> None:
         super().__init__(f"Writing {name}", "Stop", 0, total, parent)
-        self.stopped = threading.Event()
+        self.token = CancelToken()
         self.setWindowModality(Qt.WindowModality.NonModal)
         self.setMinimumDuration(400)
         self.setAutoClose(False)
         self.setAutoReset(False)
-        self.canceled.connect(self.stopped.set)
-        self.destroyed.connect(self.stopped.set)
+        self.canceled.connect(self.token.cancel)
+        self.destroyed.connect(self.token.cancel)
 
 
 class _Reporter:

@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 )
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.output import Existing
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.glyphs import glyph
@@ -129,7 +130,7 @@ class SimulationPanel(QWidget):
     def record_to(self, path: Path) -> None:
         """Simulate to the end and write a bake; ask first about an existing file."""
         if not path.exists():
-            self._record(path, resume=False)
+            self._record(path, existing="replace")
             return
         self._context.proxy.ask(
             lambda document: can_resume(path), partial(self._ask_what_becomes_of, path)
@@ -143,16 +144,16 @@ class SimulationPanel(QWidget):
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         cancel = box.addButton(QMessageBox.StandardButton.Cancel)
         replace = box.addButton("Replace", QMessageBox.ButtonRole.DestructiveRole)
-        replace.clicked.connect(lambda: self._record(path, resume=False))
+        replace.clicked.connect(lambda: self._record(path, existing="replace"))
         box.setDefaultButton(cancel)
         if goes_on:
             resume = box.addButton("Resume", QMessageBox.ButtonRole.AcceptRole)
-            resume.clicked.connect(lambda: self._record(path, resume=True))
+            resume.clicked.connect(lambda: self._record(path, existing="resume"))
             box.setDefaultButton(resume)
         box.open()
 
-    def _record(self, path: Path, *, resume: bool) -> None:
-        self._context.proxy.ask(partial(_record, path=path, resume=resume))
+    def _record(self, path: Path, *, existing: Existing) -> None:
+        self._context.proxy.ask(partial(_record, path=path, existing=existing))
 
     def _lay_out(self) -> None:
         head = QWidget()
@@ -263,8 +264,8 @@ def _do(document: Document, *, name: str) -> None:
     }[name]()
 
 
-def _record(document: Document, *, path: Path, resume: bool) -> None:
-    _simulation(document).record(path, resume=resume, force=not resume)
+def _record(document: Document, *, path: Path, existing: Existing) -> None:
+    _simulation(document).record(path, existing=existing)
 
 
 def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:

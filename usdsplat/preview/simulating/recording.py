@@ -9,12 +9,13 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import UsageError
+from usdsplat.core.output import Existing
 from usdsplat.images.frames import LIMIT
 from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
 from usdsplat.sim.stage.provenance import read_record
-from usdsplat.sim.stage.simulating import simulate
+from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
 
 class Recording(Job):
@@ -24,7 +25,8 @@ class Recording(Job):
         host: Whose stage is simulated.
         device: Computes.
         changed: Called when there is something new to say.
-        target, frames, resume, force: As `simulate` takes them; None takes the stage's range.
+        target, frames: As `simulate` takes them; None takes the stage's range.
+        existing: What becomes of a bake that is there already.
         without: Layers of the session that do not count, by identifier.
         after: Recordings that were stopped; they may still be writing, to the same files perhaps.
     """
@@ -37,8 +39,7 @@ class Recording(Job):
         *,
         target: Path,
         frames: Sequence[float] | None,
-        resume: bool,
-        force: bool,
+        existing: Existing,
         without: Sequence[str],
         after: Sequence[Job],
     ) -> None:
@@ -48,7 +49,7 @@ class Recording(Job):
         self.end: float | None = None
         self.seconds = 0.0
         self.message = f"recording {target.name}"
-        self._frames, self._resume, self._force = frames, resume, force
+        self._frames, self._existing = frames, existing
         self._left: Sequence[float] = ()
         self._last = 0.0
         self._after = after
@@ -66,9 +67,7 @@ class Recording(Job):
             self._stage,
             self.target,
             frames,
-            device=self._device,
-            resume=self._resume,
-            force=self._force,
+            SimulateOptions(device=self._device, existing=self._existing),
             progress=self,
             reading=self._reading,
         )

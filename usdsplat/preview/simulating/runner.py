@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from usdsplat.core.output import Existing
 from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
@@ -134,8 +135,7 @@ class Runner:
         path: Path | str,
         *,
         frames: Sequence[float] | None = None,
-        resume: bool = False,
-        force: bool = False,
+        existing: Existing = "error",
     ) -> None:
         """Bake to a file, from the first frame on, as `usdsplat simulate` does.
 
@@ -145,8 +145,7 @@ class Runner:
         Args:
             path: Result layer, a .usda.
             frames: Ascending frames, one apart [time code]; None is the stage's range.
-            resume: Resume an existing bake.
-            force: Replace an existing bake.
+            existing: What happens to an existing bake; "resume" continues it.
         """
         self._end_recording()
         if self._live is not None:
@@ -159,8 +158,7 @@ class Runner:
                 self._tell,
                 target=Path(path),
                 frames=frames,
-                resume=resume,
-                force=force,
+                existing=existing,
                 without=[layer.identifier] if layer else [],
                 after=[each for each in self._jobs if isinstance(each, Recording)],
             )

@@ -99,18 +99,19 @@ INSTANCED: dict[str, type] = {
     "deform": DeformParameters,
     "driver": DriverParameters,
 }
-"""Groups that there may be several of: affectors are prims of their own, deformers and drivers have
+"""Groups with several instances: affectors are prims of their own, deformers and drivers have
 names, as in `splatSim:deform:<name>:angle`."""
 
 
 def camel(name: str) -> str:
-    """`pattern_scale` as USD spells it, `patternScale`."""
+    """Return a name in USD's spelling: `pattern_scale` is `patternScale`."""
     first, *rest = name.split("_")
     return first + "".join(word.title() for word in rest)
 
 
 def legal(where: str, cls: type[T], values: Mapping[str, Any]) -> T:
-    """`core.knobs.checked`, and no number is infinite but where the default is: no end of time.
+    """Return values as their knobs' types, as `core.knobs.checked` does, and reject infinite
+    numbers except where the default is infinite.
 
     Raises:
         UsageError: If a name is no knob of `cls`, or it cannot have that value.
@@ -145,7 +146,7 @@ def _check_finite(where: str, item: Knob, value: Any) -> None:
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """All numbers of a value."""
+    """Yield all numbers of a value."""
     if isinstance(value, tuple):
         for part in value:
             yield from _numbers(part)

@@ -1,4 +1,4 @@
-"""SplatAffectorAPI: what a Sphere, Capsule, Cube, Plane, Mesh or Skeleton does to splats."""
+"""SplatAffectorAPI: how a Sphere, Capsule, Cube, Plane, Mesh or Skeleton acts on splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes visible of a simulation, and what is kept of it."""
+"""What is drawn of a simulation, and what is written."""
 
 from __future__ import annotations
 

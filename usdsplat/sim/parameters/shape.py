@@ -1,4 +1,4 @@
-"""Where splats want to be, and how they get there."""
+"""Target positions of splats, and how they get there."""
 
 from __future__ import annotations
 

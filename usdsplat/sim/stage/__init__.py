@@ -1,1 +1,1 @@
-"""The part of the simulation that knows USD: reads a stage, writes a layer."""
+"""The part of the simulation that uses USD: reads a stage, writes a layer."""

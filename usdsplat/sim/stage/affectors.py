@@ -1,7 +1,7 @@
-"""Affectors: prims with SplatAffectorAPI as solid bodies in the simulation's space.
+"""Read affectors: prims with SplatAffectorAPI, as solid bodies in the simulation's space.
 
-Spheres, cubes and capsules that are scaled unevenly, there, are their triangles. What kind of body
-a prim is, is decided once, by all samples of its place: a body cannot become another.
+Spheres, cubes and capsules with a non-uniform scale become triangles. The kind of a body is decided
+once, from all samples of its transform, because it cannot change.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from usdsplat.sim.stage.targets import Triangles, outwards, same_or
 ROUND = ("Sphere", "Capsule", "Capsule_1", "Cube")
 TYPES = (*ROUND, "Plane", "Mesh", "Skeleton")
 _STEADY = 1e-6
-"""Relative change of a stretch that is none."""
+"""Relative change of a stretch that counts as none."""
 
 
 class AffectorReader:
-    """One affector, at any time.
+    """Reader of one affector at any time.
 
     Args:
-        prim: What it is.
-        space: The simulation's.
-        rigs: What UsdSkel knows of the stage.
+        prim: The affector.
+        space: The simulation's space.
+        rigs: Skinning of the stage.
 
     Raises:
-        StageError: If the prim cannot be an affector, or holds what it must not.
+        StageError: If the prim cannot be an affector, or a value is out of range.
     """
 
     def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs) -> None:
@@ -60,14 +60,14 @@ class AffectorReader:
             self._mesh = MeshBody(prim, space, rigs)
 
     def parameters(self, time: Usd.TimeCode) -> AffectorParameters:
-        """What it does at a time."""
+        """Return the parameters at a time."""
         return read(self.prim, AffectorParameters, f"{NAMESPACE}:affector", time)
 
     def at(self, time: Usd.TimeCode) -> Affector:
-        """What it is and does at a time.
+        """Return the affector at a time.
 
         Raises:
-            StageError: If it holds what it must not.
+            StageError: If a value is out of range.
         """
         asked = self.parameters(time)
         if self._bones:
@@ -79,12 +79,12 @@ class AffectorReader:
         return Affector(path=str(self.prim.GetPath()), parameters=asked, solids=solids)
 
     def _is_even(self) -> bool:
-        """Whether the prim is scaled evenly at all samples of its place."""
+        """Return whether the scale is uniform at all samples of the prim's transform."""
         codes = _codes(self._space.times(self.prim), self._space.start)
         return all(spaces.is_uniform(self._space.from_prim(self.prim, code)) for code in codes)
 
     def _primitive(self, time: Usd.TimeCode, larger: float) -> Solid:
-        """A sphere, capsule, box or plane."""
+        """Return a sphere, capsule, box or plane."""
         matrix = self._space.from_prim(self.prim, time)
         if self._kind == "Plane":
             return Solid(kind="plane", matrix=_plane(matrix, self._turn(time)))
@@ -98,7 +98,7 @@ class AffectorReader:
             return Solid(kind="box", matrix=spaces.placed(rotation, at), size=(half, half, half))
         names = ("radiusBottom", "radiusTop") if self._kind == "Capsule_1" else ("radius",) * 2
         low, high = (self._size(name, time) * scale for name in names)
-        # The mirroring that `parts` puts in front of a stretch is of x, and must not swap the ends.
+        # `parts` puts a reflection of x before the stretch, which must not swap the ends
         turn = self._turn(time)
         if np.linalg.det(matrix[:3, :3]) < 0:
             rotation = rotation @ np.diag([-1.0, 1.0, 1.0]) @ turn @ np.diag([-1.0, 1.0, 1.0])
@@ -108,14 +108,14 @@ class AffectorReader:
         return Solid(kind="capsule", matrix=spaces.placed(rotation, at), size=(low, high, half))
 
     def _turn(self, time: Usd.TimeCode) -> F64:
-        """What turns z to the prim's axis, (3, 3)."""
+        """Return the rotation from z to the prim's axis, (3, 3)."""
         found = str(value(self.prim.GetAttribute("axis"), time))
         if found not in ("X", "Y", "Z"):
             raise StageError(f"{self.prim.GetPath()}.axis", repr(found), "X, Y or Z")
         return np.roll(np.eye(3), "XYZ".index(found) + 1, axis=0)
 
     def _size(self, name: str, time: Usd.TimeCode) -> float:
-        """A length of the prim's."""
+        """Return a length attribute of the prim."""
         found = value(self.prim.GetAttribute(name), time)
         if not isinstance(found, (int, float)) or not 0 <= found < np.inf:
             raise StageError(f"{self.prim.GetPath()}.{name}", repr(found), "0 or more")
@@ -123,12 +123,12 @@ class AffectorReader:
 
 
 class MeshBody:
-    """A solid of triangles: rigid, in a frame that moves, or deformed, in the simulation's space.
+    """A solid of triangles: rigid, in a moving frame, or deformed, in the simulation's space.
 
     Args:
-        prim: A Mesh, or a shape that is scaled unevenly.
-        space: The simulation's.
-        rigs: What UsdSkel knows of the stage.
+        prim: A Mesh, or a shape with a non-uniform scale.
+        space: The simulation's space.
+        rigs: Skinning of the stage.
     """
 
     def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs) -> None:
@@ -151,7 +151,7 @@ class MeshBody:
         self._last: Surface | None = None
 
     def at(self, time: Usd.TimeCode, larger: float) -> Solid:
-        """The body at a time, as many times as large as its prim."""
+        """Return the body at a time, scaled about its prim's origin."""
         points, triangles = self._triangles.at(time)
         matrix = self._space.from_prim(self._triangles.placer, time)
         about = np.eye(4)
@@ -166,9 +166,9 @@ class MeshBody:
 
 
 def _plane(matrix: F64, turn: F64) -> F64:
-    """The frame of a half-space, z its normal: what the prim's space becomes of its own.
+    """Return the frame of a half-space, z its normal, after the prim's transform.
 
-    Normals go by the inverse transpose, so a sheared plane is one still.
+    Normals transform by the inverse transpose, so that a sheared plane remains a plane.
     """
     linear = matrix[:3, :3]
     if not abs(np.linalg.det(linear)) > 0:
@@ -182,5 +182,5 @@ def _plane(matrix: F64, turn: F64) -> F64:
 
 
 def _codes(times: Iterable[float], start: Usd.TimeCode) -> list[Usd.TimeCode]:
-    """Where to look at a place that may change: its samples, and the start in any case."""
+    """Return the time codes of a transform to examine: its samples, and the start."""
     return [start, *(Usd.TimeCode(time) for time in times)]

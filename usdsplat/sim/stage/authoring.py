@@ -1,4 +1,4 @@
-"""Write parameters on prims, by the names that command lines and the schema use for them."""
+"""Author parameters on prims, by the names of command line and schema."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel, legal
 from usdsplat.sim.schema_source import MULTIPLE, SINGLE, usd_type
 
 SINGLE_APIS = {group: each.name for each in SINGLE for group in each.groups}
-"""Group -> the API schema that has it; `sim` and `neighbors` are the type's own."""
+"""Group -> the API schema that has it; `sim` and `neighbors` belong to the type itself."""
 MULTIPLE_APIS = {group: each.name for each in MULTIPLE for group in each.groups}
 
 
 def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = None) -> None:
-    """Write parameters, and apply the API schemas that they belong to, on the edit target.
+    """Author parameters, and apply their API schemas, on the edit target.
 
     Args:
         prim: A SplatSim prim, or an affector.
-        values: Name after the namespace, such as "rd:patternScale" or "deform:bend:angle" -> value.
+        values: Value by name without the namespace, such as "rd:patternScale" or
+            "deform:bend:angle".
         time: Time code of a sample; None writes default values.
 
     Raises:
-        UsageError: If a name is no parameter's, a value is none that it can have, or one that
-            holds for all times is to be a sample.
+        UsageError: If a name is unknown, a value is out of range, or a uniform parameter gets a
+            sample.
     """
     for name, value in values.items():
         group, _, item = find(name)
@@ -41,11 +42,11 @@ def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = No
 
 
 def declare(prim: Usd.Prim, name: str) -> Usd.Attribute:
-    """The attribute of a parameter, without a value, and the API schema that it belongs to, on the
-    edit target.
+    """Create the attribute of a parameter without a value, and apply its API schema, on the edit
+    target.
 
     Raises:
-        UsageError: If there is none of that name.
+        UsageError: If there is no such parameter.
     """
     group, instance, item = find(name)
     _apply(prim, group, instance)
@@ -58,17 +59,17 @@ def declare(prim: Usd.Prim, name: str) -> Usd.Attribute:
 
 
 def relate(prim: Usd.Prim, name: str, target: Usd.Prim) -> None:
-    """Name the one prim that a relationship such as "conform:target" is to lead to."""
+    """Set the target of a relationship such as "conform:target"."""
     group, _, rest = name.partition(":")
     _apply(prim, group, rest.rpartition(":")[0])
     prim.CreateRelationship(f"{NAMESPACE}:{name}", custom=False).SetTargets([target.GetPath()])
 
 
 def find(name: str) -> tuple[str, str, Knob]:
-    """Group, instance and knob of a parameter.
+    """Return group, instance and knob of a parameter.
 
     Raises:
-        UsageError: If there is none of that name.
+        UsageError: If there is no such parameter.
     """
     group, _, rest = name.partition(":")
     instance, _, last = rest.rpartition(":")
@@ -82,24 +83,24 @@ def find(name: str) -> tuple[str, str, Knob]:
 
 
 def usd_value(name: str, value: Any) -> Any:
-    """A value of a parameter as USD takes it.
+    """Convert a value of a parameter to USD.
 
     Raises:
-        UsageError: If there is none of that name, or it cannot have that value.
+        UsageError: If there is no such parameter, or the value is out of range.
     """
     group, _, item = find(name)
     return _of_usd(item, _legal(name, group, item, value))
 
 
 def _names(instance: str) -> Iterator[str]:
-    """Every name that there is."""
+    """Return the names of all parameters."""
     for group, cls in {**GROUPS, **INSTANCED}.items():
         lead = f"{group}:{instance}:" if group in MULTIPLE_APIS else f"{group}:"
         yield from (f"{lead}{camel(item.name)}" for item in knobs(cls))
 
 
 def _legal(name: str, group: str, item: Knob, value: Any) -> Any:
-    """A value as its knob's type, refused by the name that the user knows."""
+    """Return a value as its knob's type; errors use the user's name for it."""
     try:
         return getattr(legal("", _class(group), {item.name: value}), item.name)
     except UsageError as error:
@@ -111,7 +112,7 @@ def _class(group: str) -> type:
 
 
 def _apply(prim: Usd.Prim, group: str, instance: str) -> None:
-    """Apply the schema that a group belongs to; USD need not know it."""
+    """Apply the schema of a group, even if USD does not know it."""
     name = SINGLE_APIS.get(group) or MULTIPLE_APIS.get(group)
     if name is None:
         return
@@ -121,7 +122,7 @@ def _apply(prim: Usd.Prim, group: str, instance: str) -> None:
 
 
 def _of_usd(item: Knob, value: Any) -> Any:
-    """A checked value as USD takes it."""
+    """Convert a checked value to USD."""
     if item.usd_type == "int3":
         return Gf.Vec3i(*value)
     if item.usd_type == "timecode":

@@ -1,7 +1,7 @@
-"""A bake: frames come in, a layer of opinions over the capture comes out.
+"""Bake frames into a layer of opinions over the capture.
 
 with Bake.open(stage, target, fields, times, parameters, provenance, resume=True) as bake:
-    for time in bake.left:                       # after bake.resumed.states, if there are any
+    for time in bake.left:                       # continues from bake.resumed.states, if any
         ...
         bake.write(path, frame)                  # each field, at each frame
         if bake.is_checkpoint_due(time):
@@ -53,8 +53,8 @@ class _Field:
 
 
 class Bake:
-    """Of all fields of a simulation. Nothing is written before it is entered; leaving it by an
-    exception leaves what can be resumed."""
+    """The bake of all fields of a simulation. Nothing is written before it is entered; if it is
+    left by an exception, it can be resumed."""
 
     def __init__(
         self,
@@ -72,9 +72,9 @@ class Bake:
         self._epochs = 0
         self._is_new = False
         self.resumed: Checkpoint | None = None
-        """Where it goes on from: states after the frame `resumed.time`."""
+        """Checkpoint to continue from: states after the frame `resumed.time`."""
         self.is_complete = False
-        """Whether all frames were there already."""
+        """Whether all frames are written."""
 
     @classmethod
     def open(
@@ -88,24 +88,24 @@ class Bake:
         *,
         resume: bool = False,
     ) -> Bake:
-        """Begin, or go on.
+        """Start or resume a bake. Nothing is written yet.
 
         Args:
-            stage: What is simulated; it has a file, and is not changed.
+            stage: The simulated stage; it has a file, and is not changed.
             target: The layer to write, a .usda; its samples go to a folder beside it, of the same
                 name and "_data".
             fields: At least one.
             times: All frames, ascending, evenly spaced [time code].
             parameters: Mode and rates.
-            provenance: What is remembered.
-            resume: Go on with the bake at `target`, from its last checkpoint. Without a bake there,
-                or before its first checkpoint, begin anew.
+            provenance: What the bake is made of.
+            resume: Continue the bake at `target` from its last checkpoint. Without a bake, or
+                before its first checkpoint, start anew.
 
         Raises:
-            StageError: If a field cannot be baked so, or the bake at `target` was made of other
-                parameters or files.
+            StageError: If a field cannot be baked in this mode, or the bake at `target` was made of
+                other parameters or files.
             FormatError: If the checkpoint is damaged.
-            OutputError: If there is no room or no right to write.
+            OutputError: If there is no space or no permission to write.
         """
         found = [plans.plan(stage, field, parameters) for field in fields]
         layers = BakeLayers(stage, Path(target), found)
@@ -131,25 +131,30 @@ class Bake:
         return bake
 
     @property
+    def target(self) -> Path:
+        """The layer of results."""
+        return self._layers.target
+
+    @property
     def left(self) -> Sequence[float]:
-        """Frames that have not come yet [time code]."""
+        """Frames that are still to be written [time code]."""
         return () if self.is_complete else self._times[self._frames :]
 
     def is_checkpoint_due(self, time: float) -> bool:
-        """Whether `checkpoint` is to be called after a frame."""
+        """Return whether `checkpoint` must be called after a frame."""
         done = self._times.index(time) + 1
         return done % self._parameters.checkpoint_every == 0 and done < len(self._times)
 
     def write(self, path: str, frame: Frame) -> None:
-        """Take the next frame of a field, in the field's own space.
+        """Write the next frame of a field, in the field's own space.
 
         Args:
-            path: Of the field.
-            frame: Rows ascend in id.
+            path: Path of the field.
+            frame: Rows ascend by id.
 
         Raises:
-            UsageError: If it is not the next one.
-            StageError: If splats were born or died that must not.
+            UsageError: If it is not the next frame.
+            StageError: If splats were born or died in a fixed population.
         """
         field = self._fields[path]
         index = field.spool.frames
@@ -167,11 +172,11 @@ class Bake:
             self._write_epoch(range(end - self._parameters.clip_frames, end), is_closed=True)
 
     def checkpoint(self, time: float, states: Mapping[str, State]) -> None:
-        """Make a place to resume from, in place of the last one.
+        """Write a checkpoint, in place of the last one.
 
         Args:
-            time: Frame that was written last, of all fields [time code].
-            states: As they are after it, by the field's path.
+            time: Last frame that was written, of all fields [time code].
+            states: States after it, by the field's path.
         """
         extras: dict[str, npt.NDArray[Any]] = {}
         for number, field in enumerate(self._fields.values()):
@@ -186,10 +191,10 @@ class Bake:
             field.spool.forget(self._epochs * self._parameters.clip_frames)
 
     def close(self) -> Path:
-        """Write what is left, and present the result.
+        """Write the remaining samples, and the layer of results.
 
         Returns:
-            The layer.
+            The path of the layer.
 
         Raises:
             UsageError: If frames are missing.
@@ -230,17 +235,17 @@ class Bake:
 
     @property
     def _frames(self) -> int:
-        """Frames that all fields have handed over."""
+        """Number of frames that all fields have."""
         return min(field.spool.frames for field in self._fields.values())
 
     def _rate(self, index: int) -> float:
-        """Frames in a second, by the distance of a frame from the one before."""
+        """Return the frames per second, from the distance to the frame before."""
         if not index:
             return self._layers.rate
         return self._layers.rate / (self._times[index] - self._times[index - 1])
 
     def _write_epoch(self, frames: range, *, is_closed: bool) -> None:
-        """Turn frames into a clip, all fields in one file."""
+        """Write frames as a clip, all fields in one file."""
         with new_part(self._layers.clip(self._epochs), self._layers.rate) as part:
             for field in self._fields.values():
                 for sample in samples(field.spool, frames, self._times, is_closed=is_closed):
@@ -255,7 +260,7 @@ class Bake:
         self._present()
 
     def _present(self) -> None:
-        """Show the clips that there are; the record comes last."""
+        """Refer to the finished clips in the layer of results; the record is written last."""
         done = min(self._epochs * self._parameters.clip_frames, len(self._times))
         name = self._layers.checkpoint
         record = self._provenance.record(
@@ -264,7 +269,7 @@ class Bake:
         self._layers.show_clips(self._spans(), record)
 
     def _spans(self) -> list[tuple[float, float]]:
-        """First time of each clip, and of the one after it [time code]."""
+        """Return the first time of each clip, and of the one after it [time code]."""
         size = self._parameters.clip_frames
         starts = [number * size for number in range(self._epochs)]
         times = [tokens.LONG_AGO, *self._times[1:], self._end]
@@ -272,12 +277,12 @@ class Bake:
 
     @property
     def _end(self) -> float:
-        """A frame after the last one [time code]."""
+        """One frame after the last one [time code]."""
         step = self._times[-1] - self._times[-2] if len(self._times) > 1 else 1.0
         return self._times[-1] + step
 
     def _restore(self, found: Checkpoint) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         if found.parameter_hash != self._provenance.param_hash:
             raise StageError(
                 str(self._layers.checkpoint), "a checkpoint of other parameters", "this bake's"
@@ -291,7 +296,7 @@ class Bake:
 
 
 def _is_same(frame: Frame, field: _Field) -> bool:
-    """Whether a frame holds the splats of the one before, as many as the capture's."""
+    """Return whether a frame has the same splats as the one before, as many as the capture."""
     before = field.spool.pending
     if len(frame.cloud) != len(field.plan.rest):
         return False
@@ -299,19 +304,19 @@ def _is_same(frame: Frame, field: _Field) -> bool:
 
 
 def _author(plan: Plan, parameters: BakeParameters, first: float) -> _Author:
-    """Who writes a field in this mode."""
+    """Return the author of a field in this mode."""
     if parameters.mode == "edit":
         return EditAuthor(plan, first)
     return PackedAuthor(plan) if plan.is_packed else DenseAuthor(plan)
 
 
 def _known(target: Path) -> Mapping[str, Any] | None:
-    """The record of the bake at a place, or None."""
+    """Return the record of the bake at a path, or None."""
     if not target.exists():
         return None
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(target))
-    except RuntimeError as error:  # how pxr says that a file cannot be read
+    except RuntimeError as error:  # pxr's error for a file that cannot be read
         raise FormatError(str(target), "a damaged file", "a layer of results") from error
     record = read_record(layer)
     if record is None:

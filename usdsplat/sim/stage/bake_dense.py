@@ -1,4 +1,4 @@
-"""Samples as the stock type's arrays, all splats at each time."""
+"""Author samples as arrays of the stock type, all splats at each time."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ KINDS = {
     tokens.SH_COEFFICIENTS: (_Type.Float3Array, Vt.Vec3fArray),
     tokens.SH_COEFFICIENTS_HALF: (_Type.Half3Array, Vt.Vec3hArray),
 }
-"""Attribute -> its type in USD, and the class of its values."""
+"""Attribute -> its USD type, and the class of its values."""
 U, V = "primvars:splatSim:u", "primvars:splatSim:v"
 
 
 class DenseAuthor:
-    """Writes one field."""
+    """Author of one field."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -67,10 +67,11 @@ class DenseAuthor:
 
 
 def stored(name: str, value: Array) -> Array:
-    """Scales that do not vanish in half unless they are zero; all else as it is.
+    """Return scales that do not underflow to zero in half, unless they are zero; other arrays as
+    they are.
 
     Raises:
-        UsageError: If a number is beyond half's range.
+        UsageError: If a number is out of half's range.
     """
     if name not in tokens.HALF_OF.values():
         return value
@@ -84,14 +85,14 @@ def stored(name: str, value: Array) -> Array:
 
 
 def stop(part: SampleLayer, path: str, time: float) -> None:
-    """Let velocities lead on no further than to this time, after the last frame, or from it until
-    the first: a bake of some frames of a shot shows its ends in the others."""
+    """End extrapolation by velocities at a time: after the last frame, or before the first. A bake
+    of some frames of a shot then holds its ends in the others."""
     none = Vt.Vec3fArray()
     part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, none, time)
 
 
 def common(part: SampleLayer, plan: Plan, sample: Sample) -> None:
-    """What is written in every mode: extent, velocities, ids, pattern."""
+    """Author what all modes have: extent, velocities, ids, pattern."""
     path, time = plan.path, sample.time
     if plan.moves:
         box = to_vt(sample.box, Vt.Vec3fArray)

@@ -1,8 +1,8 @@
-"""Samples as edits of the capture's own arrays: only splats that differ from it are written.
+"""Author samples as edits of the capture's arrays: only splats that differ from it are written.
 
-An edit is relative to the capture, never to the frame before, so frames can be read in any order.
-A splat that was edited once is edited to the end of its epoch, so that values do not flicker about
-the tolerance.
+An edit is relative to the capture, not to the frame before, so that frames can be read in any
+order. A splat that was edited once stays edited to the end of its epoch, so that values do not
+flicker around the tolerance.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ Bool = npt.NDArray[np.bool_]
 
 
 def changed(array: str, new: Array, old: Array, epsilon: float) -> Bool:
-    """Which splats differ from the capture, shape (n,).
+    """Return which splats differ from the capture, shape (n,).
 
     Args:
-        array: Of the cloud.
-        new: As it is now.
-        old: As it was captured.
-        epsilon: What is too small: [unit], [radian], relative, or a difference.
+        array: Name of the cloud's array.
+        new: Values now.
+        old: Values of the capture.
+        epsilon: Tolerance: [unit], [radian], relative, or a difference.
     """
     if array == "positions":
         return np.asarray(_length(new - old) > epsilon)
     if array == "rotations":
-        # Chords, not arc cosines: exact for small turns. A quaternion's sign means nothing.
+        # chords instead of arc cosines are exact for small angles; a quaternion's sign is ignored
         chord = np.minimum(_length(new - old), _length(new + old))
         return np.asarray(chord > 2 * math.sin(epsilon / 4))
     if array == "scales":
@@ -47,7 +47,7 @@ def changed(array: str, new: Array, old: Array, epsilon: float) -> Bool:
 
 
 class EditAuthor:
-    """Writes one field."""
+    """Author of one field."""
 
     def __init__(self, plan: Plan, first: float) -> None:
         self._plan = plan
@@ -75,7 +75,7 @@ class EditAuthor:
 
 
 def _edit(name: str, value: Array, rows: npt.NDArray[np.int64]) -> Any:
-    """Write rows of an array, and leave the others as they are."""
+    """Write some rows of an array as an array edit."""
     vt = KINDS[name][1]
     chosen = stored(name, value[rows])
     if value.ndim == 3:

@@ -1,14 +1,14 @@
 """The files of a bake.
 
-    bake.usda               what the user named: the capture's stage below the results; small
+    bake.usda               the file that the user names: small, over the capture's stage
     bake_data/clip.0000.usdc, ...   samples, a file for each epoch
-    bake_data/clips.usda    the clips as one layer of opinions; of mode clips, and until the end
+    bake_data/clips.usda    the clips as one layer of opinions; mode clips, else until the end
     bake_data/manifest.usda which attributes are in the clips
-    bake_data/samples.usdc  all samples; of the other modes, when they are complete
-    bake_data/checkpoint, bake_data/*.frame     until the end: what a bake is resumed from
+    bake_data/samples.usdc  all samples, in other modes, when they are complete
+    bake_data/checkpoint, bake_data/*.frame     until the end: state to resume from
 
-Whatever appears under these names is complete: files are written beside and renamed. The named
-layer comes last, so what it says is there.
+Files under these names are always complete: they are written under other names and renamed. The
+named layer is written last, so that everything it refers to exists.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WORK = ("checkpoint", "*.frame", ".[0-9]*-*.*")
 
 
 class BakeLayers:
-    """Writes them."""
+    """Writer of the files of a bake."""
 
     def __init__(self, stage: Usd.Stage, target: Path, plans: Sequence[Plan]) -> None:
         self.target = target
@@ -45,15 +45,15 @@ class BakeLayers:
 
     @property
     def checkpoint(self) -> Path:
-        """Where the checkpoint is, when there is one."""
+        """Path of the checkpoint, whether it exists or not."""
         return self.folder / "checkpoint"
 
     def clip(self, number: int) -> Path:
-        """File of an epoch."""
+        """Return the file of an epoch."""
         return self.folder / f"clip.{number:04d}.usdc"
 
     def begin(self) -> None:
-        """Make the folder; of an older bake nothing is left in it."""
+        """Make an empty folder; files of an older bake are removed."""
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
@@ -62,21 +62,21 @@ class BakeLayers:
         self._remove((*_CLIPS, *_WORK, "samples.usdc"))
 
     def end(self, *, keeps_clips: bool) -> None:
-        """Leave what the named layer needs."""
+        """Remove everything that the named layer does not need."""
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
-        """Present the clips that there are.
+        """Write the named layer over the finished clips.
 
         Args:
-            spans: First and last time of each [time code].
-            record: As `Provenance.record` gives it.
+            spans: First and last time of each clip [time code].
+            record: As `Provenance.record` returns it.
         """
         if not spans:
             self._write_root([], record)
             return
         layer, manifest = _new(self.rate), _new(self.rate)
-        clip = Sdf.Layer.OpenAsAnonymous(str(self.clip(0)))  # all hold the same attributes
+        clip = Sdf.Layer.OpenAsAnonymous(str(self.clip(0)))  # all clips have the same attributes
         declare(clip, layer)
         for path in sampled(clip):
             spec = clip.GetAttributeAtPath(path)
@@ -98,21 +98,21 @@ class BakeLayers:
         self._write_root([self.folder / "clips.usda"], record)
 
     def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
-        """Present all samples in one file."""
+        """Write the named layer over one file of all samples."""
         merged = self.folder / "samples.usdc"
-        # Other types' arrays have no default value: centres must not have one either.
+        # Arrays of another type have no default value: positions must not have one either.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
         merge([self.clip(number) for number in range(clips)], merged, retyped)
         self._write_root([merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:
-        """Take files away that a bake has made."""
+        """Remove files of a bake."""
         for pattern in patterns:
             for path in self.folder.glob(pattern):
                 path.unlink()
 
     def _write_root(self, results: Sequence[Path], record: Mapping[str, Any]) -> None:
-        """The layer that the user opens."""
+        """Write the layer that the user opens."""
         source = self._stage.GetRootLayer()
         root = _new(self.rate)
         for key in sorted(source.pseudoRoot.ListInfoKeys()):
@@ -134,12 +134,12 @@ class BakeLayers:
         _export(root, self.target)
 
     def _relative(self, path: Path | str) -> str:
-        """As seen from the named layer."""
+        """Return a path relative to the named layer."""
         relative = Path(os.path.relpath(path, self.target.parent)).as_posix()
         return relative if relative.startswith("../") else f"./{relative}"
 
     def _check(self) -> None:
-        """Refuse what would harm the input or cannot be referred to."""
+        """Reject targets that would harm the input or cannot be referred to."""
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "one that is saved")

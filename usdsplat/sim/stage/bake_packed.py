@@ -1,4 +1,5 @@
-"""Samples as our compact type: the layer retypes the prim, the capture's arrays do not count."""
+"""Author samples as our packed type: the layer retypes the prim, and the capture's arrays are
+ignored."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from usdsplat.sim.stage.sample_layer import SampleLayer
 
 
 class PackedAuthor:
-    """Writes one field."""
+    """Author of one field."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -29,7 +30,7 @@ class PackedAuthor:
             self._sh = sample.sh
         cloud = _cloud(sample, self._sh)
         arrays = self._pack(cloud, is_new=sample.sh is not None)
-        stage = Usd.Stage.Open(part.layer)  # prims die with it
+        stage = Usd.Stage.Open(part.layer)  # prims expire with their stage
         prim = stage.OverridePrim(plan.path)
         prim.SetTypeName(tokens.PACKED_TYPE)
         code = Usd.TimeCode(sample.time)
@@ -49,7 +50,8 @@ class PackedAuthor:
 
 
 def _cloud(sample: Sample, sh: F32 | None) -> SplatCloud:
-    """All there is: samples of a whole field lack nothing, and epochs begin with harmonics."""
+    """Return the cloud of a sample. It is complete: whole fields have all arrays, and epochs start
+    with harmonics."""
     positions, rotations = sample.positions, sample.rotations
     scales, opacities = sample.scales, sample.opacities
     assert positions is not None and rotations is not None

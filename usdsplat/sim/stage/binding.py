@@ -1,9 +1,9 @@
-"""What binds a field to a skeleton, and the skeleton's pose.
+"""Read the binding of a field to a skeleton, and the skeleton's pose.
 
-Joints take splats from where they were bound, which is said in the simulation's space as the
-skeleton stood in it at the start. A field whose own primvars say which joints its splats follow
-was bound where `skel:geomBindTransform` puts it, as any prim of UsdSkel's. One that takes them
-from a mesh was bound where it stands, unless it has such a transform itself.
+Bind transforms are in the simulation's space, with the skeleton's placement at the start. A field
+whose own primvars name joints is bound by `skel:geomBindTransform`, as any prim of UsdSkel. A field
+that takes its joints from a mesh is bound where it is at the start, unless it has such a transform
+itself.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ MESH = f"{NAMESPACE}:skin:mesh"
 
 
 class BindingReader:
-    """The skeleton that a simulation names, for one field.
+    """Reader of the skeleton that a simulation names, for one field.
 
     Args:
-        simulation: With the relationships.
-        skeleton: What the first of them names.
-        count: Splats of the field.
-        space: The simulation's; has the field.
-        rigs: What UsdSkel knows of the stage.
-        by_triangles: Whether splats ride on the mesh's triangles rather than by joints.
+        simulation: Prim with the relationships.
+        skeleton: Target of the first of them.
+        count: Number of splats of the field.
+        space: The simulation's space; has the field.
+        rigs: Skinning of the stage.
+        by_triangles: Whether splats follow the mesh's triangles instead of joints.
 
     Raises:
         StageError: If nothing says which joints splats follow, or it does not fit.
@@ -63,13 +63,13 @@ class BindingReader:
                 self._mesh = SurfaceReader(mesh, space, rigs)
 
     def at(self, time: Usd.TimeCode) -> SkinPose:
-        """Where the joints are at a time."""
+        """Return the pose at a time."""
         now = self._space.from_prim(self._skeleton, time)
         joints = now @ skinning_transforms(self._query, time) @ np.linalg.inv(self._bound_from)
         return SkinPose(joints=joints, surface=self._mesh.at(time) if self._mesh else None)
 
     def _of_field(self, simulation: Usd.Prim, own: Influences | None) -> SkinBinding:
-        """By the primvars of the field."""
+        """Bind by the primvars of the field."""
         if own is None:
             found = "no mesh, and a field without joint weights"
             raise StageError(f"{simulation.GetPath()}.{MESH}", found, "one of both")
@@ -77,7 +77,7 @@ class BindingReader:
         return SkinBinding(indices=own.indices, weights=own.weights, bind=bind)
 
     def _of_mesh(self, mesh: Usd.Prim, own: Influences | None, rigs: Rigs) -> SkinBinding:
-        """By a mesh; what the field says itself of its joints counts before it."""
+        """Bind by a mesh; joints of the field itself take precedence."""
         where = str(mesh.GetPath())
         if not mesh.IsA(UsdGeom.Mesh):
             raise StageError(where, f"a prim of type {mesh.GetTypeName()!s}", "a Mesh")
@@ -98,7 +98,8 @@ class BindingReader:
         )
 
     def _field_bind(self) -> F64:
-        """Where a field without joints of its own was bound: where it stands, or as it says."""
+        """Return the bind transform of a field without joints of its own: authored, or its
+        transform at the start."""
         name = UsdSkel.Tokens.primvarsSkelGeomBindTransform
         found = value(self._space.field.GetAttribute(name), Usd.TimeCode.Default())
         return np.eye(4) if found is None else self._bound_from @ matrix_of(found)

@@ -14,25 +14,26 @@ from usdsplat.sim.stage.skeletons import Rigs, bind_transforms, joint_transforms
 from usdsplat.sim.stage.spaces import Space
 
 _STEEPEST = 0.9
-"""How much of a bone's length its radii may differ by: beyond it one end would hold the other."""
+"""Largest difference of a bone's radii, as a fraction of its length: beyond it one end would
+contain the other."""
 
 
 class Bones:
     """The capsules of a Skeleton.
 
-    A leaf's goes on from its parent's bone, as far again, and turns with the leaf. At each end a
-    capsule is as wide as the joint that is there; a leaf's as its own.
+    A leaf's capsule continues its parent's bone by the same length, and rotates with the leaf. At
+    each end a capsule has the radius of the joint there; a leaf's capsule has the leaf's at both.
 
-    Radii that are asked for are, as those of a Sphere, lengths of the prim's own space.
+    Authored radii are lengths in the prim's own space, like those of a Sphere.
 
     Args:
         prim: A Skeleton.
-        space: The simulation's.
-        rigs: What UsdSkel knows of the stage.
-        asked: Which joints are wanted.
+        space: The simulation's space.
+        rigs: Skinning of the stage.
+        asked: Names of the joints to use.
 
     Raises:
-        StageError: If it has no joints, or not those that are asked for.
+        StageError: If it has no joints, or lacks one that is asked for.
     """
 
     def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs, asked: AffectorParameters) -> None:
@@ -55,7 +56,7 @@ class Bones:
         self._across = _across(bind[self._first], ends)
 
     def at(self, time: Usd.TimeCode, asked: AffectorParameters) -> tuple[Solid, ...]:
-        """All capsules at a time."""
+        """Return all capsules at a time."""
         matrix = self._space.from_prim(self._prim, time)
         joints = matrix @ joint_transforms(self._query, time)
         scale = spaces.size_of(matrix) * asked.radius_scale
@@ -80,7 +81,8 @@ class Bones:
 
 
 def _bones(parents: I64) -> tuple[I64, I64]:
-    """Joints at both ends of each bone, ordered by the first; a leaf's bone ends at itself."""
+    """Return the joints at both ends of each bone, ordered by the first; a leaf's bone ends at
+    itself."""
     count = len(parents)
     children = [(int(parents[joint]), joint) for joint in range(count) if parents[joint] >= 0]
     has_child = {first for first, _ in children}
@@ -90,14 +92,15 @@ def _bones(parents: I64) -> tuple[I64, I64]:
 
 
 def _tips(parents: I64, bind: F64) -> F64:
-    """As far beyond each joint as its parent is before it, shape (j, 3); a root's is its own."""
+    """Return the point as far beyond each joint as its parent is before it, shape (j, 3); a root's
+    own position."""
     at = bind[:, :3, 3]
     before = np.where(parents[:, None] >= 0, at[parents], at)
     return 2 * at - before
 
 
 def _wanted(prim: Usd.Prim, names: list[str], asked: tuple[str, ...]) -> I32:
-    """The joints that are asked for, by path or by name; all if none are."""
+    """Return the joints that are asked for, by path or by name; all if none are."""
     found = []
     for name in asked:
         same = [i for i, each in enumerate(names) if name in (each, each.rpartition("/")[2])]
@@ -109,15 +112,16 @@ def _wanted(prim: Usd.Prim, names: list[str], asked: tuple[str, ...]) -> I32:
 
 
 def _across(bind: F64, ends: F64) -> I64:
-    """The axis of each bone's joint that is most across it, in the bind pose: a frame that holds
-    on to it does not spin about the bone."""
+    """Return the axis of each bone's joint that is most perpendicular to the bone in the bind pose.
+    A frame that keeps this axis does not spin about the bone."""
     along = ends[:, 1] - ends[:, 0]
     axes = bind[:, :3, :3] / np.maximum(np.linalg.norm(bind[:, :3, :3], axis=1), 1e-30)[:, None]
     return np.asarray(np.abs(np.einsum("bij,bi->bj", axes, along)).argmin(axis=1))
 
 
 def _frame(along: F64, side: F64) -> F64:
-    """A rotation that turns z along a bone and x towards `side`, as far as that is across it."""
+    """Return the rotation that takes z along a bone and x towards `side`, projected perpendicular
+    to it."""
     if not np.linalg.norm(along) > 0:
         along = np.cross(side, np.eye(3)[np.abs(side).argmin()])
     z = along / max(float(np.linalg.norm(along)), 1e-30)

@@ -1,4 +1,4 @@
-"""Frames of a simulation in the stage's space, for a field that moves under it."""
+"""Transform frames from the simulation's space to a field that moves within it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _RIGID = 1e-9
 
 
 def carried_arrays(matrices: Iterable[F64]) -> frozenset[str]:
-    """The arrays of a cloud that change by any of these matrices, shape (4, 4)."""
+    """Return the arrays of a cloud that any of these matrices change, shape (4, 4)."""
     found: set[str] = set()
     for matrix in matrices:
         linear = matrix[:3, :3]
@@ -31,14 +31,14 @@ def carried_arrays(matrices: Iterable[F64]) -> frozenset[str]:
 
 
 def carried(frame: Frame, matrix: F64, state: State, arrays: frozenset[str]) -> Frame:
-    """A frame in the field's space.
+    """Return a frame in the field's space.
 
     Args:
-        frame: In the simulation's.
-        matrix: To there from the field's, shape (4, 4).
-        state: Whose frame it is. It remembers the quaternions, of whose two signs each frame takes
-            the one nearer to the last frame's, so that they may be interpolated.
-        arrays: Those that `carried_arrays` names for all frames; others are left alone.
+        frame: The frame in the simulation's space.
+        matrix: From the field's space to the simulation's, shape (4, 4).
+        state: State of the frame. It keeps the last quaternions; each frame takes the sign nearer
+            to them, so that they can be interpolated.
+        arrays: The result of `carried_arrays` for all frames; others do not change.
     """
     cloud = frame.cloud
     moved = edit.transform(cloud, np.linalg.inv(matrix))

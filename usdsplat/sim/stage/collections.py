@@ -1,4 +1,4 @@
-"""Who is in a simulation: its fields and its affectors."""
+"""Members of a simulation: its fields and its affectors."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ AFFECTORS = "affectors"
 
 
 def find_simulations(stage: Usd.Stage) -> list[Usd.Prim]:
-    """All SplatSim prims of a stage that are active and defined, in the order of the stage."""
+    """Return all active, defined SplatSim prims of a stage, in the order of the stage."""
     return [prim for prim in stage.Traverse() if prim.GetTypeName() == SIMULATION_TYPE]
 
 
 def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[str]]:
-    """The fields of a simulation, ordered by path, and a sentence for each that it must leave out.
+    """Return the fields of a simulation, ordered by path, and a sentence for each that is left out.
 
-    Those in instances are left out: nothing can be said about them.
+    Fields in instances are left out, because no opinion can be authored on them.
     """
     everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
     found = _members(everyone, simulation, SPLATS, schema.is_splat_field)
@@ -38,14 +38,14 @@ def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list
 
 
 def affectors(stage: Usd.Stage, simulation: Usd.Prim) -> list[Usd.Prim]:
-    """The affectors of a simulation, ordered by path, visible or not, those in instances too."""
+    """Return the affectors of a simulation, ordered by path, visible or not, in instances too."""
     everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
     return _members(everyone, simulation, AFFECTORS, is_affector)
 
 
 def is_affector(prim: Usd.Prim) -> bool:
-    """Whether SplatAffectorAPI is applied to a prim, known to USD or not, or one of its attributes
-    is authored."""
+    """Return whether SplatAffectorAPI is applied to a prim, known to USD or not, or one of its
+    attributes is authored."""
     if AFFECTOR_API in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
         return True
     lead = f"{NAMESPACE}:affector:"
@@ -58,7 +58,8 @@ def _members(
     name: str,
     is_one: Callable[[Usd.Prim], bool],
 ) -> list[Usd.Prim]:
-    """Prims that are one and are in the collection, or all where it holds nothing."""
+    """Return the prims that satisfy a predicate and are in the collection, or all if it is
+    empty."""
     query = _query(simulation, name)
     found = [
         prim
@@ -69,7 +70,7 @@ def _members(
 
 
 def _query(simulation: Usd.Prim, name: str) -> Usd.CollectionMembershipQuery | None:
-    """What says who is in a collection; None where nobody says so."""
+    """Return the query of a collection; None if it is not authored."""
     includes = simulation.GetRelationship(f"collection:{name}:includes")
     expression = simulation.GetAttribute(f"collection:{name}:membershipExpression")
     root = simulation.GetAttribute(f"collection:{name}:includeRoot")

@@ -1,10 +1,10 @@
-"""Samples of an epoch: the same splats in the same rows at every one of them.
+"""Samples of an epoch: the same splats in the same rows at each of them.
 
-USD interpolates arrays of equal length and holds others, so counts change only where epochs meet.
-Within one, whoever lives at any of its frames or at the first of the next has a row: before their
-birth splats are where they are born, without size or opacity; after their death they are where they
-were last, without opacity. Where an epoch ends and another begins, a sample just before holds the
-old rows with the new frame's values, so nothing changes there but the number of rows.
+USD interpolates arrays of equal length and holds others, so that counts may change only between
+epochs. Within an epoch, every splat that exists at any of its frames, or at the first of the next,
+has a row: before birth at the place of birth, without size or opacity; after death at its last
+place, without opacity. Just before an epoch ends there is a sample with the old rows and the values
+of the next frame, so that only the number of rows changes there.
 """
 
 from __future__ import annotations
@@ -25,42 +25,42 @@ Array = npt.NDArray[Any]
 UNBORN_SCALE = np.float32(1e-6)
 """Size of splats that are not born yet [unit]."""
 BEFORE = 2.0**-14
-"""How long before an epoch's end its last sample is, in frames."""
+"""Distance of an epoch's last sample from its end, in frames."""
 _VALUES = ("positions", "rotations", "scales", "opacities")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sample:
-    """What is written at one time."""
+    """Values that are written at one time."""
 
     time: float
     positions: F32 | None
-    """None for these where nothing is said about them."""
+    """Positions; None for each array that is not written."""
     rotations: F32 | None
     scales: F32 | None
     opacities: F32 | None
     box: F32
-    """Extent, from this sample to the next, shape (2, 3)."""
+    """Extent from this sample to the next, shape (2, 3)."""
     sh: F32 | None
-    """Where it is due."""
+    """Harmonics, where they are due."""
     velocities: F32 | None
     uv: F32 | None
     ids: I64 | None
-    """At both ends of an epoch, for all of it; None elsewhere and where the population is fixed."""
+    """Ids, at both ends of an epoch; None elsewhere, and where the population is fixed."""
     is_new: bool
-    """Whether an epoch begins here."""
+    """Whether an epoch starts here."""
 
 
 def samples(
     spool: Spool, frames: range, times: Sequence[float], *, is_closed: bool
 ) -> Iterator[Sample]:
-    """Go through an epoch.
+    """Iterate over the samples of an epoch.
 
     Args:
-        spool: Where its frames are.
-        frames: Their indices.
-        times: Of all frames [time code].
-        is_closed: Whether another follows; the spool's pending frame is its first.
+        spool: Holds the frames.
+        frames: Indices of the epoch's frames.
+        times: Times of all frames [time code].
+        is_closed: Whether another epoch follows; the spool's pending frame is its first.
     """
     if not len(frames):
         return
@@ -84,7 +84,7 @@ def samples(
 
 
 class _Rows:
-    """The rows of an epoch, as they are at the frame that came last."""
+    """Rows of an epoch, with the values of the last frame."""
 
     def __init__(self, ids: I64, values: dict[str, Array]) -> None:
         self._ids = ids
@@ -92,7 +92,7 @@ class _Rows:
 
     @classmethod
     def of(cls, spool: Spool, frames: range, closing: dict[str, Array] | None) -> _Rows:
-        """Everybody as they are when they first appear, not born yet."""
+        """Return rows with the values at which splats first appear, before birth."""
         ids = np.empty(0, np.int64) if closing is None else closing["ids"]
         for index in frames:
             found = spool.read(index)["ids"]
@@ -120,8 +120,9 @@ class _Rows:
         return cls(ids, values)
 
     def moved(self, arrays: dict[str, Array]) -> dict[str, Array]:
-        """Go on to another frame. What it does not say stays, and so do splats that it lacks, but
-        for their opacity and velocity. Harmonics are among the result where the frame has some."""
+        """Return rows with another frame's values. Arrays that the frame lacks stay, and so do
+        splats that it lacks, but for their opacity and velocity. Harmonics are returned where the
+        frame has some."""
         said = {name: arrays[name] for name in self._values if name in arrays}
         if np.array_equal(said["ids"], self._ids):
             self._values |= said
@@ -139,7 +140,7 @@ class _Rows:
 
 
 def _put(values: dict[str, Array], arrays: dict[str, Array], at: Array, new: Array, n: int) -> None:
-    """Fill rows with what a frame holds."""
+    """Set the rows of a frame's splats."""
     for name, array in arrays.items():
         if name in ("ids", "box", "born_sh", "born_ids"):
             continue
@@ -149,7 +150,7 @@ def _put(values: dict[str, Array], arrays: dict[str, Array], at: Array, new: Arr
 
 
 def _arrays(frame: Frame) -> dict[str, Array]:
-    """A frame that is not spooled yet; without velocities, which nobody knows yet."""
+    """Return a frame that is not spooled yet; without velocities, which are not known yet."""
     cloud = frame.cloud
     assert cloud.ids is not None
     values = {name: getattr(cloud, name) for name in _VALUES}

@@ -1,4 +1,4 @@
-"""Splat fields: the capture at rest, and numbers that lie on its splats."""
+"""Read splat fields: the capture at rest, and primvars on its splats."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from usdsplat.core.errors import StageError
 from usdsplat.schema.values import value, vectors
 
 SELECTION = "splatSim:weight"
-"""The primvar that selects splats."""
+"""Primvar with the selection weight of splats."""
 
 
 def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str]]:
-    """The capture as it is at the start, in its own space, and what is to be said about it.
+    """Return the capture at the start, in its own space, and remarks about it.
 
-    Ids that do not ascend are dropped: a simulation keeps splats in the order of their ids and of
-    the capture, and must not tell them apart by two orders.
+    Ids that do not ascend are dropped: a simulation orders splats by id and by row, which must
+    agree.
 
     Raises:
-        UsdSplatError: If it cannot be read, holds no splats, or some that are nowhere.
+        UsdSplatError: If it cannot be read, has no splats, or some that are not finite.
     """
     where = str(prim.GetPath())
     cloud = schema.fetch(prim, start)
@@ -43,10 +43,11 @@ def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str
 
 
 def read_selection(prim: Usd.Prim, count: int, start: Usd.TimeCode) -> F32 | None:
-    """How far each of `count` splats takes part, shape (n,), 0 to 1; None where all do.
+    """Return the selection weight of `count` splats, shape (n,), 0 to 1; None where all are
+    selected.
 
     Raises:
-        StageError: If there are not as many numbers as splats, or one is none of these.
+        StageError: If there are not as many numbers as splats, or one is out of range.
     """
     found = per_splat(prim, SELECTION, count, start)
     if found is not None and not ((found >= 0) & (found <= 1)).all():
@@ -56,7 +57,7 @@ def read_selection(prim: Usd.Prim, count: int, start: Usd.TimeCode) -> F32 | Non
 
 
 def per_splat(prim: Usd.Prim, name: str, count: int, time: Usd.TimeCode) -> F32 | None:
-    """A primvar of numbers for each of `count` splats, shape (n,); None where there is none.
+    """Return a primvar of `count` splats, shape (n,); None where there is none.
 
     Raises:
         StageError: If there are neither one nor as many numbers as splats.
@@ -75,6 +76,6 @@ def per_splat(prim: Usd.Prim, name: str, count: int, time: Usd.TimeCode) -> F32 
 
 
 def missing(prim: Usd.Prim, name: str, primvar: str, field: Usd.Prim) -> StageError:
-    """That a primvar which an attribute names is not on the field."""
+    """Return the error that a primvar named by an attribute is missing on the field."""
     found = f"{primvar!r}, which is not there"
     return StageError(f"{prim.GetPath()}.{name}", found, f"a primvar of {field.GetPath()}")

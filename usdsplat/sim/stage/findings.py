@@ -13,7 +13,7 @@ from usdsplat.sim.stage import collections
 from usdsplat.sim.stage.parameters import instances, unread
 
 _PATTERN = ("u", "v", "vMinusU")
-"""Sources of drivers that only a reaction gives."""
+"""Sources of drivers that only a reaction provides."""
 
 
 def findings(simulation: Usd.Prim, affectors: Iterable[Usd.Prim]) -> list[StageError]:
@@ -66,7 +66,7 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
 
 
 def _ever(simulation: Usd.Prim, name: str) -> bool:
-    """Whether a parameter that is 0 or off by default is something else at any time."""
+    """Return whether a parameter that is 0 or off by default has another value at any time."""
     attribute = simulation.GetAttribute(f"{NAMESPACE}:{name}")
     if not attribute or not attribute.HasAuthoredValue():
         return False

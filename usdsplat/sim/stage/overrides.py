@@ -1,4 +1,4 @@
-"""Values typed on a command line, as opinions on a stage's session layer."""
+"""Author values from a command line on a stage's session layer."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
 
     Args:
         stage: None of its files is saved.
-        text: `[/PRIM.]group:name=value`. Without a prim it goes to every SplatSim prim, or for
+        text: `[/PRIM.]group:name=value`. Without a prim it applies to every SplatSim prim, or for
             `affector:name` to every affector; deformers and drivers are `deform:<name>:angle=90`.
-        layer: Of the stage; None is its session layer.
+        layer: Layer of the stage; None is its session layer.
 
     Raises:
-        UsageError: If it cannot be understood, or the parameter cannot have that value.
-        StageError: If the stage has nothing that it could be meant for.
+        UsageError: If it cannot be parsed, or the parameter cannot have that value.
+        StageError: If the stage has no prim that it applies to.
     """
     match = _ASSIGNMENT.fullmatch(text.strip())
     if not match:
@@ -48,7 +48,7 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
 
 
 def _value(item: Knob, typed: str, text: str) -> Any:
-    """What was typed, as the parameter's type."""
+    """Parse a value as the parameter's type."""
     try:
         return _parsed(item.type, typed)
     except (KeyError, ValueError):
@@ -65,7 +65,7 @@ def _parsed(kind: Any, typed: str) -> Any:
 
 
 def _prims(stage: Usd.Stage, where: str | None, group: str) -> list[Usd.Prim]:
-    """Whom it is meant for."""
+    """Return the prims that an override applies to."""
     is_about_affectors = group == "affector"
     found = find_simulations(stage)
     if is_about_affectors:

@@ -1,7 +1,7 @@
-"""Parameters as a prim has them, by the names of its attributes: the schema need not be known.
+"""Read parameters from a prim's attributes by name, so that USD need not know the schema.
 
-What a prim does not author has the knob's default. Real numbers of single precision are taken for
-the shortest decimal that they can mean: a limit of 0.1 is met by what USD stores of it.
+Attributes without a value have the knob's default. Single-precision numbers are read as their
+shortest decimal, so that a limit of 0.1 includes what USD stores for 0.1.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, ca
 T = TypeVar("T")
 
 RELATIONSHIPS = ("relax:surface", "conform:target", "skin:skeleton", "skin:mesh")
-"""Those of a simulation, after the namespace."""
+"""Relationships of a simulation, without the namespace."""
 FRAME = "frame"
-"""The relationship of a deformer."""
+"""Relationship of a deformer."""
 DOUBLE = (Sdf.ValueTypeNames.Double, Sdf.ValueTypeNames.TimeCode)
 
 
 def read_all(prim: Usd.Prim, time: Usd.TimeCode) -> Parameters:
-    """All groups of a SplatSim prim at one time.
+    """Return all groups of a SplatSim prim at one time.
 
     Raises:
-        StageError: If a value is none that its parameter can have.
+        StageError: If a value is out of range.
     """
     return Parameters(
         **{name: read(prim, cls, f"{NAMESPACE}:{name}", time) for name, cls in GROUPS.items()}
@@ -39,16 +39,16 @@ def read_all(prim: Usd.Prim, time: Usd.TimeCode) -> Parameters:
 
 
 def read(prim: Usd.Prim, cls: type[T], lead: str, time: Usd.TimeCode) -> T:
-    """One group of parameters at one time.
+    """Return one group of parameters at one time.
 
     Args:
-        prim: Where they are.
+        prim: Prim with the attributes.
         cls: The dataclass of the group.
-        lead: What their names begin with, such as "splatSim:rd".
-        time: When; uniform ones have one value for all times.
+        lead: Prefix of their names, such as "splatSim:rd".
+        time: Time code; uniform ones have one value for all times.
 
     Raises:
-        StageError: If a value is none that its parameter can have.
+        StageError: If a value is out of range.
     """
     taken = {}
     authored = set(prim.GetAuthoredPropertyNames())
@@ -61,16 +61,16 @@ def read(prim: Usd.Prim, cls: type[T], lead: str, time: Usd.TimeCode) -> T:
 
 
 def read_one(prim: Usd.Prim, item: Knob, name: str, time: Usd.TimeCode) -> Any:
-    """What a prim says of one parameter at one time; None where it says nothing.
+    """Return the authored value of one parameter at one time; None where there is none.
 
     Args:
-        prim: Where it is.
+        prim: Prim with the attribute.
         item: Its knob.
-        name: Of the attribute.
-        time: When; a uniform one has one value for all times.
+        name: Name of the attribute.
+        time: Time code; a uniform one has one value for all times.
 
     Raises:
-        StageError: If it is no value that the parameter can have.
+        StageError: If the value is out of range.
     """
     attribute = prim.GetAttribute(name)
     if not attribute or not attribute.HasAuthoredValue():
@@ -80,7 +80,8 @@ def read_one(prim: Usd.Prim, item: Knob, name: str, time: Usd.TimeCode) -> Any:
 
 
 def instances(prim: Usd.Prim, group: str) -> list[str]:
-    """Names of a prim's deformers or drivers, sorted: those applied and those with attributes."""
+    """Return the names of a prim's deformers or drivers, sorted: those applied and those with
+    attributes."""
     schema = {"deform": "SplatDeformerAPI", "driver": "SplatDriverAPI"}[group]
     applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     names = {each.partition(":")[2] for each in applied if each.startswith(f"{schema}:")}
@@ -92,12 +93,12 @@ def instances(prim: Usd.Prim, group: str) -> list[str]:
 
 
 def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
-    """Each property of ours that nobody reads, with the name it may be meant for; and samples over
-    time of what holds for all times.
+    """Yield each property in our namespace that is unknown, with the name that may be meant, and
+    each uniform attribute with time samples.
 
     Args:
         prim: A simulation or an affector.
-        groups: Those that such a prim has.
+        groups: Parameter groups of such a prim.
     """
     known = _known(prim, groups)
     said = []
@@ -115,7 +116,7 @@ def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
 
 
 def _known(prim: Usd.Prim, groups: Iterable[str]) -> dict[str, bool]:
-    """Names that count on a prim -> whether they are uniform attributes."""
+    """Return the known names on a prim -> whether they are uniform attributes."""
     known = {}
     for group in groups:
         cls = {**GROUPS, **INSTANCED}[group]
@@ -133,7 +134,7 @@ def _known(prim: Usd.Prim, groups: Iterable[str]) -> dict[str, bool]:
 
 
 def _taken(attribute: Usd.Attribute, item: Knob, found: Any) -> Any:
-    """A value of USD's as the knob's."""
+    """Convert a USD value to the knob's type."""
     is_double = attribute.GetTypeName().scalarType in DOUBLE
     plain = _plain(found, single=not is_double)
     try:
@@ -144,13 +145,13 @@ def _taken(attribute: Usd.Attribute, item: Knob, found: Any) -> Any:
 
 
 def _plain(found: Any, *, single: bool) -> Any:
-    """What USD holds in Python's own words."""
+    """Convert a USD value to plain Python."""
     if isinstance(found, (bool, int, str)) or found is None:
         return found
     if isinstance(found, Sdf.TimeCode):
         return float(found.GetValue())
     if isinstance(found, float):
-        # Not by str(), which is anybody's to change: see numpy.set_printoptions.
+        # str() depends on numpy.set_printoptions
         return float(np.format_float_scientific(np.float32(found))) if single else found
     try:
         return tuple(_plain(part, single=single) for part in found)

@@ -1,4 +1,4 @@
-"""What a bake says about one field, decided before its first frame."""
+"""Decide what a bake writes about one field, before its first frame."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ ARRAYS = {
 }
 """Array of a cloud -> the stock attribute."""
 HARMONICS = 1 / 512
-"""Of mode edit: change of a coefficient that is written."""
+"""Change of a coefficient from which it is written, in mode edit."""
 _NEAREST = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BakedField:
-    """A field that is simulated."""
+    """A simulated field."""
 
     path: str
-    """On the stage."""
+    """Path on the stage."""
     rest: SplatCloud
     """The capture, as `schema.fetch` reads it."""
     writes: frozenset[str]
-    """Arrays of the cloud that the simulation changes, of ARRAYS; others get no opinion."""
+    """Arrays of the cloud that the simulation changes, of ARRAYS; others are not written."""
     is_fixed: bool
-    """Whether it is sure that no splat is born and none dies."""
+    """Whether no splat can be born or die."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -51,16 +51,16 @@ class Plan:
     names: dict[str, str]
     """Arrays of the cloud that are written -> attributes."""
     retype: str
-    """The type that the layer gives the prim, or nothing."""
+    """Type that the layer gives the prim, or an empty string."""
     is_packed: bool
     ids: bool
-    """Whether a fixed population needs its ids said."""
+    """Whether a fixed population needs its ids written."""
     block_velocities: bool
-    """Whether the capture's velocities are wrong now."""
+    """Whether the capture's velocities no longer apply."""
     is_imageable: bool
     """Whether the field's purpose is the default one."""
     epsilon: dict[str, float]
-    """Of mode edit: arrays of the cloud -> what is too small to be written."""
+    """Arrays of the cloud -> tolerance below which a change is not written, in mode edit."""
     keeping: Keeping
 
     @property
@@ -114,7 +114,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
 
 
 def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> None:
-    """Refuse before anything is written."""
+    """Reject fields that cannot be baked."""
     where = field.path
     if not schema.is_splat_field(prim):
         raise StageError(where, "no splat field", "a splat field to bake")
@@ -137,10 +137,10 @@ def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> Non
 
 
 def _name(prim: Usd.Prim, array: str, mode: str) -> str:
-    """The attribute that holds an array in the precision of the capture."""
+    """Return the attribute that holds an array in the precision of the capture."""
     name = ARRAYS[array]
     if schema.is_packed(prim) or (array == "positions" and mode != "edit"):
-        return name  # half centres cost up to 27 dB, and float ones win over them
+        return name  # half positions cost up to 27 dB, and float ones take precedence
     return stock.source_name(prim, name)
 
 
@@ -154,7 +154,7 @@ def _purpose(prim: Usd.Prim) -> str:
 
 
 def _epsilon(rest: SplatCloud, parameters: BakeParameters) -> dict[str, float]:
-    """[unit], [radian], relative, and differences."""
+    """Return tolerances: [unit], [radian], relative, and differences."""
     return {
         "positions": parameters.position_epsilon * _spacing(rest),
         "rotations": math.radians(parameters.rotation_epsilon),
@@ -165,7 +165,8 @@ def _epsilon(rest: SplatCloud, parameters: BakeParameters) -> dict[str, float]:
 
 
 def _spacing(cloud: SplatCloud) -> float:
-    """Mean distance to the nearest neighbour, of a few splats that are spread over the rows."""
+    """Return the mean distance to the nearest neighbour, of a sample of splats spread over the
+    rows."""
     n = len(cloud)
     if n < 2:
         return 0.0

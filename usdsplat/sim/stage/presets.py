@@ -1,6 +1,7 @@
-"""Simulations that are ready to run: a capture, what acts on it, and parameters to be changed.
+"""Presets: simulations that are ready to run, with a capture, affectors and parameters to edit.
 
-All sizes are the capture's: those of the box that holds nine tenths of its splats along each axis.
+All sizes derive from the capture: from the box that contains nine tenths of its splats along each
+axis.
 """
 
 from __future__ import annotations
@@ -24,20 +25,20 @@ from usdsplat.sim.stage.torus import author_torus
 
 PresetName = Literal["grow", "push", "conform", "dissolve"]
 FIRST, LAST, RATE = 1, 100, 24
-"""Frames, and how many of them are a second."""
+"""First and last frame, and frames per second."""
 LEAST, MOST = 5, 95
-"""Percentiles between which the box lies."""
+"""Percentiles at the ends of the box."""
 
 _PATTERN = 110
-"""Lattice units in the size of a capture: about nine stripes. Carriers, and with them the time that
-a frame takes, grow with its square."""
+"""Lattice units along a capture: about nine stripes. The number of carriers, and the time of a
+frame, grow with its square."""
 _REACTION_STEPS = 6000
-"""Until the last frame, when a pattern is formed; a frame has 256 at most."""
+"""Reaction steps until the last frame, when the pattern has formed; a frame has 256 at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """Where the preset's prims go, and how large the capture is in that space."""
+    """Where the preset's prims go, and the size of the capture in that space."""
 
     stage: Usd.Stage
     parent: Sdf.Path
@@ -51,7 +52,7 @@ class Scene:
     field_unit: float
     """Length of the field's unit in this space."""
     linear: F64
-    """Turns vectors of this space to the stage's, (3, 3)."""
+    """Rotates vectors of this space to the stage's, (3, 3)."""
     last: int
     """Last frame."""
 
@@ -62,16 +63,16 @@ class Scene:
 
     @property
     def side(self) -> int:
-        """The longer one of the level axes."""
+        """The longer one of the horizontal axes."""
         level = [axis for axis in range(3) if axis != self.up]
         return max(level, key=lambda axis: float(self.extent[axis]))
 
     def local(self, length: float) -> float:
-        """A length in the units of the field, in which it is simulated."""
+        """Return a length in units of the field, in which it is simulated."""
         return length / self.field_unit
 
     def world(self, *vector: float) -> tuple[float, float, float]:
-        """A vector (along the side, up, across) in the stage's space."""
+        """Return a vector (along the side, up, across) in the stage's space."""
         across = 3 - self.side - self.up
         here = np.zeros(3)
         here[[self.side, self.up, across]] = vector
@@ -82,23 +83,24 @@ class Scene:
 def author_preset(
     name: PresetName, capture: Usd.Stage, target: Path | str, *, last: int = LAST
 ) -> None:
-    """Write a stage in which a capture is simulated, from frame 1 on at 24 a second.
+    """Write a stage in which a capture is simulated, from frame 1 on at 24 frames per second.
 
     It has the capture as a sublayer, a SplatSim prim `Simulation/Sim` under the capture's default
-    prim, and beside that whatever acts.
+    prim, and the affectors beside it.
 
     Args:
-        name: "grow": a labyrinth grows, colours, raises and breeds splats, and a ball passes
-            slowly. "push": a ball goes through. "conform": splats move onto a ring around them.
-            "dissolve": the wind takes them.
+        name: "grow": a labyrinth pattern colours, raises and multiplies splats, and a ball passes
+            slowly. "push": a ball passes through. "conform": splats move onto a ring around them.
+            "dissolve": splats are blown away.
         capture: A stage from a file, with one splat field.
-        target: A .usda or .usdc file, replaced when complete; it names the capture's file by a
+        target: A .usda or .usdc file, replaced when complete; it refers to the capture by a
             relative path.
-        last: Frame at which a ball has passed and a pattern is formed; it needs 24 or more.
+        last: Frame at which the ball has passed and the pattern has formed, at least 24.
 
     Raises:
         UsageError: If there is no such preset.
-        StageError: If the stage is not from a file, has not one field, or is simulated already.
+        StageError: If the stage is not from a file, does not have exactly one field, or has a
+            simulation.
         OutputError: If the target cannot be written.
     """
     if name not in get_args(PresetName):
@@ -129,8 +131,9 @@ def author_preset(
 
 
 def _grow(scene: Scene, sim: Usd.Prim) -> None:
-    """A pattern that colours, raises and breeds splats, and a ball that passes slowly."""
-    # A field of n splats on a surface of about three times the square of its size.
+    """Author a pattern that colours, raises and multiplies splats, and a ball that passes
+    slowly."""
+    # for a field of n splats on a surface of about three times the square of its size
     spacing = scene.size * np.sqrt(3 / scene.count)
     unit = max(scene.size / _PATTERN, spacing)
     author(
@@ -165,9 +168,9 @@ def _grow(scene: Scene, sim: Usd.Prim) -> None:
 
 
 def _push(scene: Scene, sim: Usd.Prim) -> None:
-    """A ball that goes through the capture, which settles behind it.
+    """Author a ball that passes through the capture, which settles behind it.
 
-    In the end the ball lets go: splats that it has taken along want back, right through it.
+    At the end the ball is disabled: splats that it has pushed along return, straight through it.
     """
     author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
     through = max(round(0.6 * scene.last), 2)
@@ -177,7 +180,7 @@ def _push(scene: Scene, sim: Usd.Prim) -> None:
 
 
 def _conform(scene: Scene, sim: Usd.Prim) -> None:
-    """Splats that move onto a ring around them, and turn with it."""
+    """Author splats that move onto a ring around them, and rotate with it."""
     level = np.delete(scene.extent, scene.up)
     outer = 0.5 * float(np.hypot(*level)) + 0.1 * scene.size
     ring = author_torus(
@@ -210,7 +213,7 @@ def _conform(scene: Scene, sim: Usd.Prim) -> None:
 
 
 def _dissolve(scene: Scene, sim: Usd.Prim) -> None:
-    """Patches let go, and the wind takes them."""
+    """Author patches that detach and are blown away."""
     author(
         sim,
         {
@@ -241,7 +244,7 @@ _PRESETS: dict[str, Callable[[Scene, Usd.Prim], None]] = {
 
 
 def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: float) -> Usd.Prim:
-    """A ball that goes along the capture's longer side, right through its middle."""
+    """Author a ball that moves along the capture's longer side, through its centre."""
     ball = UsdGeom.Sphere.Define(scene.stage, scene.parent.AppendChild("Ball"))
     ball.CreateRadiusAttr(radius)
     ball.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
@@ -264,7 +267,7 @@ def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: flo
 
 
 def _only_field(capture: Usd.Stage) -> Usd.Prim:
-    """The stage's one field."""
+    """Return the only field of the stage."""
     where = capture.GetRootLayer().identifier
     if not capture.GetRootLayer().realPath:
         raise StageError(where, "a stage that is no file's", "one that can be a sublayer")
@@ -278,7 +281,8 @@ def _only_field(capture: Usd.Stage) -> Usd.Prim:
 
 
 def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
-    """Measure the capture where the preset's prims go: under the default prim, if it is above."""
+    """Measure the capture where the preset's prims go: under the default prim, if that contains the
+    field."""
     root = stage.GetDefaultPrim()
     is_above = (
         root and field.GetPath().HasPrefix(root.GetPath()) and root.GetPath() != field.GetPath()
@@ -308,11 +312,11 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
 
 
 def _include(sim: Usd.Prim, name: str, path: Sdf.Path) -> None:
-    """Say who is in a collection of the simulation."""
+    """Include a prim in a collection of the simulation."""
     sim.CreateRelationship(f"collection:{name}:includes", custom=False).SetTargets([path])
 
 
 def _relative(file: Path, folder: Path) -> str:
-    """The path of a file from a folder, as USD writes it."""
+    """Return the path of a file relative to a folder, with forward slashes."""
     path = Path(os.path.relpath(file, folder)).as_posix()
     return path if path.startswith("../") else f"./{path}"

@@ -1,4 +1,4 @@
-"""What a bake was made of, so that it can be told, repeated, and gone on with."""
+"""Provenance of a bake: what it was made of, so that it can be reported, repeated and resumed."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
-"""The dictionary in customData and customLayerData, "usdsplat:bake" as USD spells it."""
+"""Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
 _PREFIXES = (f"{NAMESPACE}:", f"primvars:{NAMESPACE}:", f"collection:{NAMESPACE}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What is remembered of a bake, and must not change when it is resumed."""
+    """Facts that are stored with a bake, and must be the same when it is resumed."""
 
     param_hash: str
-    """As `parameter_hash` gives it."""
+    """The result of `parameter_hash`."""
     input_hash: tuple[str, ...]
-    """As `input_hash` gives it."""
+    """The result of `input_hash`."""
     seed: int
     substeps: int
     dt: float
@@ -41,16 +41,16 @@ class Provenance:
     """First and last frame [time code]."""
     mode: str
     threads: int
-    """Of no influence on the result."""
+    """Number of threads; does not influence the result."""
     resolved: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Parameters that were automatic, by field; to be filled in when they are known."""
+    """Values of automatic parameters, by field; filled in when they are known."""
 
     def record(self, *, completed: int, checkpoint: str) -> dict[str, Any]:
-        """As USD stores it.
+        """Return the record as USD stores it.
 
         Args:
             completed: Frames whose samples are in the layer.
-            checkpoint: Path of the checkpoint, relative to the layer; "" where there is none.
+            checkpoint: Path of the checkpoint, relative to the layer; "" without one.
         """
         return {
             "solverVersion": __version__,
@@ -74,7 +74,7 @@ class Provenance:
         """Compare with the record of a bake that is to be resumed.
 
         Raises:
-            StageError: If it was made of something else, saying what.
+            StageError: If it was made of something else; the message says what.
         """
         mine = self.record(completed=0, checkpoint="")
         names = {
@@ -102,11 +102,11 @@ class Provenance:
 
 
 def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
-    """SHA-256 over all opinions of a simulation at all its frames, and over which prims and
-    variants there are: a session may choose them.
+    """Return SHA-256 over all opinions of a simulation at all frames, and over the prims and
+    variants on the stage, which a session may change.
 
     Args:
-        stage: Every prim is asked for properties under `splatSim:`.
+        stage: Properties under `splatSim:` are read from every prim.
         times: The frames [time code].
     """
     total = hashlib.sha256(repr([float(time) for time in times]).encode())
@@ -127,12 +127,12 @@ def input_hash(
     *,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> tuple[str, ...]:
-    """SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
+    """Return SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
 
     Args:
-        stage: Its layers that are on disk count as files, edits in memory as text.
-        without: Identifiers of layers that do not count.
-        reading: Entered while the stage is read; files, which may be large, are read without.
+        stage: Layers on disk count as files, edits in memory as text.
+        without: Identifiers of layers to skip.
+        reading: Entered while the stage is read, but not while files are, which may be large.
     """
     files: set[Path] = set()
     lines = []
@@ -155,7 +155,7 @@ def input_hash(
 
 
 def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
-    """What a bake's root layer says about it, or None."""
+    """Return the record in a bake's root layer, or None."""
     entry: Any = layer.customLayerData
     for key in KEY:
         entry = entry.get(key) if isinstance(entry, Mapping) else None
@@ -163,12 +163,12 @@ def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
 
 
 def nested(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record in the dictionaries that KEY names."""
+    """Return a record nested in dictionaries, as KEY names them."""
     return {KEY[0]: {KEY[1]: dict(record)}}
 
 
 def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
-    """What a property says, at all frames if it changes."""
+    """Return the value of a property, at all frames if it changes."""
     if isinstance(item, Usd.Relationship):
         yield repr([str(path) for path in item.GetTargets()]).encode()
         return
@@ -187,18 +187,18 @@ def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as it compares: USD gives arrays of its own back."""
+    """Return a value that can be compared: USD returns its own array types."""
     is_array = hasattr(value, "__len__") and not isinstance(value, str)
     return list(value) if is_array else value
 
 
 def _differing(first: Iterable[str], second: Iterable[str]) -> list[str]:
-    """Names of the files that are not the same in two lists."""
+    """Return the names of files that differ in two lists."""
     return sorted({line.split("  ", 1)[-1] for line in set(first) ^ set(second)})
 
 
 def _cpu() -> str:
-    """Name of the processor: other ones may give other last bits."""
+    """Return the name of the processor: others may give other last bits."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):

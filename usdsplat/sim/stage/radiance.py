@@ -1,4 +1,4 @@
-"""When harmonics need a sample: as long as splats hardly turn, lines between samples do."""
+"""Decide when harmonics need a sample: linear interpolation suffices while splats hardly rotate."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.core.sh import C0
 
 TURN = math.radians(5.0)
-"""Largest turn between samples. Lines between them err by l² θ² / 8: 0.9 % of degree 3."""
+"""Largest rotation between samples. Linear interpolation errs by l² θ² / 8: 0.9 % at degree 3."""
 STEP = 1 / 255 / C0
 """Largest change of colour between samples, in coefficients of degree 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Key:
-    """What splats looked like when their harmonics were last written."""
+    """Rotations and colours of splats when their harmonics were last written."""
 
     ids: I64
     rotations: F32
     colors: F32
-    """Coefficients of degree 0 and, of each higher degree, their length: turning changes none.
+    """Coefficients of degree 0 and the norm of each higher degree, which rotation does not change.
     Shape (n, degree + 1, 3)."""
 
     @classmethod
     def of(cls, cloud: SplatCloud) -> Key:
-        """That of a cloud with ids."""
+        """Return the key of a cloud with ids."""
         assert cloud.ids is not None
         return cls(cloud.ids, cloud.rotations, _colors(cloud.sh))
 
     def is_left(self, cloud: SplatCloud, rows: npt.NDArray[np.int64] | None) -> bool:
-        """Whether any splat has turned or changed its colour since.
+        """Return whether any splat has rotated or changed colour since.
 
         Args:
-            cloud: As it is now.
-            rows: Where splats are there, -1 for those that have gone; None is row by row.
+            cloud: The splats now.
+            rows: Their rows in the cloud, -1 for those that died; None if rows are the same.
         """
         kept = slice(None) if rows is None else rows >= 0
         now = slice(None) if rows is None else rows[rows >= 0]
@@ -51,12 +51,12 @@ class Key:
         return bool(max(change.max(initial=0), -change.min(initial=0)) > STEP)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All that it holds, by name."""
+        """Return all arrays by name."""
         return {"key_ids": self.ids, "key_rotations": self.rotations, "key_colors": self.colors}
 
     @classmethod
     def restored(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Key | None:
-        """What `arrays` gave, or None where it is not among them."""
+        """Return the key that `arrays` gave, or None if it is missing."""
         if "key_ids" not in arrays:
             return None
         return cls(arrays["key_ids"], arrays["key_rotations"], arrays["key_colors"])

@@ -1,7 +1,7 @@
-"""What a stage says of its simulations: a recipe for each field of each SplatSim prim.
+"""Read the simulations of a stage: a recipe for each field of each SplatSim prim.
 
-Prims and attributes are known by their names, so all of it can be read where USD does not know our
-schemas. The stage must not change while its recipes are in use.
+Prims and attributes are found by name, so that USD need not know our schemas. The stage must not
+change while its recipes are in use.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from usdsplat.sim.stage.targets import SurfaceReader, related
 __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 
 UNGUARDED: AbstractContextManager[Any] = nullcontext()
-"""Held while a stage is read that nobody else has."""
+"""Lock for a stage that only one thread uses."""
 
 TARGET = f"{NAMESPACE}:conform:target"
 RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
@@ -52,18 +52,18 @@ def recipes(
     reading: AbstractContextManager[Any] = UNGUARDED,
     kind: Callable[..., StageRecipe] | None = None,
 ) -> tuple[StageRecipe, ...]:
-    """One recipe for each field of a simulation, ordered by path.
+    """Return one recipe for each field of a simulation, ordered by path.
 
     Args:
-        stage: What it is on.
+        stage: The stage.
         simulation: A SplatSim prim.
         start: First frame that is simulated [time code]; None is the stage's first. The
-            simulation's own start time comes before both.
-        reading: Entered for as long as the stage is read, again and again; see `StageRecipe`.
-        kind: Makes them; None is `StageRecipe`.
+            simulation's own start time takes precedence.
+        reading: Entered whenever the stage is read; see `StageRecipe`.
+        kind: Class of the recipes; None is `StageRecipe`.
 
     Raises:
-        UsdSplatError: If something that the simulation needs is not there or cannot be used.
+        UsdSplatError: If something that the simulation needs is missing or cannot be used.
     """
     make = kind or StageRecipe
     rigs = Rigs()
@@ -74,17 +74,17 @@ def recipes(
 
 
 class StageRecipe:
-    """One field and all that acts on it; see `sim.specs.Recipe`.
+    """One field and everything that acts on it; see `sim.specs.Recipe`.
 
     It is made while `reading` is entered, and enters it whenever it reads the stage: a lock, where
-    others read and write the stage in threads of their own.
+    other threads read and write the stage.
 
     Args:
         simulation: The SplatSim prim.
         field: The splat field.
-        rigs: What UsdSkel knows of the stage.
+        rigs: Skinning of the stage.
         first: First frame that is simulated [time code].
-        said: Remarks about the simulation that were made before.
+        said: Remarks that were already made about the simulation.
         reading: Entered while the stage is read; it must be reentrant.
     """
 
@@ -100,7 +100,7 @@ class StageRecipe:
         self._simulation, self._field, self._rigs = simulation, field, rigs
         self._reading = reading
         self.path = str(field.GetPath())
-        """Of the field."""
+        """Path of the field."""
         self.simulation = str(simulation.GetPath())
         """Path of the SplatSim prim."""
         stage = simulation.GetStage()
@@ -121,17 +121,17 @@ class StageRecipe:
         self._drivers = instances(simulation, "driver")
         self._skin = self._bind()
         self.codes_per_second = float(stage.GetTimeCodesPerSecond())
-        """Time codes in a second."""
+        """Time codes per second."""
         self.remarks: tuple[str, ...] = (
             *(said or ()),
             *of_field,
             *map(str, findings(simulation, members)),
         )
-        """What the stage says and nobody reads, a sentence each."""
+        """Findings about the stage, one sentence each."""
 
     @property
     def rest(self) -> SplatCloud:
-        """The capture as it is at the start, in the simulation's space."""
+        """The capture at the start, in the simulation's space."""
         return self._rest
 
     @property
@@ -141,14 +141,14 @@ class StageRecipe:
 
     @property
     def binding(self) -> SkinBinding | None:
-        """What binds the field to a skeleton."""
+        """Binding of the field to a skeleton, or None."""
         return self._skin.binding if self._skin else None
 
     def at(self, time: float) -> Moment:
-        """What is so at a time code, whole or not.
+        """Return what the stage says at a time code, whole or fractional.
 
         Raises:
-            StageError: If a value is none that it can be.
+            StageError: If a value is out of range.
         """
         with self._reading:
             code = Usd.TimeCode(time)
@@ -165,12 +165,13 @@ class StageRecipe:
             )
 
     def parameters(self, time: float) -> Parameters:
-        """All parameters of the simulation at a time code."""
+        """Return all parameters of the simulation at a time code."""
         with self._reading:
             return read_all(self._simulation, Usd.TimeCode(time))
 
     def field_to_simulation(self, time: float) -> F64:
-        """From the field's space at a time code to the simulation's, shape (4, 4)."""
+        """Return the matrix from the field's space at a time code to the simulation's, shape
+        (4, 4)."""
         with self._reading:
             return self._space.from_prim(self._field, Usd.TimeCode(time))
 

@@ -1,4 +1,4 @@
-"""A layer of time samples, saved while it is written, so that memory holds one frame."""
+"""Write a layer of time samples incrementally, so that memory holds one frame."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _UPGRADE = "requires crate version"
 
 
 class SampleLayer:
-    """Writes time samples as `over`s."""
+    """Writer of time samples on `over`s."""
 
     def __init__(self, layer: Sdf.Layer) -> None:
         self.layer = layer
 
     def prim(self, path: str, type_name: str = "") -> Sdf.PrimSpec:
-        """The prim; a type retypes it."""
+        """Return the prim; a type retypes it."""
         spec = Sdf.CreatePrimInLayer(self.layer, path)
         if type_name and spec.typeName != type_name:
             spec.typeName = type_name
@@ -31,7 +31,7 @@ class SampleLayer:
     def attribute(
         self, path: str, name: str, kind: Sdf.ValueTypeName, *, uniform: bool = False
     ) -> Sdf.AttributeSpec:
-        """An attribute of the prim."""
+        """Return an attribute of the prim."""
         found = self.layer.GetAttributeAtPath(f"{path}.{name}")
         if found:
             return found
@@ -47,7 +47,7 @@ class SampleLayer:
         return spec
 
     def save(self) -> None:
-        """Put on disk what was written, and out of memory."""
+        """Save to disk, and release the memory of what was written."""
         with _quiet_upgrade():
             self.layer.Save()
 
@@ -58,10 +58,10 @@ def new_part(target: Path, rate: float) -> Iterator[SampleLayer]:
 
     Args:
         target: A .usdc.
-        rate: Time codes in a second.
+        rate: Time codes per second.
 
     Raises:
-        OutputError: If it cannot be written there.
+        OutputError: If it cannot be written.
     """
     with atomic_path(target) as path:
         part = SampleLayer(Sdf.Layer.CreateNew(str(path)))
@@ -72,7 +72,7 @@ def new_part(target: Path, rate: float) -> Iterator[SampleLayer]:
 
 
 def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
-    """Say in `target` all that `source` says, but for time samples."""
+    """Copy all opinions of `source` to `target`, except time samples."""
 
     def visit(path: Sdf.Path) -> None:
         if not path.IsPrimPath():
@@ -86,7 +86,9 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
             if isinstance(spec, Sdf.AttributeSpec):
                 known = target.GetAttributeAtPath(spec.path)
                 new = known or Sdf.AttributeSpec(copy, spec.name, spec.typeName, spec.variability)
-                for key in sorted(spec.ListInfoKeys()):  # else the order is that of addresses
+                for key in sorted(
+                    spec.ListInfoKeys()
+                ):  # the order of keys is otherwise that of addresses
                     if key not in ("timeSamples", "typeName", "variability", "default"):
                         new.SetInfo(key, spec.GetInfo(key))
                 if spec.HasDefaultValue():
@@ -98,15 +100,15 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
 
 
 def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> None:
-    """Write the samples of several parts into one file.
+    """Merge the samples of several parts into one file.
 
     Args:
         parts: In order of time, at least one.
         target: A .usdc.
-        silenced: Attributes whose default values in weaker layers do not count.
+        silenced: Attributes whose default values in weaker layers are blocked.
 
     Raises:
-        OutputError: If it cannot be written there.
+        OutputError: If it cannot be written.
     """
     first, *others = parts
     with atomic_path(target) as path:
@@ -127,7 +129,7 @@ def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> 
 
 
 def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:
-    """Attributes that have samples."""
+    """Return the attributes that have samples."""
     found: list[Sdf.Path] = []
 
     def visit(path: Sdf.Path) -> None:
@@ -140,7 +142,7 @@ def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:
 
 @contextmanager
 def _quiet_upgrade() -> Iterator[None]:
-    """Array edits need a newer file than USD writes unasked, which is no news to us."""
+    """Suppress USD's message that array edits need a newer file version than its default."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield

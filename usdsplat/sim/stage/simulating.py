@@ -1,4 +1,4 @@
-"""A simulation from a stage to a layer: every field, frame by frame, resumable."""
+"""Simulate a stage into a layer: every field, frame by frame, resumable."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
@@ -33,32 +34,32 @@ from usdsplat.sim.uses import Uses, uses_over
 Remark = Callable[[str], None]
 
 LEAD = 100_000
-"""Frames that may be simulated before the first that is asked for."""
+"""Largest number of frames that are simulated before the first requested one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What a simulation came to."""
+    """Statistics of a simulation."""
 
     target: str
     frames: int
-    """That were simulated now; fewer than there are where a bake was resumed."""
+    """Frames simulated in this run; fewer than all if a bake was resumed."""
     splats: dict[str, int]
-    """At the last frame, by field."""
+    """Splats at the last frame, by field."""
     seconds: float
     seconds_per_frame: float
     """Median, without the first."""
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage of the solver, and of writing."""
     megabytes: float = 0.0
-    """Most memory that the process has held."""
+    """Peak memory of the process."""
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the report as JSON values."""
         return asdict(self)
 
     def sentence(self) -> str:
-        """For people."""
+        """Return the report as a sentence."""
         if not self.frames:
             return "nothing to do: every frame is there already"
         count = sum(self.splats.values())
@@ -70,42 +71,64 @@ class Report:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulateOptions:
+    """How a stage is simulated and baked."""
+
+    device: str | Device = "auto"
+    """Name of a device, see `open_device`, or an open device, which stays open."""
+    threads: int | None = None
+    """Threads of a device that is given by name; None is all."""
+    existing: Existing = "error"
+    """What to do with a bake at the target: raise, continue from its last checkpoint, or replace
+    it."""
+
+
+SIMULATE = SimulateOptions()
+
+
 class Clock:
-    """Wall time, by what it was spent on; compiling is apart, for it happens once.
+    """Wall time by stage, without compilation, which happens only once.
 
     Args:
-        compiled: How long was compiled so far [s].
+        compiled: Returns the time spent on compilation so far [s].
     """
 
     def __init__(self, compiled: Callable[[], float] = lambda: 0.0) -> None:
         self.spent: dict[str, float] = {}
         self._compiled = compiled
+        self._began = time.perf_counter()
         self._last = self.now
 
     @property
+    def elapsed(self) -> float:
+        """Wall time since the clock was made, compiling included [s]."""
+        return time.perf_counter() - self._began
+
+    @property
     def now(self) -> float:
-        """Time without compiling [s], from any beginning."""
+        """Wall time without compilation [s], from an arbitrary origin."""
         return time.perf_counter() - self._compiled()
 
     def lap(self, name: str) -> None:
-        """Book the time since the last call."""
+        """Add the time since the last call to a stage."""
         now = self.now
         self.spent[name] = self.spent.get(name, 0.0) + now - self._last
         self._last = now
 
 
 class Simulation:
-    """All fields of a stage's simulations, in step. A preview runs it as a bake does.
+    """All fields of a stage's simulations, advanced together. Bakes and previews use it.
 
     Args:
-        stage: With at least one SplatSim prim; must not change meanwhile, except between frames or
-            by those who keep out of `reading`.
-        frames: Every frame, ascending, one apart [time code]. What happens at none of them is not
-            prepared for, so a run without an end says as many as it may need.
-        device: Computes.
-        lap: Told what was done.
-        reading: Entered for as long as the stage is read, again and again.
-        kind: Makes the recipes; None is `StageRecipe`.
+        stage: With at least one SplatSim prim. It must not change, except between frames or while
+            `reading` is not entered.
+        frames: Every frame, ascending, one apart [time code]. What the stage authors outside of
+            them is not prepared for, so that a run without an end must give as many as it may need.
+        device: Runs the kernels.
+        lap: Receives the name of each piece of work when it is finished.
+        reading: Entered whenever the stage is read.
+        kind: Class of the recipes; None is `StageRecipe`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated.
@@ -121,9 +144,9 @@ class Simulation:
         reading: AbstractContextManager[Any] = UNGUARDED,
         kind: Callable[..., StageRecipe] | None = None,
     ) -> None:
-        self._stage = stage  # prims live no longer than it
-        self._device, self._lap = device, lap
-        self._start = frames[0]
+        self.stage = stage  # keeps the stage alive for its prims
+        self.frames, self.device, self.reading = frames, device, reading
+        self._lap = lap
         with reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
         self.uses: dict[str, Uses] = {}
@@ -141,25 +164,25 @@ class Simulation:
         self._lap("stage")
 
     def begin(self, states: dict[str, State] | None = None) -> None:
-        """Make the solvers, at the first frame or where `states` were kept.
+        """Make the solvers, at the first frame or from `states`.
 
         Args:
-            states: To go on from, by field; None begins.
+            states: States to continue from, by field; None starts anew.
         """
         for path, recipe in self.recipes.items():
             self.solvers[path] = Solver(
-                recipe, self.uses[path], device=self._device, start=self._start,
+                recipe, self.uses[path], device=self.device, start=self.frames[0],
                 state=None if states is None else states[path], lap=self._lap,
             )  # fmt: skip
         self._lap("beginning")
 
     def advance(self) -> None:
-        """Go on by a frame."""
+        """Advance by one frame."""
         for solver in self.solvers.values():
             solver.advance()
 
     def frame(self, path: str) -> Frame:
-        """A field as it is now, in its own space."""
+        """Return the splats of a field now, in the field's own space."""
         solver, arrays = self.solvers[path], self._carried[path]
         frame = solver.frame()
         if not arrays or not solver.has_begun:
@@ -168,16 +191,16 @@ class Simulation:
         return carried(frame, to_simulation, solver.state, arrays)
 
     def writes(self, path: str) -> frozenset[str]:
-        """The arrays of a field's cloud that may change."""
+        """Return the arrays of a field's cloud that may change."""
         return self.uses[path].writes | self._carried[path]
 
     def checkpoint(self) -> dict[str, State]:
-        """What `begin` takes."""
+        """Return the states for `begin`."""
         return {path: solver.checkpoint() for path, solver in self.solvers.items()}
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know, a sentence each."""
+        """Messages for the user, one sentence each."""
         found: dict[str, None] = {}
         for path, recipe in self.recipes.items():
             found.update(dict.fromkeys(recipe.remarks))
@@ -192,7 +215,7 @@ def _recipes(
     reading: AbstractContextManager[Any],
     kind: Callable[..., StageRecipe] | None,
 ) -> dict[str, StageRecipe]:
-    """Of each field, by its path."""
+    """Return the recipe of each field, by its path."""
     prims = find_simulations(stage)
     where = stage.GetRootLayer().GetDisplayName()
     if not stage.GetTimeCodesPerSecond() > 0:
@@ -214,11 +237,8 @@ def simulate(
     stage: Usd.Stage,
     target: Path,
     frames: Sequence[float],
+    options: SimulateOptions = SIMULATE,
     *,
-    device: str | Device = "auto",
-    threads: int | None = None,
-    resume: bool = False,
-    force: bool = False,
     progress: Progress = silent,
     remark: Remark = lambda text: None,
     reading: AbstractContextManager[Any] = UNGUARDED,
@@ -229,69 +249,67 @@ def simulate(
         stage: From a file; opinions on its session layer count.
         target: The layer of results, a .usda; its samples go to a folder beside it.
         frames: Every frame, ascending, one apart [time code].
-        device, threads: As `open_device` takes them, or one that is open.
-        resume: Go on with the bake at `target` from its last checkpoint.
-        force: Replace a bake that is there.
-        progress: Told about each frame.
-        remark: Told a sentence about what is left out, or a GPU that cannot be used.
+        options: Device, and what to do with an existing bake.
+        progress: Receives each finished frame.
+        remark: Receives a sentence about anything left out, and about a GPU that cannot be used.
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated, written or resumed.
     """
-    if target.exists() and not (resume or force):
+    if target.exists() and options.existing == "error":
         raise OutputError(str(target), "a file", "a new name, or --resume or --force")
     with compile_time() as compiled:
         clock = Clock(compiled)
-        machine = device
-        if isinstance(machine, str):
-            machine = open_device(machine, threads=threads, task="geometry")
-        if machine.remark:
-            remark(machine.remark)
+        device = options.device
+        if isinstance(device, str):
+            device = open_device(device, threads=options.threads, task="geometry")
+        if device.remark:
+            remark(device.remark)
         try:
-            report = _simulate(
-                stage, target, frames, machine, resume, progress, remark, clock, reading
-            )
+            simulation = Simulation(stage, frames, device=device, lap=clock.lap, reading=reading)
+            bake, provenance = _open_bake(simulation, target, resume=options.existing == "resume")
+            report = _run(simulation, bake, provenance, clock, progress, remark)
         finally:
-            if machine is not device:
-                machine.close()
+            if device is not options.device:
+                device.close()
         report.stages["compiling"] = round(compiled(), 3)
     return report
 
 
-def _simulate(
-    stage: Usd.Stage,
-    target: Path,
-    frames: Sequence[float],
-    machine: Device,
-    resume: bool,
-    progress: Progress,
-    remark: Remark,
-    clock: Clock,
-    reading: AbstractContextManager[Any],
-) -> Report:
-    """`simulate` after its first check, with a clock."""
-    began = time.perf_counter()
-    simulation = Simulation(stage, frames, device=machine, lap=clock.lap, reading=reading)
-    parameters = _common(simulation, frames[0])
-    made_of = _provenance(stage, frames, parameters, machine, reading)
-    with reading:
+def _open_bake(simulation: Simulation, target: Path, *, resume: bool) -> tuple[Bake, Provenance]:
+    """Open the bake of a simulation, and find what it is made of."""
+    parameters = _common(simulation)
+    provenance = _provenance(simulation, parameters)
+    with simulation.reading:
         bake = Bake.open(
-            stage,
+            simulation.stage,
             target,
             baked_fields(simulation),
-            frames,
+            simulation.frames,
             parameters.bake,
-            made_of,
+            provenance,
             resume=resume,
         )
+    return bake, provenance
+
+
+def _run(
+    simulation: Simulation,
+    bake: Bake,
+    provenance: Provenance,
+    clock: Clock,
+    progress: Progress,
+    remark: Remark,
+) -> Report:
+    """Simulate the frames that a bake lacks, and write them."""
     spent: list[float] = []
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
     if left:
         progress.step("beginning", 0, 0)
         simulation.begin(states)
-        made_of.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
+        provenance.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
         for each in simulation.remarks:
             remark(each)
     with bake:
@@ -314,22 +332,22 @@ def _simulate(
             found = f"{counted(solver.trapped, 'splat')} that no push brings out of the affectors"
             remark(f"{path}: found {found}, expected a way out between them")
     return Report(
-        target=str(target),
+        target=str(bake.target),
         frames=len(left),
         splats={path: len(solver.state) for path, solver in simulation.solvers.items()},
-        seconds=time.perf_counter() - began,
+        seconds=clock.elapsed,
         seconds_per_frame=float(np.median(spent[1:] or spent or [0.0])),
         stages={name: round(value, 3) for name, value in clock.spent.items()},
         megabytes=_peak_memory(),
     )
 
 
-def _common(simulation: Simulation, start: float) -> Parameters:
-    """Parameters of the first simulation, by whose words the bake is written."""
+def _common(simulation: Simulation) -> Parameters:
+    """Return the parameters of the first simulation, which the bake uses."""
     every = {recipe.simulation: recipe for recipe in simulation.recipes.values()}
     if not every:
         raise StageError("simulate", "no splat field in any simulation", "at least one")
-    first, *others = (recipe.parameters(start) for recipe in every.values())
+    first, *others = (recipe.parameters(simulation.frames[0]) for recipe in every.values())
     for other, name in zip(others, list(every)[1:], strict=True):
         if other.bake != first.bake:
             found = "other values of splatSim:bake than the first simulation's"
@@ -338,7 +356,7 @@ def _common(simulation: Simulation, start: float) -> Parameters:
 
 
 def baked_fields(simulation: Simulation) -> list[BakedField]:
-    """What is written about each field."""
+    """Return what the bake needs to know about each field."""
     return [
         BakedField(
             path=path,
@@ -350,32 +368,27 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
     ]
 
 
-def _provenance(
-    stage: Usd.Stage,
-    frames: Sequence[float],
-    parameters: Parameters,
-    device: Device,
-    reading: AbstractContextManager[Any],
-) -> Provenance:
-    sim = parameters.sim
-    with reading:
+def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
+    """Return what a bake is made of."""
+    sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
+    with simulation.reading:
         rate = stage.GetTimeCodesPerSecond()
         opinions = parameter_hash(stage, frames)
         edits = stage.GetSessionLayer().identifier
     return Provenance(
         param_hash=opinions,
-        input_hash=input_hash(stage, without=[edits], reading=reading),
+        input_hash=input_hash(stage, without=[edits], reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
         frame_range=(frames[0], frames[-1]),
         mode=parameters.bake.mode,
-        threads=device.threads,
+        threads=simulation.device.threads,
     )
 
 
 def _peak_memory() -> float:
-    """[MB]; 0 where the system does not say."""
+    """Return the peak memory of the process [MB]; 0 where the system does not say."""
     try:
         import resource
     except ImportError:  # not on Windows

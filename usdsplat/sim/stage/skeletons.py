@@ -1,4 +1,4 @@
-"""UsdSkel as the simulation needs it: skins of meshes, joints, and who follows which of them."""
+"""UsdSkel for the simulation: skinned meshes, joints, and joint influences."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ INSTANCES = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Influences:
-    """Which joints points follow."""
+    """Joint influences of points."""
 
     indices: I32
-    """Of the skeleton, shape (n, k)."""
+    """Joints of the skeleton, shape (n, k)."""
     weights: F32
     """Rows sum to 1, shape (n, k)."""
     bind: F64
@@ -30,14 +30,15 @@ class Influences:
 
 
 class Rigs:
-    """What UsdSkel knows of one stage; the stage must not change meanwhile."""
+    """Skinning of one stage, cached; the stage must not change."""
 
     def __init__(self) -> None:
         self._cache = UsdSkel.Cache()
         self._bound: dict[Sdf.Path, dict[Sdf.Path, Bound]] = {}
 
     def skin(self, prim: Usd.Prim) -> tuple[Skin, Usd.Prim] | None:
-        """The skin that a prim is, if it is one, and the prim in whose space it puts points."""
+        """Return the skin of a prim, if it has one, and the prim in whose space the skinned points
+        are."""
         found = self._bound_beneath(UsdSkel.Root.Find(prim)).get(prim.GetPath())
         if found is None:
             return None
@@ -45,7 +46,7 @@ class Rigs:
         return skin, found[0].GetPrim() if skin.has_joints else prim
 
     def query(self, skeleton: Usd.Prim) -> UsdSkel.SkeletonQuery:
-        """A skeleton that can be posed.
+        """Return the query of a skeleton that can be posed.
 
         Raises:
             StageError: If it has no joints, or not as many transforms as joints.
@@ -60,7 +61,7 @@ class Rigs:
         return query
 
     def skinned(self, skeleton: Usd.Prim) -> list[Usd.Prim]:
-        """The meshes that joints of a skeleton carry, ordered by path."""
+        """Return the meshes that a skeleton skins, ordered by path."""
         root = UsdSkel.Root.Find(skeleton)
         found = [
             skin.GetPrim()
@@ -70,9 +71,10 @@ class Rigs:
         return sorted(found, key=lambda prim: prim.GetPath())
 
     def influences(self, prim: Usd.Prim, skeleton: Usd.Prim, count: int) -> Influences | None:
-        """The joints that `count` points of a prim say they follow; None if they say nothing.
+        """Return the joint influences of a prim's `count` points; None if it has none.
 
-        Read from the primvars alone, so that splat fields can have them, whatever UsdSkel skins.
+        They are read from primvars alone, so that splat fields can have them, which UsdSkel does
+        not skin.
 
         Raises:
             StageError: If they do not fit the points or the skeleton.
@@ -105,7 +107,7 @@ class Rigs:
         )
 
     def _of_skeleton(self, where: str, prim: Usd.Prim, skeleton: Usd.Prim, indices: I64) -> I64:
-        """Indices into the skeleton's joints, of those into the prim's own order of joints."""
+        """Map joint indices in the prim's own order to those of the skeleton."""
         order = list(self.query(skeleton).GetJointOrder())
         own = _inherited(prim, UsdSkel.Tokens.skelJoints) or order
         if (indices < 0).any() or (indices >= len(own)).any():
@@ -117,7 +119,7 @@ class Rigs:
         return np.array([order.index(name) for name in own])[indices]
 
     def _bound_beneath(self, root: UsdSkel.Root) -> dict[Sdf.Path, Bound]:
-        """All that is skinned beneath a SkelRoot; nothing without one."""
+        """Return everything that is skinned beneath a SkelRoot; nothing without one."""
         if not root:
             return {}
         path = root.GetPath()
@@ -133,37 +135,37 @@ class Rigs:
 
 
 def matrix_of(matrix: object) -> F64:
-    """A matrix of USD's for column vectors."""
+    """Return a USD matrix for column vectors."""
     return np.array(matrix, np.float64).T
 
 
 def joint_transforms(query: UsdSkel.SkeletonQuery, time: Usd.TimeCode) -> F64:
-    """Joints in the skeleton's space, shape (j, 4, 4)."""
+    """Return the joints in the skeleton's space, shape (j, 4, 4)."""
     return _stack(query, query.ComputeJointSkelTransforms(time))
 
 
 def skinning_transforms(query: UsdSkel.SkeletonQuery, time: Usd.TimeCode) -> F64:
-    """From the bind pose to the skeleton's space at a time, shape (j, 4, 4)."""
+    """Return the matrices from the bind pose to the skeleton's space at a time, shape (j, 4, 4)."""
     return _stack(query, query.ComputeSkinningTransforms(time))
 
 
 def bind_transforms(query: UsdSkel.SkeletonQuery) -> F64:
-    """Joints in the space of the bind pose, shape (j, 4, 4)."""
+    """Return the joints in the space of the bind pose, shape (j, 4, 4)."""
     return _stack(query, query.GetJointWorldBindTransforms())
 
 
 def radii(rigs: Rigs, skeleton: Usd.Prim, bones: F64, owner: I32) -> F64:
-    """The median distance of skinned points from the bones of the joint that they follow most.
+    """Return the median distance of skinned points from the bones of their strongest joint.
 
     Args:
-        rigs: For the meshes of the skeleton.
+        rigs: Finds the meshes of the skeleton.
         skeleton: The Skeleton.
         bones: Ends of each bone in the bind pose, shape (b, 2, 3).
-        owner: Joint at which each bone begins, shape (b,).
+        owner: Joint at which each bone starts, shape (b,).
 
     Returns:
-        Shape (j,) for the skeleton's joints; those that no point follows have the median of the
-        others, and without any points a tenth of the bones' median length.
+        Shape (j,) for the skeleton's joints. Joints without points get the median of the others;
+        without any points all get a tenth of the bones' median length.
     """
     count = len(rigs.query(skeleton).GetJointOrder())
     nearest: list[list[F64]] = [[] for _ in range(count)]
@@ -191,7 +193,7 @@ def radii(rigs: Rigs, skeleton: Usd.Prim, bones: F64, owner: I32) -> F64:
 
 
 def _inherited(prim: Usd.Prim, name: str) -> Any:
-    """What an attribute says on a prim, or on the nearest above it that has one."""
+    """Return the value of an attribute on a prim or the nearest ancestor that has one."""
     while prim and not prim.IsPseudoRoot():
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue():
@@ -201,7 +203,7 @@ def _inherited(prim: Usd.Prim, name: str) -> Any:
 
 
 def _distances(points: F64, bone: F64) -> F64:
-    """Of points, shape (n, 3), from a segment, shape (2, 3)."""
+    """Return the distances of points, shape (n, 3), from a segment, shape (2, 3)."""
     along = bone[1] - bone[0]
     square = float(along @ along)
     t = np.clip((points - bone[0]) @ along / square, 0, 1) if square else np.zeros(len(points))
@@ -209,7 +211,7 @@ def _distances(points: F64, bone: F64) -> F64:
 
 
 def _stack(query: UsdSkel.SkeletonQuery, found: object) -> F64:
-    """Matrices of USD's for column vectors."""
+    """Return USD matrices for column vectors."""
     joints = len(query.GetJointOrder())
     array = np.array(found, np.float64).reshape(-1, 4, 4)
     if len(array) != joints:

@@ -1,8 +1,8 @@
-"""Frames of one field on their way to the layer, on disk rather than in memory.
+"""Frames of one field on their way to the layer, kept on disk instead of in memory.
 
-A frame is kept back until the next one has come: its velocities lead there, and the sample before
-a change of the harmonics must be written, or the change would be smeared over all frames since
-the last.
+A frame is held back until the next one arrives: its velocities lead there. Also, the sample before
+a change of the harmonics must be written, or the change would be spread over all frames since the
+last one.
 """
 
 from __future__ import annotations
@@ -28,50 +28,51 @@ Bool = npt.NDArray[np.bool_]
 Rows: TypeAlias = I64 | None
 
 TURNED = math.radians(5.0)
-"""Splats that turn more between two frames are boxed in every direction."""
+"""Rotation between two frames above which the box of a splat covers every direction."""
 _CLOUD = ("positions", "rotations", "scales", "opacities")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Keeping:
-    """What of a field is kept."""
+    """What is kept of a field."""
 
     arrays: tuple[str, ...]
-    """Of the cloud, but for harmonics."""
+    """Arrays of the cloud, except harmonics."""
     harmonics: bool
-    """Whether they change."""
+    """Whether harmonics change."""
     is_whole: bool
-    """Whether they are needed even so: the layer says all there is to say about the splats."""
+    """Whether harmonics are needed even if they do not change, because the layer holds the whole
+    field."""
     rate_sh: int
-    """As `BakeParameters.rate_sh`."""
+    """See `BakeParameters.rate_sh`."""
     epoch: int
     """Frames of an epoch."""
     is_fixed: bool
-    """Whether it is the same splats at all frames."""
+    """Whether all frames have the same splats."""
     velocities: bool
     pattern: bool
     slack: float
-    """Of `schema.compute_extent`."""
+    """See `schema.compute_extent`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Pending:
-    """The frame that waits for the next."""
+    """The frame that waits for the next one."""
 
     index: int
     frame: Frame
     is_key: bool
     """Whether its harmonics are written."""
     is_natural: bool
-    """Whether they would be if no epoch began here."""
+    """Whether its harmonics would be written if no epoch started here."""
     turned: Bool
-    """Splats that turned since the frame before, shape (n,)."""
+    """Splats that rotated since the frame before, shape (n,)."""
     born: Bool | None
     """Splats that were not in the frame before, shape (n,)."""
 
 
 class Spool:
-    """Of one field."""
+    """Frames of one field."""
 
     def __init__(self, folder: Path, name: str, keeping: Keeping, rest: SplatCloud) -> None:
         self._rest = rest
@@ -84,15 +85,15 @@ class Spool:
 
     @property
     def frames(self) -> int:
-        """Frames that have come."""
+        """Number of frames received."""
         return 0 if self.pending is None else self.pending.index + 1
 
     def take(self, frame: Frame, rate: float) -> None:
-        """Keep a frame, and spool the one before.
+        """Receive a frame, and spool the one before.
 
         Args:
-            frame: The next one.
-            rate: Frames in a second, by the distance from the one before.
+            frame: The next frame.
+            rate: Frames per second, from the distance to the one before.
         """
         index, before = self.frames, self.pending
         is_natural = self._is_changed(index, frame)
@@ -123,23 +124,23 @@ class Spool:
             self._key = Key.of(frame.cloud)
 
     def finish(self) -> None:
-        """Spool the last frame: its velocities are the solver's, and its harmonics are written, or
-        those of the last key would be held to the end."""
+        """Spool the last frame, with the solver's velocities. Its harmonics are written, because
+        otherwise those of the last key would be held to the end."""
         if self.pending is not None:
             last = replace(self.pending, is_key=self.pending.is_key or self._keeping.harmonics)
             self._write(last, last.frame.cloud.velocities)
 
     def read(self, index: int) -> dict[str, Array]:
-        """What was kept of a frame, mapped."""
+        """Return the arrays of a frame, mapped."""
         return load_arrays(self._path(index), mapped=True, checked=False)[0]
 
     def closing(self) -> Frame:
-        """The pending frame."""
+        """Return the pending frame."""
         assert self.pending is not None
         return self.pending.frame
 
     def box(self) -> F32:
-        """Around the pending frame, shape (2, 3)."""
+        """Return the box around the pending frame, shape (2, 3)."""
         assert self.pending is not None
         return self._box(self.pending.frame.cloud, self.pending.turned)
 
@@ -150,7 +151,7 @@ class Spool:
                 path.unlink()
 
     def arrays(self) -> dict[str, Array]:
-        """What is needed to go on from here."""
+        """Return the arrays that `restore` needs."""
         pending = self.pending
         if pending is None:
             return {}
@@ -168,7 +169,7 @@ class Spool:
         return {name: array for name, array in arrays.items() if array is not None}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on from what `arrays` gave."""
+        """Continue from the result of `arrays`."""
         cloud = SplatCloud(
             positions=arrays["positions"],
             rotations=arrays["rotations"],
@@ -192,7 +193,7 @@ class Spool:
         self._key = Key.restored(arrays)
 
     def _is_changed(self, index: int, frame: Frame) -> bool:
-        """Whether the harmonics are due."""
+        """Return whether the harmonics are due."""
         if not self._keeping.harmonics:
             return False
         if self._keeping.rate_sh >= 0:
@@ -203,7 +204,7 @@ class Spool:
         return self._key.is_left(frame.cloud, rows)
 
     def _write(self, done: Pending, velocities: F32 | None) -> None:
-        """Spool a frame of which everything is known."""
+        """Spool a complete frame."""
         keeping, cloud = self._keeping, done.frame.cloud
         is_first = done.index % keeping.epoch == 0
         arrays: dict[str, Array] = {name: getattr(cloud, name) for name in keeping.arrays}
@@ -223,9 +224,9 @@ class Spool:
         save_arrays(self._path(done.index), arrays, {"time": done.frame.time}, checked=False)
 
     def _box(self, cloud: SplatCloud, turned: Bool) -> F32:
-        """Box around splats that are about to turn, or have just turned.
+        """Return the box around splats that are about to rotate, or just have.
 
-        Where few differ from the capture it is that of the capture and of those.
+        If few differ from the capture, it is the union of the capture's box and theirs.
         """
         if self._keeping.is_fixed:
             moved = turned.copy()
@@ -248,7 +249,7 @@ class Spool:
 
 
 def match(first: I64, second: I64) -> Rows:
-    """Rows of `second` that hold the ids of `first`, -1 where it has gone; both ascend.
+    """Return the rows of `second` with the ids of `first`, -1 where an id is missing; both ascend.
 
     Returns:
         Shape (len(first),), or None where they are the same, row by row.
@@ -262,12 +263,14 @@ def match(first: I64, second: I64) -> Rows:
 
 
 def forward(old: F32, new: F32, rows: Rows, rate: float) -> F32:
-    """Velocities that lead from one frame to the next [unit/s]; 0 for those that are not there."""
+    """Return the velocities from one frame to the next [unit/s]; 0 for splats that the next one
+    lacks."""
     return np.asarray((_then(old, new, rows) - old) * np.float32(rate))
 
 
 def _then(old: F32, new: F32, rows: Rows) -> F32:
-    """Values at the next frame, in the old rows; the old ones where they are not there."""
+    """Return the values at the next frame in the old rows; the old ones for splats that it
+    lacks."""
     if rows is None:
         return new
     values = old.copy()
@@ -276,13 +279,14 @@ def _then(old: F32, new: F32, rows: Rows) -> F32:
 
 
 def _turned(old: F32, new: F32, rows: Rows) -> Bool:
-    """Which of the old splats turn by more than TURNED to the next frame, shape (len(old),)."""
+    """Return which of the old splats rotate by more than TURNED to the next frame, shape
+    (len(old),)."""
     cosine = np.abs(np.einsum("ni,ni->n", old, _then(old, new, rows)))
     return np.asarray(cosine < math.cos(TURNED / 2))
 
 
 def _both(now: Bool, rows: Rows, new: int) -> tuple[Bool, Bool]:
-    """The same splats in rows of the new frame, and of the old."""
+    """Return a mask of the new frame's rows and of the old ones, for the same splats."""
     if rows is None:
         return now, now
     later = np.zeros(new, np.bool_)
@@ -295,14 +299,14 @@ def _none(frame: Frame) -> Bool:
 
 
 def ids_of(frame: Frame) -> I64:
-    """Identities, shape (n,)."""
+    """Return identities, shape (n,)."""
     ids = frame.cloud.ids
     assert ids is not None  # frames have ids
     return ids
 
 
 def union(first: F32, second: F32 | None) -> F32:
-    """Box around two boxes, shape (2, 3)."""
+    """Return the box around two boxes, shape (2, 3)."""
     if second is None:
         return first
     low, high = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
@@ -310,7 +314,7 @@ def union(first: F32, second: F32 | None) -> F32:
 
 
 def _rows_of(cloud: SplatCloud, rows: I64) -> SplatCloud:
-    """Some of the splats, without colours."""
+    """Return some of the splats, without colours."""
     return SplatCloud(
         positions=cloud.positions[rows],
         rotations=cloud.rotations[rows],
@@ -321,7 +325,7 @@ def _rows_of(cloud: SplatCloud, rows: I64) -> SplatCloud:
 
 
 def _box(cloud: SplatCloud, turned: Bool, slack: float) -> F32:
-    """Box around splats, whichever way those that turn are turned."""
+    """Return the box around splats; rotating ones may have any orientation."""
     scales = cloud.scales
     if turned.any():
         scales = np.where(turned[:, None], largest(scales)[:, None], scales)

@@ -1,4 +1,4 @@
-"""Meshes and shapes as triangles, at any time, in the simulation's space."""
+"""Read meshes and shapes as triangles, at any time, in the simulation's space."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TOPOLOGY = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "orientation
 
 
 class Triangles:
-    """The triangles of one prim in a space of its own; a mesh is its cage."""
+    """The triangles of one prim in its own space; a mesh is its control cage."""
 
     def __init__(self, prim: Usd.Prim, rigs: Rigs) -> None:
         self.prim = prim
@@ -31,12 +31,12 @@ class Triangles:
         skinned = rigs.skin(prim) if self._is_mesh else None
         self._skin = skinned[0] if skinned else None
         self.placer = skinned[1] if skinned else prim
-        """The prim in whose space the points are."""
+        """Prim in whose space the points are."""
         self._built: tuple[int, I32] | None = None
 
     @property
     def varies(self) -> bool:
-        """Whether the points may not be the same at all times."""
+        """Whether the points may change over time."""
         names = (*TOPOLOGY, "points") if self._is_mesh else SIZES
         found = [self.prim.GetAttribute(name) for name in names]
         moves = self.prim.GetAttribute("velocities")
@@ -47,10 +47,10 @@ class Triangles:
         )
 
     def at(self, time: Usd.TimeCode) -> tuple[F32, I32]:
-        """Points, shape (p, 3), and triangles, shape (t, 3), counter-clockwise from outside.
+        """Return points, shape (p, 3), and triangles, shape (t, 3), counter-clockwise from outside.
 
         Raises:
-            StageError: If there are none, or they do not hold together.
+            StageError: If there are none, or they are inconsistent.
         """
         if not self._is_mesh:
             shape = shapes.shape(self.prim, time)
@@ -60,12 +60,13 @@ class Triangles:
         return (self._skin.points(points, time) if self._skin else points), triangles
 
     def rest(self, time: Usd.TimeCode) -> tuple[F32, I32]:
-        """The same before any skin moves the points, in the prim's own space."""
+        """Return points and triangles before skinning, in the prim's own space."""
         points = shapes.mesh_points(self.prim, time)
         return points, self._triangles(points, time)
 
     def _triangles(self, points: F32, time: Usd.TimeCode) -> I32:
-        """How the polygons are cut; the same at all times where the topology is."""
+        """Triangulate the polygons; the result is the same at all times at which the topology
+        is."""
         stays = not any(
             attribute and attribute.ValueMightBeTimeVarying()
             for attribute in (self.prim.GetAttribute(name) for name in TOPOLOGY)
@@ -76,7 +77,9 @@ class Triangles:
         default = value(self.prim.GetAttribute("points"), Usd.TimeCode.Default())
         rest = points
         if default is not None and len(default) == len(points):
-            rest = np.array(default, np.float32)  # so that when it is first read does not matter
+            rest = np.array(
+                default, np.float32
+            )  # the result must not depend on the time of the first read
         cut = Triangulation(
             shapes.topology(self.prim, time), points=len(points), levels=0, rest=rest, where=where
         )
@@ -87,7 +90,8 @@ class Triangles:
 
 
 class SurfaceReader:
-    """The surface of one prim in the simulation's space; where nothing moves, the same one."""
+    """Reader of the surface of one prim in the simulation's space; returns the same object while
+    nothing moves."""
 
     def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs) -> None:
         self.triangles = Triangles(prim, rigs)
@@ -95,7 +99,7 @@ class SurfaceReader:
         self._last: Surface | None = None
 
     def at(self, time: Usd.TimeCode) -> Surface:
-        """The surface at a time.
+        """Return the surface at a time.
 
         Raises:
             StageError: If the prim has no triangles.
@@ -108,15 +112,16 @@ class SurfaceReader:
 
 
 def outwards(triangles: I32, matrix: np.ndarray) -> I32:
-    """Triangles that are counter-clockwise from outside after `matrix` as they were before."""
+    """Return triangles that are counter-clockwise from outside after `matrix`, as they were before
+    it."""
     if np.linalg.det(matrix[:3, :3]) >= 0:
         return triangles
     return np.ascontiguousarray(triangles[:, ::-1])
 
 
 def same_or(last: Surface | None, made: Surface) -> Surface:
-    """The surface that was there before, if the new one is its equal: what is worked out of it can
-    be kept."""
+    """Return the last surface if the new one is equal to it, so that results cached for it remain
+    valid."""
     if last is None:
         return made
     equal = np.array_equal(last.points, made.points)
@@ -124,10 +129,10 @@ def same_or(last: Surface | None, made: Surface) -> Surface:
 
 
 def related(prim: Usd.Prim, name: str) -> Usd.Prim | None:
-    """The prim that a relationship names, if it names one.
+    """Return the target of a relationship, or None.
 
     Raises:
-        StageError: If it names several, or one that is not there.
+        StageError: If it has several targets, or one that does not exist.
     """
     relationship = prim.GetRelationship(name)
     targets = relationship.GetForwardedTargets() if relationship else []

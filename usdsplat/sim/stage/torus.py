@@ -1,4 +1,4 @@
-"""A ring to move onto."""
+"""A torus to conform to."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ AROUND, ACROSS = 192, 48
 def author_torus(
     stage: Usd.Stage, path: Sdf.Path, *, radius: float, tube: float, axis: str
 ) -> UsdGeom.Mesh:
-    """A torus about the origin, as a mesh of quads that face outwards.
+    """Author a torus about the origin, as a mesh of quads that face outwards.
 
     Args:
-        stage: Where it goes.
-        path: Its prim.
-        radius: From the axis to the middle of the tube [unit].
+        stage: Stage to author on.
+        path: Path of the mesh.
+        radius: Distance from the axis to the centre of the tube [unit].
         tube: Radius of the tube [unit].
         axis: "X", "Y" or "Z".
     """

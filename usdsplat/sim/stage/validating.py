@@ -1,6 +1,6 @@
-"""Find what is wrong with the simulations and the bakes of a stage, each with its cure.
+"""Validate the simulations and the bakes of a stage; each finding has a cure.
 
-`schema.validate` knows splat fields; it stands below simulations and does not know them.
+`schema.validate` checks splat fields; it is in a lower layer that does not know simulations.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.recipe import recipes
 
 _MOST = 1000
-"""Times at which values are looked at."""
+"""Largest number of times at which values are checked."""
 
 
 def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list[Finding]:
-    """Check every SplatSim prim, what acts in it, and the files of a bake.
+    """Check every SplatSim prim, its affectors, and the files of a bake.
 
     Args:
         stage: Is not changed.
         time: Time code to check; None checks wherever a parameter has a sample.
 
     Returns:
-        Errors for what cannot be simulated, the first of each simulation, and for results that are
-        missing; warnings for what nobody reads and what leads nowhere.
+        Errors for what cannot be simulated, the first of each simulation, and for missing results;
+        warnings for unused properties and dead targets.
     """
     found = list(_bakes(stage))
     for prim in collections.find_simulations(stage):
@@ -47,7 +47,7 @@ def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list
 
 
 def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
-    """Layers of a bake that are not there."""
+    """Yield a finding for each missing layer of a bake."""
     for layer in stage.GetLayerStack(includeSessionLayers=False):
         if read_record(layer) is None:
             continue
@@ -65,7 +65,7 @@ def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
 
 
 def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
-    """Where a parameter has a sample, and the stage's start."""
+    """Return the times at which a parameter has a sample, and the stage's start."""
     times = {stage.GetStartTimeCode()}
     for prim in prims:
         for attribute in prim.GetAuthoredAttributes():
@@ -75,7 +75,7 @@ def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
 
 
 def _finding(severity: str, name: str, error: UsdSplatError) -> Finding:
-    """An error in the words of validation."""
+    """Convert an error to a finding."""
     path, _, attribute = error.where.partition(".")
     return Finding(
         severity="error" if severity == "error" else "warning",

@@ -11,6 +11,7 @@ import pytest
 from tests.render.everything import CASES, drawn, drawn_deep
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.launch import Kernel
 
 SIZE, SPLATS = (20, 18), 7
 DEEP = ("splats alone", "deep holdout")
@@ -26,7 +27,8 @@ class PythonDevice(CpuDevice):
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with records that have attributes."""
-        return kernel(*map(_with_attributes, args))
+        given = tuple(map(_with_attributes, args))
+        return kernel.on_cpu(given) if isinstance(kernel, Kernel) else kernel(*given)
 
 
 def _with_attributes(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 Each form is a pair of device functions on a tuple of arrays, the positions first: `load` writes the
 quaternion and the deviations and returns the opacity; `shade` writes the colour seen along a sight.
+Kernels that call them are exact: they give the same bits as where other AOVs are asked for.
 """
 
 from __future__ import annotations
@@ -11,19 +12,13 @@ import math
 import numpy as np
 from numba import cuda, float32
 
-from usdsplat.kernels import radiance, unpack
-from usdsplat.kernels.cuda.exact import contracted
-from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic
+from usdsplat.kernels.radiance import harmonics
+from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic, unpack_shape
 
 COEFFICIENTS = 25
 """Of degree 4."""
-unpack_shape = contracted(unpack.unpack_shape)
-"""The same bits in each kernel, for what follows decides what is seen."""
-harmonics = contracted(radiance.harmonics)
-"""The same bits as where other AOVs are asked for."""
 
 
-@contracted
 @cuda.jit(device=True, inline="always")
 def direction(sight, position):
     """Unit direction of sight in the field's space; 0 at the eye."""

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numba import cuda, float32, int32, int64, uint64
 
-from usdsplat.kernels import color as colors
 from usdsplat.kernels.blocks import is_outside
-from usdsplat.kernels.cuda.exact import contracted
+from usdsplat.kernels.color import convert
 from usdsplat.kernels.cuda.frame.load import (
     load_floats,
     load_packed,
@@ -25,7 +24,6 @@ from usdsplat.kernels.cuda.frame.load import (
     shade_packed_flat,
 )
 from usdsplat.kernels.cuda.jit import kernel
-from usdsplat.kernels.cuda.project import project_one, squared_distance
 from usdsplat.kernels.cuda.vectors import store4
 from usdsplat.kernels.cuda.warp import FULL, below, votes
 from usdsplat.kernels.project import (
@@ -42,13 +40,14 @@ from usdsplat.kernels.project import (
     C,
     U,
     V,
+    project_one,
+    squared_distance,
 )
 
 PART = 256
 """Splats of a CUDA block, a thread each; a whole part of a BLOCK, which has a box."""
 WORDS = PART // 32
 """Words of marks of a part."""
-convert = contracted(colors.convert)
 F4, F8 = np.uint64(4), np.uint64(8)
 
 
@@ -74,7 +73,7 @@ def make_see(load: Any) -> Any:
     and `found` (parts,) i32, which are written; `totals` and `span`, which begin anew.
     """
 
-    @kernel(name=f"cuda.frame.project.see({load.__name__})")
+    @kernel(name=f"cuda.frame.project.see({load.__name__})", exact=True)
     def see(
         cameras, matrices, group, instance, first, first_block, parts, n, closed, splats, marks,
         found, totals, span,
@@ -120,7 +119,7 @@ def make_place(load: Any, shade: Any) -> Any:
     number.
     """
 
-    @kernel(name=f"cuda.frame.project.place({shade.__name__})")
+    @kernel(name=f"cuda.frame.project.place({shade.__name__})", exact=True)
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
         marks, found, starts, room, records, keys, rows, names, span, totals,

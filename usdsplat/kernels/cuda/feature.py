@@ -1,8 +1,0 @@
-"""Features on a GPU: a thread for each splat of a block."""
-
-from __future__ import annotations
-
-from usdsplat.kernels import feature as host
-from usdsplat.kernels.cuda.device import spread
-
-features = spread(host.features)

@@ -1,0 +1,44 @@
+"""The weights of prims on a GPU: `walk` has a thread for each pixel, in any order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from usdsplat.kernels.cuda import walk as any_order
+from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.walk import WALK, WEIGH
+
+NOTHING: dict[str, Any] = {
+    "keeps": np.empty(0, np.float32),
+    "covered": np.empty((0, 0), np.uint8),
+    "offsets": np.empty(0, np.int64),
+    "numbers": np.empty(0, np.float32),
+    "image": np.empty((0, 0, 4), np.float32),
+    "plane": np.empty((0, 0), np.float32),
+    "places": np.empty((0, 0), np.int32),
+    "counts": np.empty((0, 0), np.uint32),
+    "colors": np.empty((0, 4), np.float32),
+}
+"""What `walk` takes for other modes."""
+
+
+@form
+def weigh(
+    device: CudaDevice, records: Any, labels: Any, prims: int, starts: Any, lists: Any, grid: Any,
+    ray_hits: Any, stops: Any, is_parallel: bool, ids: Any, weights: Any,
+) -> None:  # fmt: skip
+    """`kernels.weigh.weigh`."""
+    options = np.zeros(1, WALK)
+    options["mode"], options["prims"], options["is_parallel"] = WEIGH, prims, is_parallel
+    no = {name: device.keep(array) for name, array in NOTHING.items()}
+    samples = no["numbers"], no["numbers"], no["colors"]
+    out = (
+        no["image"], no["plane"], no["places"], no["plane"], ids, weights, no["counts"],
+        no["offsets"], samples,
+    )  # fmt: skip
+    any_order.walk(
+        device, device.keep(options), records, records, no["keeps"], labels, starts, lists, grid,
+        ray_hits, stops, no["covered"], (no["offsets"], no["numbers"], no["numbers"]), out,
+    )  # fmt: skip

@@ -1,0 +1,154 @@
+"""Where each pixel's own ray hits a splat: the depth of the Gaussian's maximum along the ray.
+
+Stretched so that the Gaussian is a ball, a ray hits it where it passes the centre nearest. Let
+e be the stretched ray to the centre and g, h what one pixel to the right and one down add to it;
+turned so that e lies on the first axis and h's plane holds the second, all of it is five numbers:
+
+    e = (1, 0, 0)   g = (GX, GY, 0)   h = (HX, HY, HZ)      d = e + dx g + dy h
+
+and the ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) where rays are parallel. No difference
+of like numbers is taken, so thin discs seen edge on are as exact as balls.
+
+A ray that misses the ellipsoid of what counts, which only the low-pass filter lets through, may
+have its maximum anywhere: depths are held within that ellipsoid's own.
+
+Source: Keselman & Hebert 2022, "Approximate differentiable rendering with algebraic surfaces";
+Radl et al. 2024, "StopThePop", for sorting by it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from .jit import exact, parallel, scalar
+from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
+
+RAY_HIT = 8
+"""Floats of a ray hit: the five numbers, depth of the centre, how far from it a ray hit may be, and
+one unused."""
+GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
+
+THIN = 1e-6
+"""Thinnest axis of a splat, as a part of its thickest: flat ones stay invertible."""
+
+
+# --- 1. mathematics: one splat ---------------------------------------------------------
+
+
+@scalar
+def ray_hit_one(cam, m, inverse, position, q, s, log_opacity, ray_hit):
+    """Fill `ray_hit` for one splat.
+
+    Args:
+        cam: A CAMERA record.
+        m: Local to camera, (3, 4) f64; inverse: of its 3x3, (3, 3) f64.
+        position, q, s: Centre, quaternion and standard deviations.
+        log_opacity: As projected.
+        ray_hit: Receives RAY_HIT floats.
+    """
+    px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
+    x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
+    y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
+    z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
+    w, i, j, k = np.float64(q[0]), np.float64(q[1]), np.float64(q[2]), np.float64(q[3])
+    most = np.float64(max(s[0], max(s[1], s[2])))
+    variance = 0.0
+    ex, ey, ez = 0.0, 0.0, 0.0
+    gx, gy, gz = 0.0, 0.0, 0.0
+    hx, hy, hz = 0.0, 0.0, 0.0
+    for axis in range(3):
+        if axis == 0:
+            ax, ay, az = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j + w * k), 2.0 * (i * k - w * j)
+        elif axis == 1:
+            ax, ay, az = 2.0 * (i * j - w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k + w * i)
+        else:
+            ax, ay, az = 2.0 * (i * k + w * j), 2.0 * (j * k - w * i), 1.0 - 2.0 * (i * i + j * j)
+        size = np.float64(s[axis])
+        along = (m[2, 0] * ax + m[2, 1] * ay + m[2, 2] * az) * size
+        variance += along * along
+        # a row of S⁻¹ Rᵀ M⁻¹, in units of the thickest axis
+        shrink = most / max(size, THIN * most) if most > 0.0 else 0.0
+        wx = (ax * inverse[0, 0] + ay * inverse[1, 0] + az * inverse[2, 0]) * shrink
+        wy = (ax * inverse[0, 1] + ay * inverse[1, 1] + az * inverse[2, 1]) * shrink
+        wz = (ax * inverse[0, 2] + ay * inverse[1, 2] + az * inverse[2, 2]) * shrink
+        e = wz if cam.projection == ORTHOGRAPHIC else wx * (x / z) + wy * (y / z) + wz
+        g, h = wx / cam.fx, wy / cam.fy
+        if axis == 0:
+            ex, gx, hx = e, g, h
+        elif axis == 1:
+            ey, gy, hy = e, g, h
+        else:
+            ez, gz, hz = e, g, h
+    reach = math.sqrt(max(2.0 * (log_opacity - LOG_CUTOFF), 0.0) * variance)
+    length = math.sqrt(ex * ex + ey * ey + ez * ez)
+    ray_hit[CENTER], ray_hit[REACH] = np.float32(z), np.float32(reach)
+    if not (0.0 < length < np.inf and reach < np.inf):
+        ray_hit[GX], ray_hit[GY] = np.float32(0), np.float32(0)
+        ray_hit[HX], ray_hit[HY], ray_hit[HZ] = np.float32(0), np.float32(0), np.float32(0)
+        return
+    scale = 1.0 / length
+    ex, ey, ez = ex * scale, ey * scale, ez * scale
+    gx, gy, gz = gx * scale, gy * scale, gz * scale
+    hx, hy, hz = hx * scale, hy * scale, hz * scale
+    first = ex * gx + ey * gy + ez * gz
+    gx, gy, gz = gx - first * ex, gy - first * ey, gz - first * ez
+    second = math.sqrt(gx * gx + gy * gy + gz * gz)
+    turn = 1.0 / second if second > 0.0 else 0.0
+    third = ex * hx + ey * hy + ez * hz
+    fourth = (gx * hx + gy * hy + gz * hz) * turn
+    hx = hx - third * ex - fourth * gx * turn
+    hy = hy - third * ey - fourth * gy * turn
+    hz = hz - third * ez - fourth * gz * turn
+    ray_hit[GX], ray_hit[GY] = np.float32(first), np.float32(second)
+    ray_hit[HX], ray_hit[HY] = np.float32(third), np.float32(fourth)
+    ray_hit[HZ] = np.float32(math.sqrt(hx * hx + hy * hy + hz * hz))
+
+
+@exact
+def row_at(hx, hy, hz, dy):
+    """d at dx = 0 of a row."""
+    return np.float32(1) + hx * dy, hy * dy, hz * dy
+
+
+@exact
+def ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
+    """Return the depth of the ray hit at dx along a row; (first, second, third) is d at dx = 0."""
+    one = np.float32(1)
+    a, b = first + gx * dx, second + gy * dx
+    along = a * a + b * b + third * third
+    apart = one - a if is_parallel else center * (a / along - one)
+    apart = apart if abs(apart) < reach else (reach if apart > np.float32(0) else -reach)
+    return center + apart
+
+
+# --- 2. CPU ----------------------------------------------------------------------------
+
+
+@parallel
+def ray_hits(
+    camera, matrices, inverses, positions, rotations, scales, block, base, records, sources,
+    found, out
+):  # fmt: skip
+    """Find the ray hits of the visible splats of all instances of one field.
+
+    Args:
+        camera, matrices, positions, rotations, scales, block, base, found: As `project` had them.
+        inverses: Of the matrices' 3x3, shape (m, 3, 3) f64.
+        records, sources: What `project` made.
+        out: Receives a ray hit for each used slot, shape (slots, RAY_HIT) f32.
+    """
+    n = positions.shape[0]
+    blocks = (n + block - 1) // block
+    for item in prange(matrices.shape[0] * blocks):
+        cam = camera[0]
+        m, inverse = matrices[item // blocks], inverses[item // blocks]
+        slot = base + item * block
+        for at in range(slot, slot + found[item]):
+            i = sources[at]
+            ray_hit_one(
+                cam, m, inverse, positions[i], rotations[i], scales[i],
+                records[at, LOG_OPACITY], out[at],
+            )  # fmt: skip

@@ -1,0 +1,97 @@
+"""Draw a deep picture into its file, band by band, and compare it with the flat one."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.delegate.engine import Engine
+from usdsplat.images.deep import DeepBand, DeepWriter
+from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.render.tile_lists import DeepSamples
+
+
+@dataclass(slots=True)
+class DeepReport:
+    """What a deep picture holds, and how far it is from the flat one in linear light."""
+
+    samples: int = 0
+    pixels: int = 0
+    bytes: int = 0
+    compared: bool = False
+    squares: float = 0.0
+    """Sum over red, green and blue of all pixels."""
+    worst: float = 0.0
+    """Largest difference."""
+
+    @property
+    def decibels(self) -> float:
+        """Signal to noise, for a peak of 1; infinite for equal pictures."""
+        mean = self.squares / (3 * self.pixels)
+        return math.inf if mean == 0 else -10 * math.log10(mean)
+
+    def add(self, difference: F32) -> None:
+        """Count how far some pixels are apart, shape (h, w, 3)."""
+        self.squares += float(np.sum(difference.astype(np.float64) ** 2))
+        self.worst = max(self.worst, float(np.abs(difference).max(initial=0)))
+
+
+def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> DeepReport:
+    """Draw a deep picture at the engine's time; arguments as `draw_flat` has them.
+
+    Raises:
+        UsageError: If splats are sorted by another key than planar depth.
+        OutputError: If the file cannot be written.
+    """
+    plan, view, settings = file.plan, file.view, file.plan.settings
+    report = DeepReport(compared=plan.compare)
+    bands = engine.render_deep(view, settings, holdout=file.holdout, band_pixels=file.band_pixels)
+    flat: Iterator[F32 | None] = itertools.repeat(None)
+    if plan.compare:
+        trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
+        drawn = engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+        flat = (band.arrays["color"] for band in drawn)
+    writer = DeepWriter(
+        file.path,
+        file.layout,
+        merged=settings.deep_error > 0,
+        compression=plan.deep_compression,
+    )
+    with writer:
+        for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
+            band = DeepBand(
+                counts=samples.counts,
+                depth=samples.depth,
+                depth_back=samples.depth_back,
+                color=samples.color,
+            )
+            writer.write_band(y0, band)
+            report.samples += len(samples.depth)
+            report.pixels += samples.counts.size
+            if beauty is not None:
+                report.add(flattened(samples)[..., :3] - beauty[..., :3])
+            rows_written(y1 - file.layout.window[1])
+    report.bytes = file.path.stat().st_size
+    return report
+
+
+def flattened(samples: DeepSamples) -> F32:
+    """Return the samples of each pixel over one another, near over far, shape (h, w, 4)."""
+    counts = samples.counts.ravel().astype(np.int64)
+    starts = np.cumsum(counts) - counts
+    image = np.zeros((len(counts), 4), np.float32)
+    through = np.ones(len(counts), np.float32)
+    rest = np.flatnonzero(counts)
+    k = 0
+    while len(rest):
+        color = samples.color[starts[rest] + k]
+        image[rest] += through[rest, None] * color
+        through[rest] *= 1 - color[:, 3]
+        k += 1
+        rest = rest[counts[rest] > k]
+    return image.reshape(*samples.counts.shape, 4)

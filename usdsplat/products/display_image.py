@@ -1,0 +1,89 @@
+"""Write pictures as a screen shows them: PNG or JPEG, 8 bits, sRGB, without alpha."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+import usdsplat
+from usdsplat.core.errors import UnknownFormatError
+from usdsplat.core.output import atomic_path
+from usdsplat.images.labels import as_text
+from usdsplat.images.layout import Metadata
+
+if TYPE_CHECKING:
+    from PIL.PngImagePlugin import PngInfo
+
+Image = npt.NDArray[np.uint8]
+"""Display RGB, row 0 at the top, shape (height, width, 3)."""
+
+FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+"""Suffix -> Pillow's name of the format."""
+QUALITY = 95
+"""Of a JPEG [0..100]."""
+SOFTWARE = f"usdsplat {usdsplat.__version__}"
+EXIF_DESCRIPTION, EXIF_SOFTWARE = 0x010E, 0x0131
+
+
+def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = None) -> Path:
+    """Write a picture as PNG or JPEG; return the file.
+
+    Args:
+        image: Display RGB.
+        path: The file, replaced when the new one is complete.
+        metadata: Entries of its header, such as `picture_header` makes: chunks of text in a PNG,
+            one JSON object in the Exif description of a JPEG.
+
+    Raises:
+        UnknownFormatError: If the suffix is none of `FORMATS`.
+        OutputError: If the file cannot be written.
+    """
+    from PIL import Image as pillow
+
+    path = Path(path)
+    check_suffix(path, tuple(FORMATS))
+    kind = FORMATS[path.suffix.lower()]
+    more: dict[str, Any]
+    if kind == "JPEG":
+        more = {"quality": QUALITY, "subsampling": 0, "exif": exif(metadata or {})}
+    else:
+        more = {"pnginfo": _chunks(metadata or {})}
+    with atomic_path(path) as temporary:
+        pillow.fromarray(np.ascontiguousarray(image)).save(temporary, kind, **more)
+    return path
+
+
+def exif(metadata: Metadata) -> bytes:
+    """Return Exif data for a JPEG or WebP: `SOFTWARE`, and the entries as JSON in one text."""
+    from PIL import Image as pillow
+
+    entries = pillow.Exif()
+    entries[EXIF_SOFTWARE] = SOFTWARE
+    entries[EXIF_DESCRIPTION] = json.dumps(dict(metadata))
+    return entries.tobytes()
+
+
+def _chunks(metadata: Metadata) -> PngInfo:
+    """Return the entries as chunks of a PNG, each with its name."""
+    from PIL.PngImagePlugin import PngInfo
+
+    chunks = PngInfo()
+    for key, value in {"Software": SOFTWARE, **as_text(metadata)}.items():
+        add = chunks.add_text if value.isascii() else chunks.add_itxt
+        add(key, value)
+    return chunks
+
+
+def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse a file name that ends otherwise.
+
+    Raises:
+        UnknownFormatError: If its suffix is none of `suffixes`.
+    """
+    if path.suffix.lower() not in suffixes:
+        found, expected = f"suffix {path.suffix!r}", f"one of {', '.join(suffixes)}"
+        raise UnknownFormatError(str(path), found, expected)

@@ -1,0 +1,283 @@
+"""Draw pictures into files, one after the other, each whole or not at all."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import Existing
+from usdsplat.core.progress import Progress, silent
+from usdsplat.core.wording import counted
+from usdsplat.delegate.engine import Engine
+from usdsplat.images.frames import frame_path, frame_paths
+from usdsplat.products import remarks
+from usdsplat.products.budget import WORTH_SAYING, Budget, budget
+from usdsplat.products.cancel import Cancelled, CancelToken
+from usdsplat.products.deep import DeepReport, draw_deep
+from usdsplat.products.flat import draw_flat
+from usdsplat.products.header import Origin, labelled_layout
+from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.products.request import PicturePlan
+from usdsplat.render.cost import Work
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.specs import CameraSpec, View
+
+Remark = Callable[[str], None]
+_Job = tuple[PicturePlan, float, Path]
+"""What is drawn, at which time code, into which file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawOptions:
+    """How a sequence of pictures is drawn."""
+
+    existing: Existing = "replace"
+    """What becomes of pictures whose file exists; "resume" leaves them as they are."""
+    memory_limit: int | None = None
+    """[byte] that the process may take; None for any number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnPicture:
+    """A picture whose file is complete."""
+
+    path: Path
+    frame: float
+    camera: str | None
+    """Path of the camera; None for one that frames the scene."""
+    resolution: tuple[int, int]
+    """[pixel]"""
+    splats: int
+    """Splats that were drawn, instances counted each."""
+    visible: int
+    """Those that may touch the plan."""
+    seconds: float
+    """Time it took, file included."""
+    deep_samples: int | None = None
+    """Of all pixels of a deep plan."""
+
+
+def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]:
+    """Return what `draw_frames` will draw, for `Engine.expect`."""
+    return [
+        Work(
+            pixels=math.prod(plan.framing.resolution) * len(frames),
+            pictures=len(frames),
+            settings=plan.settings,
+            aovs=plan.aovs,
+            deep=plan.deep,
+        )
+        for plan in plans
+    ]
+
+
+def draw_frames(
+    engine: Engine,
+    plans: Sequence[PicturePlan],
+    frames: Sequence[float],
+    *,
+    source: str,
+    options: DrawOptions = DrawOptions(),
+    progress: Progress = silent,
+    remark: Remark = lambda _: None,
+    cancel: CancelToken | None = None,
+) -> Iterator[DrawnPicture]:
+    """Draw every picture at every frame, frame after frame; yield each when its file is complete.
+
+    Args:
+        engine: Whose stage is drawn; its time and purposes are set.
+        plans: What to draw.
+        frames: Time codes.
+        source: What the stage is called in the files.
+        options: What becomes of files that exist, and how much memory may be taken.
+        progress: Told about the rows of all pictures together.
+        remark: Told what a user would not see in the pictures.
+        cancel: Ends the drawing after the band that is being drawn; complete files stay.
+
+    Raises:
+        UsageError: If two pictures would be one file, or the memory is too little.
+        StageError: If a camera cannot be used.
+        OutputError: If a file cannot be written, or exists and is neither kept nor replaced.
+    """
+    cancel = cancel or CancelToken()
+    jobs = _jobs(plans, frames, options.existing)
+    engine.expect(work_of(plans, frames))
+    before = engine.remark
+    tell = _once(remark)
+    _check_holdouts(jobs)
+    cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
+    budgets = _budgets(engine, jobs, cameras, options.memory_limit, tell)
+    rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
+    what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
+    label = f"{what}, row"
+    progress.step(label, 0, total)
+    for plan, frame, path in jobs:
+        started = time.perf_counter()
+        view = _go_to(engine, plan, frame, cameras[plan])
+
+        def rows_written(done: int, before: int = rows) -> None:
+            progress.step(label, before + done, total)
+            cancel.check()
+
+        origin = Origin(stage=source, frame=frame)
+        file = PictureFile(
+            plan=plan,
+            path=path,
+            view=view,
+            layout=labelled_layout(engine, plan, view, origin=origin),
+            holdout=_holdout(plan, frame),
+            band_pixels=budgets[plan].band_pixels,
+        )
+        try:
+            cancel.check()
+            report = write_picture(engine, file, rows_written=rows_written)
+        except Cancelled:
+            return
+        rows += plan.rows
+        stats, seconds = engine.stats, time.perf_counter() - started
+        if report is not None:
+            remark(remarks.what_is_deep(path, report, seconds))
+        elif plan.settings.color_mode == "inverseView":
+            remark(remarks.what_fails(path, stats))
+        if engine.remark != before:  # a GPU has failed meanwhile
+            tell(engine.remark)
+        empty = remarks.why_nothing(engine, stats)
+        if empty:
+            tell(f"nothing is drawn: {empty}", f"{path}: ")
+        yield DrawnPicture(
+            path=path,
+            frame=frame,
+            camera=view.camera.path or None,
+            resolution=view.framing.resolution,
+            splats=stats.splats,
+            visible=stats.visible,
+            seconds=seconds,
+            deep_samples=None if report is None else report.samples,
+        )
+
+
+def write_picture(
+    engine: Engine, file: PictureFile, *, rows_written: RowsWritten = lambda rows: None
+) -> DeepReport | None:
+    """Draw one picture at the engine's time into its file; return what is known of a deep one.
+
+    Args:
+        engine: Draws it.
+        file: What is drawn, and where to.
+        rows_written: Called after each band; what it raises ends the drawing, without a file.
+
+    Raises:
+        UsageError: If a deep picture is asked for in an order that has no depths.
+        OutputError: If the file cannot be written.
+    """
+    if file.plan.deep:
+        return draw_deep(engine, file, rows_written=rows_written)
+    draw_flat(engine, file, rows_written=rows_written)
+    return None
+
+
+def _go_to(engine: Engine, plan: PicturePlan, frame: float, camera: CameraSpec | None) -> View:
+    """Bring the engine to a frame; return the view of the picture there."""
+    engine.set_refinement(plan.settings.refinement)
+    engine.set_time(frame)
+    engine.set_purposes(plan.purposes)
+    if camera is None:
+        view = engine.view(plan.camera, framing=plan.framing)
+    else:
+        view = View(camera=camera, framing=plan.framing)
+    return replace(view, matte=plan.matte)
+
+
+def _budgets(
+    engine: Engine,
+    jobs: Sequence[_Job],
+    cameras: dict[PicturePlan, CameraSpec | None],
+    limit: int | None,
+    tell: Callable[..., None],
+) -> dict[PicturePlan, Budget]:
+    """Choose the bands of each picture by its first frame, before anything is drawn."""
+    budgets: dict[PicturePlan, Budget] = {}
+    for plan, frame, path in jobs:
+        if plan in budgets:
+            continue
+        view = _go_to(engine, plan, frame, cameras[plan])
+        found = budgets[plan] = budget(engine, plan, view, limit=limit)
+        for text in plan.warnings:
+            tell(text)
+        if plan.deep:
+            tell(remarks.what_is_forced(plan))
+        if sharp := remarks.why_sharp(plan, view.camera):
+            tell(sharp)
+        if limit is not None or found.estimate.total > WORTH_SAYING:
+            tell(found.sentence(), f"{path.name}: ")
+    return budgets
+
+
+def _once(remark: Remark) -> Callable[..., None]:
+    """Return a function that makes each remark once, about the first file that it is true of."""
+    told: set[str] = set()
+
+    def tell(text: str, where: str = "") -> None:
+        if text not in told:
+            told.add(text)
+            remark(where + text)
+
+    return tell
+
+
+def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:
+    """Open the holdout of a frame, if there is one."""
+    if plan.holdout is None:
+        return None
+    from usdsplat.images.holdout import open_holdout
+
+    path = frame_path(plan.holdout, frame)
+    return open_holdout(path, resolution=plan.framing.resolution).rows
+
+
+def _check_holdouts(jobs: Sequence[_Job]) -> None:
+    """Refuse to begin what could not be finished: all holdouts must be there."""
+    for plan, frame, _ in jobs:
+        if plan.holdout is not None:
+            path = frame_path(plan.holdout, frame)
+            if not path.is_file():
+                raise UsageError("--holdout", f"no file {path}", "an EXR with depth")
+    for plan in dict.fromkeys(plan for plan, _, _ in jobs):
+        first = next(frame for other, frame, _ in jobs if other is plan)
+        _holdout(plan, first)
+
+
+def _framing_camera(
+    engine: Engine, plan: PicturePlan, frames: Sequence[float]
+) -> CameraSpec | None:
+    """Return one camera for all frames if the picture has none, so that motion shows."""
+    if plan.camera is not None:
+        return None
+    engine.set_purposes(plan.purposes)
+    times = dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1]))
+    return engine.framing_camera(times, framing=plan.framing)
+
+
+def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
+    """Return what is to be drawn into which file, frame after frame."""
+    names = [frame_paths(plan.output, frames) for plan in plans]
+    paths = [path for group in names for path in group]
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
+        raise UsageError(str(twice), "two products with this file", "a file for each")
+    jobs = [
+        (plan, frame, group[i])
+        for i, frame in enumerate(frames)
+        for plan, group in zip(plans, names, strict=True)
+    ]
+    if existing == "replace":
+        return jobs
+    left = [job for job in jobs if not job[2].exists()]
+    if existing == "error" and len(left) < len(jobs):
+        there = next(path for _, _, path in jobs if path.exists())
+        raise OutputError(str(there), "a file", "a new name")
+    return left

@@ -1,0 +1,65 @@
+"""Draw a flat picture into its file, band by band."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.delegate.engine import Engine
+from usdsplat.images import open_writer
+from usdsplat.images.aovs import AOVS
+from usdsplat.images.view import ViewTransform
+from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.render.output import view_of
+
+
+def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> None:
+    """Draw a picture at the engine's time; the file appears when it is complete.
+
+    Args:
+        engine: Draws it.
+        file: What is drawn, and where to.
+        rows_written: Called after each band; what it raises ends the drawing, without a file.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    plan, layout = file.plan, file.layout
+    # A premultiplied colour goes through a view by the coverage of the pixel.
+    with_color = plan.is_baked and "albedo" in plan.aovs
+    names = dict.fromkeys((*plan.aovs, *(("color",) if with_color else ())))
+    by_hydra = {AOVS[name].hydra: AOVS[name] for name in names}
+    through = view_of(plan.settings) if plan.is_baked else None
+    bands = engine.render(
+        file.view,
+        plan.settings,
+        tuple(by_hydra),
+        holdout=file.holdout,
+        band_pixels=file.band_pixels,
+    )
+    with open_writer(file.path, layout) as writer:
+        for band in bands:
+            # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
+            arrays = {
+                aov.name: array.view(np.uint32) if aov.kind == "id" else array
+                for aov, array in ((by_hydra[key], band.arrays[key]) for key in by_hydra)
+            }
+            if through is not None:
+                arrays |= _baked(through, arrays)
+            writer.write_band(band.y0, arrays)
+            rows_written(band.y1 - layout.window[1])
+
+
+def _baked(
+    through: ViewTransform, arrays: dict[str, npt.NDArray[Any]]
+) -> dict[str, npt.NDArray[Any]]:
+    """Take all colours through a view."""
+    shown: dict[str, npt.NDArray[Any]] = {}
+    if "albedo" in arrays:
+        image = np.concatenate([arrays["albedo"], arrays["color"][..., 3:]], axis=-1)
+        shown["albedo"] = np.ascontiguousarray(through.forward_over(image)[..., :3])
+    if "color" in arrays:
+        shown["color"] = through.forward_over(arrays["color"])
+    return shown

@@ -1,0 +1,131 @@
+"""What the file of a picture says about it: one function makes the entries of every file.
+
+`picture_header` is called for pictures that `usdsplat render` writes, for what a window saves, and
+for movies, so that all of them name their stage, frame, camera and how they were drawn alike.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from usdsplat.delegate.engine import Engine
+from usdsplat.images import cryptomatte
+from usdsplat.images.camera import camera_metadata
+from usdsplat.images.labels import picture_metadata
+from usdsplat.images.layout import ImageLayout, Metadata
+from usdsplat.products.request import PicturePlan
+from usdsplat.render.framing import conform
+from usdsplat.render.output import view_of
+from usdsplat.render.renderer import blend_space_of
+from usdsplat.render.specs import View
+
+DISPLAY = "srgb_rec709_display"
+UNKNOWN = "unknown"
+"""Interop name of a space that has none: the code values of a display other than sRGB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Origin:
+    """Where a picture comes from, in the words that its header uses."""
+
+    stage: str
+    """Name of the stage, as the user gave it."""
+    frame: float
+    """Time code."""
+    camera: str = "framing the scene"
+    """What a camera that is no prim of the stage is called."""
+    shown: Mapping[str, str | float] = field(default_factory=dict)
+    """Adjustments of a screen that the pixels contain, such as its exposure; none in an EXR."""
+
+
+def output_space(plan: PicturePlan) -> str:
+    """Return the colour space of the numbers in a picture's colour channels."""
+    settings = plan.settings
+    if plan.deep:
+        return settings.working_space
+    if plan.is_baked:
+        return UNKNOWN if view_of(settings).target else DISPLAY
+    return DISPLAY if settings.color_mode == "display" else settings.working_space
+
+
+def layout_of(plan: PicturePlan) -> ImageLayout:
+    """Return what the file of a picture is going to hold, without its header."""
+    return ImageLayout(
+        resolution=plan.framing.resolution,
+        data_window=plan.framing.data_window,
+        aovs=plan.aovs,
+        pixel_type=plan.pixel_type,
+        color_space=output_space(plan),
+        multipart=plan.settings.multipart,
+    )
+
+
+def labelled_layout(
+    engine: Engine, plan: PicturePlan, view: View, *, origin: Origin
+) -> ImageLayout:
+    """Return what the file of one frame is going to hold, with its header.
+
+    Args:
+        engine: At the picture's time.
+        plan: How it is drawn.
+        view: What is looked at.
+        origin: Stage, frame and camera as the header names them.
+    """
+    _, pixel_aspect_ratio = conform(view.camera.window, view.framing)
+    return replace(
+        layout_of(plan),
+        pixel_aspect_ratio=pixel_aspect_ratio,
+        metadata=picture_header(engine, plan, view, origin=origin),
+    )
+
+
+def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
+    """Return all entries of a picture's header; arguments as in `labelled_layout`."""
+    window, _ = conform(view.camera.window, view.framing)
+    entries = {
+        **camera_metadata(
+            world_to_camera=view.camera.world_to_camera,
+            window=window,
+            orthographic=view.camera.orthographic,
+        ),
+        **picture_metadata(
+            stage=origin.stage,
+            frame=origin.frame,
+            samples=1 if plan.deep else plan.settings.samples,
+            exposure=view.camera.exposure,
+        ),
+        "usdsplat:camera": view.camera.path or origin.camera,
+        **_drawing(engine, plan),
+        **{f"usdsplat:shown:{name}": value for name, value in origin.shown.items()},
+    }
+    if "id" in plan.aovs:
+        entries["usdsplat:ids"] = json.dumps(engine.drawn_paths())
+    if "cryptoObject" in plan.aovs:
+        entries |= cryptomatte.metadata("cryptoObject", engine.drawn_paths())
+    return entries
+
+
+def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
+    """How the splats are drawn, and how their colours become those of the file."""
+    fields = [drawn.spec for _, drawn, _ in engine.render_scene.drawn()]
+    settings = plan.settings.resolved(spec.sorting_mode for spec in fields)
+    if plan.deep:
+        settings = replace(settings, color_mode="scene", blend_space="linear")
+    modes = {spec.rasterize_mode for spec in fields}
+    if settings.rasterize_mode != "auto":
+        modes = {settings.rasterize_mode}
+    entries = {
+        "usdsplat:sorting": settings.sorting,
+        "usdsplat:rasterizeMode": " and ".join(sorted(modes)),
+        "usdsplat:colorMode": settings.color_mode,
+        "usdsplat:blendSpace": settings.working_space
+        if plan.deep
+        else blend_space_of(engine.render_scene, settings),
+    }
+    through = view_of(settings)
+    if not through.is_plain and (plan.is_baked or settings.color_mode != "scene"):
+        names = (through.display, through.view, through.looks)
+        entries["usdsplat:view"] = " / ".join(filter(None, names))
+    return entries

@@ -1,0 +1,202 @@
+"""Decide which pictures to draw: those that the stage asks for, as the user changes them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.knobs import checked
+from usdsplat.delegate.engine import PURPOSES, Engine
+from usdsplat.delegate.product import ProductSpec
+from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
+from usdsplat.images.aovs import find_aovs
+from usdsplat.images.frames import frame_path
+from usdsplat.products.header import layout_of
+from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
+from usdsplat.render.framing import CONFORM
+from usdsplat.render.output import view_of
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
+
+KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
+KINDS = ("raster", "deepRaster")
+"""The `productType`s that we draw."""
+DEEP_AOVS = ("color", "Z")
+"""What a deep picture holds, and nothing else."""
+
+
+def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
+    """Return the pictures to draw: the stage's products as the user changes them.
+
+    A stage without products gets one picture. A file that the user names gets one picture too: of
+    several products the first.
+
+    Raises:
+        UsageError: If there is no file to write to, or a flag is wrong.
+        StageError: If there is no such camera, product or settings prim.
+    """
+    _check(request)
+    camera = None if request.camera is None else find_camera(engine, request.camera)
+    products = engine.products(
+        request.settings_prim,
+        camera=camera,
+        resolution=request.resolution,
+        overrides=request.settings,
+    )
+    if request.product is not None:
+        known = ", ".join(product.path for product in products) or "none"
+        products = tuple(item for item in products if item.path == request.product)
+        if not products:
+            raise StageError("--product", request.product, f"a product of the settings: {known}")
+    if request.output:
+        products = products[:1]
+    pictures = tuple(_of_product(engine, request, product) for product in products)
+    pictures = pictures or (_own(engine, request, camera),)
+    if request.deep_compression is not None and not any(picture.deep for picture in pictures):
+        raise UsageError("--deep-compression", "no deep picture", "one, by --deep or a deepRaster")
+    return pictures
+
+
+def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PicturePlan:
+    """Plan the picture of a stage that asks for none."""
+    spec = ProductSpec(
+        path="render",
+        framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
+        settings=checked("render", RenderSettings, request.settings),
+        purposes=PURPOSES,
+    )
+    return _finished(request, spec, camera or _first_camera(engine))
+
+
+def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
+    """Plan the picture that a product asks for."""
+    if product.kind not in KINDS:
+        raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
+    return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
+
+
+def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
+    """Choose the colour mode by the file, and refuse what no file can hold."""
+    where, output = spec.path, request.output or spec.name
+    if not output:
+        raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
+    deep = request.deep or spec.kind == "deepRaster"
+    warnings = spec.warnings
+    suited = default_color_mode(frame_path(output, 0))
+    names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
+    if deep:
+        others = [name for name in names if name not in DEEP_AOVS]
+        _check_deep(request, output, others)
+        if others:
+            text = f"{where}: a deep picture holds color and Z, {', '.join(others)} is left out"
+            warnings = (*warnings, text)
+        names = ("color",)
+    settings = spec.settings
+    if deep or settings.color_mode == "auto":
+        settings = replace(settings, color_mode="scene" if deep else suited)
+    view_of(settings)  # refuses a view that is not there
+    is_png = suited == COLOR_MODES[".png"]
+    _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
+    picture = PicturePlan(
+        output=output,
+        camera=camera,
+        framing=_framing(request, spec.framing, where),
+        settings=settings,
+        aovs=names,
+        purposes=request.purposes or spec.purposes,
+        # What vars say about precision is about EXRs; a PNG has no such numbers.
+        pixel_type=request.pixel_type or (None if is_png else spec.pixel_type or None),
+        matte=(*spec.matte, *((path, True) for path in request.matte)),
+        holdout=request.holdout,
+        deep=deep,
+        deep_compression=request.deep_compression or "none",
+        compare=request.compare,
+        is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
+        warnings=warnings,
+    )
+    layout = layout_of(picture)
+    if deep:
+        from usdsplat.images.deep import DeepWriter
+
+        DeepWriter(output, layout, compression=picture.deep_compression)
+    else:
+        open_writer(output, layout)
+    return picture
+
+
+def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
+    """Refuse options that a deep picture cannot have."""
+    if default_color_mode(frame_path(output, 0)) != COLOR_MODES[".exr"]:
+        raise UsageError(output, "a deep picture", "the suffix .exr for one")
+    if request.bake_view:
+        raise UsageError("--bake-view", "a deep picture", "a flat one: views are not linear")
+    if request.aovs and others:
+        raise UsageError("--aovs", ",".join(others), "color or Z in a deep picture")
+
+
+def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:
+    """Return how the image samples the aperture, as the user changes it."""
+    if request.conform is not None:
+        framing = replace(framing, conform=request.conform)
+    if request.pixel_aspect is not None:
+        framing = replace(framing, pixel_aspect_ratio=request.pixel_aspect)
+    if request.crop is not None:
+        framing = replace(framing, data_window=request.crop)
+    if request.overscan is not None:
+        left, top, right, bottom = request.overscan
+        width, height = framing.resolution
+        framing = replace(framing, data_window=(-left, -top, width + right, height + bottom))
+    x0, y0, x1, y1 = framing.window
+    for sides in (framing.resolution, (x1 - x0, y1 - y0)):
+        if max(sides) > MOST_PIXELS:
+            found = "x".join(map(str, sides))
+            raise UsageError(
+                f"{where} resolution", found, f"at most {MOST_PIXELS} pixels on a side"
+            )
+    return framing
+
+
+def _check(request: RenderRequest) -> None:
+    """Refuse options that are wrong by themselves, or contradict each other."""
+    find_aovs(request.aovs or ("color",), where="--aovs")
+    _check_purposes("--purposes", request.purposes or ())
+    if request.conform not in (None, *CONFORM):
+        raise UsageError("--conform", repr(request.conform), f"one of {', '.join(CONFORM)}")
+    if request.pixel_aspect is not None and not 0.01 <= request.pixel_aspect <= 100:
+        raise UsageError("--pixel-aspect", f"{request.pixel_aspect:g}", "0.01 to 100")
+    if request.crop is not None and request.overscan is not None:
+        raise UsageError("--crop", "--overscan too", "one of them")
+
+
+def _check_purposes(where: str, purposes: tuple[str, ...]) -> None:
+    for purpose in purposes:
+        if purpose not in KNOWN_PURPOSES:
+            raise UsageError(where, repr(purpose), f"one of {', '.join(KNOWN_PURPOSES)}")
+
+
+def find_camera(engine: Engine, name: str) -> str:
+    """Return the path of the camera that the user means, by its path or its name.
+
+    Raises:
+        StageError: If there is none, or several.
+    """
+    paths = engine.cameras()
+    matching = [path for path in paths if name in (path, path.rsplit("/", 1)[-1])]
+    if not paths:
+        raise StageError("--camera", repr(name), "no --camera, as the stage has none")
+    if len(matching) != 1:
+        raise StageError("--camera", repr(name), f"one of {', '.join(matching or paths)}")
+    return matching[0]
+
+
+def _camera_of(engine: Engine, product: ProductSpec) -> str:
+    """Return the camera of a product, if the stage has it."""
+    if product.camera and product.camera not in engine.cameras():
+        known = ", ".join(engine.cameras()) or "none, as the stage has none"
+        raise StageError(f"{product.path}.camera", product.camera, f"one of {known}")
+    return product.camera
+
+
+def _first_camera(engine: Engine) -> str | None:
+    """Return the stage's first camera by path; None if it has none and the scene is framed."""
+    return next(iter(engine.cameras()), None)

@@ -1,0 +1,71 @@
+"""Sentences about pictures: what their user would not see by looking at them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from usdsplat.core.wording import said_bytes
+from usdsplat.delegate.engine import Engine
+from usdsplat.products.deep import DeepReport
+from usdsplat.products.request import PicturePlan
+from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.sampling import has_lens
+from usdsplat.render.specs import CameraSpec
+
+
+def why_nothing(engine: Engine, stats: FrameStats) -> str:
+    """Say why there is nothing in a picture, at the engine's time; "" if there may be something."""
+    if stats.visible or engine.render_scene.drawn_meshes():
+        return ""
+    if not engine.fields():
+        return "the stage has no splats"
+    if not stats.splats:
+        return "all splats are hidden, of other purposes, or cannot be drawn"
+    return "no splats are in view"
+
+
+def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
+    """Say that a picture is sharp though its camera would blur it; "" if there is no more to it."""
+    settings = plan.settings
+    blurs = []
+    if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
+        blurs.append("shutter")
+    if settings.depth_of_field and has_lens(camera):
+        blurs.append("lens")
+    if not blurs or settings.samples > 1 or plan.deep:
+        return ""
+    words = " and ".join(blurs)
+    return f"{camera.path}: one sample is sharp whatever the {words}; --samples 64 blurs"
+
+
+def what_is_forced(plan: PicturePlan) -> str:
+    """Say what a deep picture does other than a flat one would."""
+    samples = plan.settings.samples
+    sharp = f", of one sharp sample instead of {samples}" if samples > 1 else ""
+    return (
+        f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
+        f"blended so (--blend-space linear){sharp}"
+    )
+
+
+def what_fails(path: Path, stats: FrameStats) -> str:
+    """Say how much of an `inverseView` picture the view cannot show as it was captured."""
+    part = stats.failed / stats.asked if stats.asked else 0.0
+    amount = f"{100 * part:.2g} %" if stats.failed else "none"
+    cause = "; it cannot show their colours, or --inverse-max is in the way" if part else ""
+    return f"{path.name}: {amount} of the splats' pixels fail to come back through the view{cause}"
+
+
+def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
+    """Say what a deep picture holds, and how far it is from the flat one."""
+    mean = report.samples / max(1, report.pixels)
+    held = (
+        f"{path.name}: {report.samples:,} samples, {mean:.1f} a pixel, "
+        f"{said_bytes(report.bytes)}, {seconds:.1f} s"
+    )
+    if not report.compared:
+        return held
+    away = ""
+    if report.worst > 0:
+        away = f" {report.decibels:.1f} dB (at most {report.worst:.2g}) from"
+    return f"{held}; flattened it is{away} the picture that is blended as the captures were trained"

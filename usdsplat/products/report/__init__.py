@@ -1,0 +1,102 @@
+"""A page about a capture or a stage: pictures from three sides, histograms, and what `info` says.
+
+One value, `Report`, and two ways to write it down: a PNG, and HTML that needs no other file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from pxr import Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.axes import UP_AXIS_FRAME
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import UsageError, UsdSplatError
+from usdsplat.core.output import atomic_path
+from usdsplat.formats import Capture
+from usdsplat.interchange.authoring import author_field, prepare
+from usdsplat.interchange.placement import ROOT, placement
+from usdsplat.products.report import html_page, png_page
+from usdsplat.products.report.charts import Numbers
+from usdsplat.products.report.values import Report
+from usdsplat.products.report.views import views
+from usdsplat.schema.validation import splat_fields
+
+__all__ = ["Report", "check_target", "of_capture", "of_stage", "write"]
+
+_WRITERS = {".png": png_page.write, ".html": html_page.write}
+
+
+def check_target(path: Path, source: Path) -> None:
+    """Refuse, before any work is done, a page that cannot be written.
+
+    Raises:
+        UsageError: If the suffix is neither .png nor .html, or it is the file that is described.
+    """
+    if path.suffix.lower() not in _WRITERS:
+        raise UsageError("--plot", f"suffix {path.suffix!r}", f"one of {', '.join(_WRITERS)}")
+    if path.exists() and source.exists() and path.samefile(source):
+        raise UsageError("--plot", f"{path}, which is being described", "another file")
+
+
+def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:
+    """What there is to show of a capture that was read.
+
+    Args:
+        capture: Is not changed.
+        title: Heading of the page.
+        lines: What `info` says.
+    """
+    stage = Usd.Stage.CreateInMemory()
+    prepare(stage, None, None)
+    placed = placement(stage, capture.frame, None)
+    where = stage.GetPseudoRoot().GetPath().AppendChild(ROOT)
+    author_field(stage, where, capture, placed, form="float", bake_axes=False)
+    return _report([capture.cloud], stage, None, capture.frame, title, lines)
+
+
+def of_stage(stage: Usd.Stage, time: float | None, title: str, lines: Iterable[str]) -> Report:
+    """What there is to show of a stage at a time; fields that cannot be read are left out.
+
+    Args:
+        stage: Is not changed.
+        time: Time code; None for default values, or the first samples.
+        title: Heading of the page.
+        lines: What `info` says.
+    """
+    clouds = []
+    for prim in splat_fields(stage):
+        try:
+            clouds.append(schema.fetch(prim, time))
+        except UsdSplatError:
+            continue  # the lines say why
+    frame = UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
+    return _report(clouds, stage, time, frame, title, lines)
+
+
+def write(report: Report, path: Path) -> None:
+    """Write the page; an older file there is replaced when it is complete.
+
+    Raises:
+        OutputError: If nothing can be written there.
+    """
+    with atomic_path(path) as temporary:
+        _WRITERS[path.suffix.lower()](report, temporary)
+
+
+def _report(
+    clouds: Iterable[SplatCloud],
+    stage: Usd.Stage,
+    time: float | None,
+    frame: str,
+    title: str,
+    lines: Iterable[str],
+) -> Report:
+    return Report(
+        title=title,
+        pictures=views(stage, time, frame),
+        histograms=Numbers.of(clouds).histograms(),
+        lines=tuple(lines),
+    )

@@ -1,0 +1,190 @@
+"""Buffers that are declared once, by shape and type; allocation and memory estimate read that.
+
+A group of buffers is a class, a buffer an attribute of it:
+
+    class SplatBuffers(BufferGroup):
+        keys = Buffer(lambda slots: (slots,), np.float32)
+
+`SplatBuffers.keys.nbytes(sizes)` is its size, `group.keys(slots)` the array.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+Shape = tuple[int, ...]
+Empty = Callable[[int, Any], Any]
+"""Allocate so many elements of a type: `Device.resident`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """The numbers that shapes of buffers depend on; parameters of `Buffer` shapes have their
+    names."""
+
+    slots: int = 0
+    """Rows of the draw list, visible or not."""
+    blocks: int = 0
+    """Blocks of slots."""
+    boxes: int = 0
+    """Bounded blocks of the largest group."""
+    visible: int = 0
+    """Visible splats."""
+    shown: int = 0
+    """Splats that a display mode draws in their place."""
+    chunks: int = 0
+    """Pieces of the depth order that threads take."""
+    height: int = 0
+    """Rows of a band [pixel]."""
+    width: int = 0
+    """Columns of a band [pixel]."""
+    tile_rows: int = 0
+    """Rows of tiles of a band."""
+    tile_columns: int = 0
+    """Columns of tiles of a band."""
+    crossings: int = 0
+    """Pairs of a splat and a row of tiles that it touches."""
+    pairs: int = 0
+    """Pairs of a splat and a tile that it touches."""
+    triangle_pairs: int = 0
+    """Pairs of a triangle and a tile that it touches."""
+
+
+class Buffer:
+    """The declaration of a buffer.
+
+    Args:
+        shape: Its shape as a function of some of `Sizes`, by their names.
+        dtype: Type of its elements.
+        touched: Shape of the part that is written, where that is less: pages that nobody touches
+            take no memory. None is all of it.
+    """
+
+    def __init__(
+        self,
+        shape: Callable[..., Shape],
+        dtype: npt.DTypeLike,
+        *,
+        touched: Callable[..., Shape] | None = None,
+    ) -> None:
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self._touched = touched or shape
+        self.name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, group: None, owner: type) -> Buffer: ...
+
+    @overload
+    def __get__(self, group: BufferGroup, owner: type) -> Memory: ...
+
+    def __get__(self, group: BufferGroup | None, owner: type) -> Buffer | Memory:
+        if group is None:
+            return self
+        memory = Memory(group.empty, self)
+        group.__dict__[self.name] = memory  # found before the declaration from now on
+        return memory
+
+    def nbytes(self, sizes: Sizes) -> int:
+        """Bytes that are allocated."""
+        return self._bytes(self.shape, sizes)
+
+    def touched_bytes(self, sizes: Sizes) -> int:
+        """Bytes that are written."""
+        return self._bytes(self._touched, sizes)
+
+    def _bytes(self, shape: Callable[..., Shape], sizes: Sizes) -> int:
+        counts = (getattr(sizes, name) for name in inspect.signature(shape).parameters)
+        return self.dtype.itemsize * math.prod(shape(*counts))
+
+
+class Memory:
+    """The memory of one buffer. It grows and never shrinks.
+
+    Args:
+        empty: Allocates.
+        buffer: The declaration; None for a buffer that only a kernel of one device knows.
+    """
+
+    def __init__(self, empty: Empty, buffer: Buffer | None = None) -> None:
+        self._empty, self._buffer = empty, buffer
+        self._array: Any = None
+        self._none: Any = None
+        """An array without elements, which a device takes long to make."""
+        self.content: Any = None
+        """What the caller says about the contents; None once other memory is allocated."""
+
+    def __call__(self, *counts: int) -> Any:
+        """Return the buffer in its declared shape; its contents are undefined.
+
+        Args:
+            counts: Sizes, in the order in which the declared shape takes them.
+        """
+        assert self._buffer is not None  # what is not declared is taken by `take`
+        return self.take(self._buffer.shape(*counts), self._buffer.dtype)
+
+    def take(self, shape: Shape, dtype: npt.DTypeLike) -> Any:
+        """Return the buffer as an array of any shape; its contents are undefined."""
+        size, dtype = math.prod(shape), np.dtype(dtype)
+        if size == 0:
+            if self._none is None or self._none.dtype != dtype:
+                self._none = self._empty(0, dtype)
+            return self._none.reshape(shape)
+        if self._array is None or self._array.size < size or self._array.dtype != dtype:
+            self._array = self.content = None  # released before more is allocated
+            self._array = self._empty(size, dtype)
+        return self._array[:size].reshape(shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that are allocated."""
+        return 0 if self._array is None else int(self._array.nbytes)
+
+
+class BufferGroup:
+    """Buffers that one step of a frame uses.
+
+    Args:
+        empty: Allocates.
+    """
+
+    def __init__(self, empty: Empty) -> None:
+        self.empty = empty
+
+    @classmethod
+    def declared(cls) -> dict[str, Buffer]:
+        """The declarations, by name."""
+        return {name: each for name, each in vars(cls).items() if isinstance(each, Buffer)}
+
+    def allocated(self) -> dict[str, int]:
+        """Bytes of each buffer that has memory, by name."""
+        memories = ((name, each) for name, each in vars(self).items() if isinstance(each, Memory))
+        return {name: each.nbytes for name, each in memories if each.nbytes}
+
+
+class KernelBuffers(BufferGroup):
+    """Buffers that kernels ask for by name, because they alone know how large they are.
+
+    Names that are declared are those of the CPU's kernels. A GPU's kernels may ask for others.
+    """
+
+    PREFIX = ""
+    """What the kernels put before the declared names."""
+
+    def get(self, name: str, shape: Shape, dtype: npt.DTypeLike) -> Any:
+        """Return a buffer of this shape; its contents are undefined."""
+        key = name.removeprefix(self.PREFIX).replace(" ", "_")
+        declared = isinstance(getattr(type(self), key, None), Buffer)
+        if not declared and key not in vars(self):
+            setattr(self, key, Memory(self.empty))
+        memory: Memory = getattr(self, key)
+        return memory.take(shape, dtype)
