@@ -26,18 +26,18 @@ class DisplaySettings:
     """Display settings; they do not change what is rendered."""
 
     exposure: float = knob(
-        0.0, "of the picture on the screen; files are not changed", unit="stop", range=(-16.0, 16.0)
+        0.0, "of the displayed picture; not of files", unit="stop", range=(-16.0, 16.0)
     )
     gamma: float = knob(1.0, "applied after the view transform", range=(0.1, 5.0))
     channel: Literal["rgb", "red", "green", "blue", "alpha", "luminance"] = knob(
-        "rgb", "which channel of color is shown"
+        "rgb", "displayed channel of color"
     )
     background: Literal["black", "grey", "white", "checker"] = knob(
-        "grey", "what is seen where nothing is"
+        "grey", "background of empty pixels"
     )
     depth_range: tuple[float, float] = knob(
         (0.0, 0.0),
-        "planar depths shown white and black; both 0 take those of the picture",
+        "planar depths shown white and black; both 0 use the range of the picture",
         unit="scene unit",
     )
     colormap: Literal["grey", "turbo"] = knob("grey", "of depths")

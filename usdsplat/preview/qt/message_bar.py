@@ -45,7 +45,7 @@ class MessageBar(QWidget):
         self.button.clicked.connect(lambda: self._act())
         self.dismiss = QToolButton()
         self.dismiss.setIcon(glyph("cross"))
-        self.dismiss.setToolTip("Put away")
+        self.dismiss.setToolTip("Dismiss")
         self.dismiss.clicked.connect(self.clear)
         line = QHBoxLayout(self)
         line.setContentsMargins(10, 4, 6, 4)

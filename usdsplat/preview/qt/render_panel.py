@@ -55,7 +55,7 @@ class RenderPanel(QWidget):
         self.side.setDrawBase(False)
         self.side.currentChanged.connect(lambda index: self.follow())
         self.compare = TickBox("Compare A | B")
-        self.compare.setToolTip("Show B right of a line that can be dragged (Shift+W)")
+        self.compare.setToolTip("Compare with B to the right of a draggable line (Shift+W)")
         self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
         self.aov = CalmComboBox()
         for aov in AOVS.values():
@@ -63,7 +63,7 @@ class RenderPanel(QWidget):
             self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
         self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
         self.has_time = TickBox()
-        self.has_time.setToolTip("A time of its own, instead of the timeline's")
+        self.has_time.setToolTip("A separate time instead of the timeline's")
         self.has_time.clicked.connect(self._toggle_time)
         self.time = NumberField("Time", none_label="the timeline's")
         self.time.entered.connect(lambda time: self._set_look(time=time))

@@ -61,7 +61,7 @@ class SimulationPanel(QWidget):
         self.reset = _button("reset", "Reset", lambda: self._command("reset"))
         self.record = _button("record", "Record", self.ask_record)
         self.record.setIcon(glyph("record", style.WRONG.name()))
-        self.record.setToolTip("Simulate on to the end, and write a bake")
+        self.record.setToolTip("Simulate to the end and write a bake")
         self._state = QLabel()
         self._state.setProperty("role", "heading")
         self._facts = QLabel()

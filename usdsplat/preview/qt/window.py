@@ -319,7 +319,7 @@ class Window(QMainWindow):
 
     def _say(self, words: str) -> None:
         self._note.setText(words)
-        self.empty_note.setText(words or "Drop a stage or a capture here, or open one by Ctrl+O")
+        self.empty_note.setText(words or "Drop a stage or a capture here, or open one with Ctrl+O")
 
     def _say_briefly(self, words: str) -> None:
         self._say(words)
@@ -343,7 +343,7 @@ class Window(QMainWindow):
         column = QVBoxLayout(page)
         picture = QLabel()
         picture.setPixmap(window_icon().pixmap(96, 96))
-        self.empty_note = QLabel("Drop a stage or a capture here, or open one by Ctrl+O")
+        self.empty_note = QLabel("Drop a stage or a capture here, or open one with Ctrl+O")
         self.empty_note.setProperty("role", "quiet")
         column.addStretch(1)
         for label in (picture, self.empty_note):

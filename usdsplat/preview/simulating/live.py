@@ -133,5 +133,5 @@ def span(stage: Usd.Stage) -> tuple[float, float | None]:
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not last >= first:
         where = stage.GetRootLayer().GetDisplayName()
-        raise StageError(where, f"frames from {first:g} to {last:g}", "a range that runs forwards")
+        raise StageError(where, f"frames from {first:g} to {last:g}", "an ascending range")
     return first, last

@@ -1,11 +1,11 @@
 """Run, pause, step, reset and record the simulations of a document.
 
 runner = Runner(document)
-runner.run()                    # frames come to the stage, and the document is woken
+runner.run()                    # writes frames to the stage, and wakes the document
 runner.pause()
 runner.step()                   # one frame
-runner.record("bake.usda")      # what `usdsplat simulate` writes, to the bit
-runner.reset()                  # the stage is as it was
+runner.record("bake.usda")      # the same bits as `usdsplat simulate`
+runner.reset()                  # restores the stage
 """
 
 from __future__ import annotations

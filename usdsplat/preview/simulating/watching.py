@@ -116,7 +116,7 @@ class Watch:
         for name, prim in self._members.items():
             if not prim:
                 where = name.rpartition(": ")[2]
-                raise StageError(where, "a prim that is gone", "it, or a Reset")
+                raise StageError(where, "a prim that no longer exists", "the prim, or Reset")
 
     def held(self, path: str, read: Callable[[], Moment]) -> Moment:
         """Return the state of a field, retrying the read until it succeeds."""

@@ -88,7 +88,7 @@ def check_camera(spec: CameraSpec) -> None:
     numbers = (*spec.world_to_camera, *spec.window, near, far, spec.exposure, spec.lens_radius)
     is_camera = len(spec.world_to_camera) == 16 and all(map(math.isfinite, numbers))
     if not (is_camera and left < right and bottom < top and near < far and spec.exposure > 0):
-        raise UsageError("camera", "a view of nothing", "one with an aperture and a depth")
+        raise UsageError("camera", "an empty view", "an aperture and a depth range above 0")
 
 
 def _camera_to_world(spec: CameraSpec) -> Gf.Matrix4d:

@@ -79,7 +79,7 @@ class Edits:
         except Tf.ErrorException as error:
             before.restore(self.layer)
             said = " ".join(error.args[0].commentary.split()) if error.args else "an error"
-            raise StageError(name, said, "what USD can author") from None
+            raise StageError(name, said, "an opinion that USD can author") from None
         except BaseException:
             before.restore(self.layer)
             raise
@@ -146,9 +146,7 @@ class Edits:
         """
         spec = self.layer.GetPropertyAtPath(path) if Sdf.Path.IsValidPathString(path) else None
         if spec is None:
-            raise StageError(
-                path, "no edit", "a property of which the session layer says something"
-            )
+            raise StageError(path, "no edit", "a property with an opinion on the session layer")
         with self.step(f"Clear {spec.name}", path):
             self.layer.GetPrimAtPath(spec.path.GetPrimPath()).RemoveProperty(spec)
 
@@ -169,7 +167,7 @@ class Edits:
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Imageable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "an imageable prim"
             )
         tokens = {path: UsdGeom.Tokens.inherited if is_visible else UsdGeom.Tokens.invisible}
         if is_visible:
@@ -201,7 +199,7 @@ class Edits:
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Imageable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "an imageable prim"
             )
         known = UsdGeom.Imageable.GetOrderedPurposeTokens()
         if purpose not in known:
@@ -257,7 +255,7 @@ class Edits:
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Xformable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is somewhere"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim with a transform"
             )
         value = edit_of(prim, matrix, code_of(time))
         paths = (f"{path}.{EDIT}", f"{path}.xformOpOrder")

@@ -99,7 +99,7 @@ def _product(ops: Iterable[UsdGeom.XformOp], code: Usd.TimeCode) -> Gf.Matrix4d:
 def _inverse(where: str, matrix: Gf.Matrix4d) -> Gf.Matrix4d:
     array = np.array(matrix)
     if not np.isfinite(array).all() or _is_singular(array):
-        raise StageError(where, "a transform without an inverse", "one that can be undone")
+        raise StageError(where, "a singular transform", "an invertible transform")
     return matrix.GetInverse()
 
 
@@ -108,8 +108,8 @@ def _checked(where: str, matrix: Matrix) -> Gf.Matrix4d:
     is_matrix = len(matrix) == 16 and all(math.isfinite(number) for number in matrix)
     array = np.reshape(matrix, (4, 4)) if is_matrix else np.zeros((4, 4))
     if not is_matrix or tuple(array[3]) != (0.0, 0.0, 0.0, 1.0) or _is_singular(array):
-        expected = "16 finite numbers of a transform that can be undone"
-        raise UsageError(where, "a matrix that is none of a place", expected)
+        expected = "16 finite numbers of an invertible transform"
+        raise UsageError(where, "an invalid transform matrix", expected)
     return Gf.Matrix4d(array.T.tolist())
 
 

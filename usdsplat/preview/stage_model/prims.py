@@ -96,7 +96,7 @@ def row(stage: Usd.Stage, path: str, *, time: float | None = None) -> PrimRow:
     """
     prim = _prim(stage, path)
     if prim.IsPseudoRoot():
-        raise StageError(path, "the root of all prims", "a prim")
+        raise StageError(path, "the pseudo-root", "a prim")
     return _Reader(prim.GetParent(), time).row(prim)
 
 

@@ -40,7 +40,9 @@ def save_session(stage: Usd.Stage, target: Path, *, over_stage: bool = False) ->
     _check(stage, target)
     root = stage.GetRootLayer()
     if over_stage and not root.realPath:
-        raise StageError(str(target), "edits of a stage without a file", "a stage that is a file")
+        raise StageError(
+            str(target), "a stage without a file", "a stage that was opened from a file"
+        )
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(stage.GetSessionLayer())
     for number in reversed(range(len(layer.subLayerPaths))):

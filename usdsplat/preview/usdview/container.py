@@ -19,10 +19,10 @@ from usdsplat.core.errors import UsdSplatError
 MENU = "usdsplat"
 COMMANDS = {
     "viewport": ("Splat Viewport", "The stage with its splats, drawn by usdsplat"),
-    "simulation": ("Simulation", "Run the simulation of the stage, and turn its knobs"),
-    "settings": ("Render Settings", "How splats are drawn and shown"),
-    "probe": ("Probe", "The numbers of pixels and of what is picked"),
-    "camera": ("Follow usdview's Camera", "Look through whatever camera usdview looks through"),
+    "simulation": ("Simulation", "Run the simulation of the stage and set its parameters"),
+    "settings": ("Render Settings", "How splats are rendered and displayed"),
+    "probe": ("Probe", "The values of pixels and picked splats"),
+    "camera": ("Follow usdview's Camera", "Look through usdview's current camera"),
 }
 """Name -> menu text and tool tip."""
 

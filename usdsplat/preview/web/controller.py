@@ -157,7 +157,7 @@ class WebController:
 
     def _ask_for(self, message: m.Message) -> None:
         if self._proxy.is_overrun:
-            raise UsageError("message", "more questions than can be answered", "fewer at a time")
+            raise UsageError("message", "too many open requests", "fewer at a time")
         match message:
             case m.Frame(everything=everything):
                 self._viewer.frame(() if everything else self._viewer.state.selected)

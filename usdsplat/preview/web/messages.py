@@ -45,7 +45,7 @@ class _Drag:
 class Hello(_Size):
     """The first message of a page."""
 
-    page: str = knob(MISSING, "made up by the page: one that comes again is let in at once")
+    page: str = knob(MISSING, "name chosen by the page; a known one is let in at once")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,28 +105,28 @@ class EndMove:
 class Frame:
     """Frame the selection, or everything."""
 
-    everything: bool = knob(False, "whatever is selected")
+    everything: bool = knob(False, "whether everything is framed, whatever is selected")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UseCamera:
     """Look through a camera of the stage."""
 
-    path: str | None = knob(MISSING, "None for one that frames everything")
+    path: str | None = knob(MISSING, "of the camera; None frames everything")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Play:
     """Start or stop playback."""
 
-    is_playing: bool = knob(MISSING, "whether it shall")
+    is_playing: bool = knob(MISSING, "whether it plays")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advance:
     """Move by frames, and stop playback."""
 
-    frames: int = knob(MISSING, "that are gone", range=(-1000, 1000))
+    frames: int = knob(MISSING, "number of frames", range=(-1000, 1000))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +134,7 @@ class SetTime:
     """Show a time."""
 
     time: float = knob(MISSING, "time code", range=(-1e9, 1e9))
-    is_scrubbing: bool = knob(False, "whether others follow soon, until the move ends")
+    is_scrubbing: bool = knob(False, "whether more follow soon, until the move ends")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,14 +149,14 @@ class SetRange:
 class SetLoops:
     """Set whether playback loops."""
 
-    loops: bool = knob(MISSING, "whether it begins again")
+    loops: bool = knob(MISSING, "whether playback loops")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetAov:
     """Show another AOV."""
 
-    name: str = knob(MISSING, "as files have it")
+    name: str = knob(MISSING, "as in files")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,14 +182,14 @@ class SetParameter:
     path: str = knob(MISSING, "of the prim")
     name: str = knob(MISSING, "of the knob")
     value: object = knob(MISSING, "of the knob's own type")
-    drag: int = knob(0, "which all changes of one drag share; 0 for a change alone")
+    drag: int = knob(0, "number shared by all changes of one drag; 0 for a single change")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
     """Control the simulation."""
 
-    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "what it shall do")
+    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "of the simulation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +198,7 @@ class Pick:
 
     x: float = knob(MISSING, "from the left", unit="pixel", range=_PLACE)
     y: float = knob(MISSING, "from the top", unit="pixel", range=_PLACE)
-    is_target: bool = knob(False, "whether the camera shall turn about it from now on")
+    is_target: bool = knob(False, "whether the camera orbits it from now on")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

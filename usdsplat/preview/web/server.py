@@ -91,7 +91,7 @@ class Server:
                 UsageError(
                     f"address {self._host} port {self._port}",
                     error.strerror or str(error),
-                    "one that this machine has and nobody listens on",
+                    "a free port on an address of this machine",
                 )
             )
 
@@ -150,7 +150,7 @@ class Server:
                 if self._pages.greet(page, message.page):
                     controller.welcome(message.width, message.height)
             elif page.name is None:
-                raise UsageError("message", "another one", "hello first")
+                raise UsageError("message", "another message", "hello first")
             elif isinstance(message, TakeOver):
                 self._pages.take_over(page)
                 controller.welcome(message.width, message.height)
@@ -198,7 +198,7 @@ def serve(
         raise UsageError(
             "host",
             f"{host or 'every address'!s}, which other machines can reach without encryption",
-            "a loopback address and an SSH tunnel, or word that this is wanted",
+            "a loopback address and an SSH tunnel, or allow_remote",
         )
     server = Server(
         session,
