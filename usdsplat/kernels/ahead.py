@@ -241,13 +241,8 @@ def _host_kernel(name: str) -> Any:
 
 
 def _load_cuda_kernel(name: str) -> None:
-    """Import the module that defines a GPU kernel, or derive it from the CPU kernel."""
-    from usdsplat.kernels.cuda.device import form_of
-    from usdsplat.kernels.launch import Kernel
-
+    """Import the module that defines a GPU kernel, or make the GPU's loop over its items."""
     if name.startswith("cuda."):
         importlib.import_module(_module_of(name))
     else:
-        found = _host_kernel(name)
-        made = found.gpu if isinstance(found, Kernel) else form_of(found)
-        assert made is not None, name
+        assert _host_kernel(name).gpu is not None, name

@@ -194,7 +194,7 @@ def blend_row(state, batch, slopes, touched):
     return is_alive(through)
 
 
-@parallel
+@parallel(writes=("image", "work"), gpu="blend.blend")
 def blend(records, paints, column, starts, lists, grid, ray_hits, stops, is_parallel, image, work):
     """Blend all tiles of a band.
 

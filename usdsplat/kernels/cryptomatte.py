@@ -7,9 +7,9 @@ transparency".
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from .jit import parallel, scalar
+from .jit import scalar
+from .launch import kernel
 
 SLOTS = 12
 """Prims that are remembered for each pixel: twice as many as a file keeps."""
@@ -36,17 +36,15 @@ def remember(prim, weight, ids, weights):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
-def begin(all_ids, all_weights):
+@kernel(over="all_ids", writes=("all_ids", "all_weights"), axes=2)
+def begin(y, x, all_ids, all_weights):
     """Nothing has been gathered yet; shapes (h, w, SLOTS)."""
-    for y in prange(all_ids.shape[0]):
-        for x in range(all_ids.shape[1]):
-            for slot in range(SLOTS):
-                all_ids[y, x, slot], all_weights[y, x, slot] = -1, np.float32(0)
+    for slot in range(SLOTS):
+        all_ids[y, x, slot], all_weights[y, x, slot] = -1, np.float32(0)
 
 
-@parallel
-def gather(ids, weights, numbers, all_ids, all_weights):
+@kernel(over="ids", writes=("all_ids", "all_weights"), axes=2)
+def gather(y, x, ids, weights, numbers, all_ids, all_weights):
     """Add the prims of one sample to those of all.
 
     Args:
@@ -54,18 +52,16 @@ def gather(ids, weights, numbers, all_ids, all_weights):
         numbers: What prims of the sample are called in all of them, shape (prims,) i32.
         all_ids, all_weights: What `begin` began; changed in place.
     """
-    for y in prange(ids.shape[0]):
-        for x in range(ids.shape[1]):
-            for rank in range(ids.shape[2]):
-                prim = ids[y, x, rank]
-                if prim >= 0:
-                    remember(
-                        numbers[prim], weights[y, x, rank], all_ids[y, x], all_weights[y, x]
-                    )  # fmt: skip
+    for rank in range(ids.shape[2]):
+        prim = ids[y, x, rank]
+        if prim >= 0:
+            remember(
+                numbers[prim], weights[y, x, rank], all_ids[y, x], all_weights[y, x]
+            )  # fmt: skip
 
 
-@parallel
-def rank(ids, weights, shown, left, hashes, out):
+@kernel(over="out", writes=("out",), axes=2)
+def rank(y, x, ids, weights, shown, left, hashes, out):
     """Write Cryptomatte's channels of a picture of one sample: what gathering it alone gives.
 
     Args:
@@ -77,34 +73,32 @@ def rank(ids, weights, shown, left, hashes, out):
         hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
         out: Shape (h, w, 2 n) f32, of which all is written.
     """
-    for y in prange(out.shape[0]):
-        for x in range(out.shape[1]):
-            surface, total = -1, np.float32(0)
-            if shown.shape[0] > 0:
-                surface = shown[y, x]
-                total = left[y, x] if surface >= 0 else np.float32(0)
-                for slot in range(ids.shape[2]):
-                    if surface >= 0 and ids[y, x, slot] == surface:
-                        total = weights[y, x, slot] + total
-            slot = 0
-            for place in range(ids.shape[2]):
-                while slot < ids.shape[2] and surface >= 0 and ids[y, x, slot] == surface:
-                    slot += 1
-                prim, weight = -1, np.float32(0)
-                if slot < ids.shape[2]:
-                    prim, weight = ids[y, x, slot], weights[y, x, slot]
-                if total > weight:
-                    prim, weight = surface, total
-                    total = np.float32(0)
-                else:
-                    slot += 1
-                here = prim >= 0 and weight > np.float32(0)
-                out[y, x, 2 * place] = hashes[prim] if here else np.float32(0)
-                out[y, x, 2 * place + 1] = weight if here else np.float32(0)
+    surface, total = -1, np.float32(0)
+    if shown.shape[0] > 0:
+        surface = shown[y, x]
+        total = left[y, x] if surface >= 0 else np.float32(0)
+        for slot in range(ids.shape[2]):
+            if surface >= 0 and ids[y, x, slot] == surface:
+                total = weights[y, x, slot] + total
+    slot = 0
+    for place in range(ids.shape[2]):
+        while slot < ids.shape[2] and surface >= 0 and ids[y, x, slot] == surface:
+            slot += 1
+        prim, weight = -1, np.float32(0)
+        if slot < ids.shape[2]:
+            prim, weight = ids[y, x, slot], weights[y, x, slot]
+        if total > weight:
+            prim, weight = surface, total
+            total = np.float32(0)
+        else:
+            slot += 1
+        here = prim >= 0 and weight > np.float32(0)
+        out[y, x, 2 * place] = hashes[prim] if here else np.float32(0)
+        out[y, x, 2 * place + 1] = weight if here else np.float32(0)
 
 
-@parallel
-def finish(all_ids, all_weights, scale, hashes, out):
+@kernel(over="out", writes=("all_weights", "out"), axes=2)
+def finish(y, x, all_ids, all_weights, scale, hashes, out):
     """Write Cryptomatte's channels: id and coverage, the heaviest prim first.
 
     Args:
@@ -113,15 +107,13 @@ def finish(all_ids, all_weights, scale, hashes, out):
         hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
         out: Shape (h, w, 2 n) f32, of which all is written.
     """
-    for y in prange(out.shape[0]):
-        for x in range(out.shape[1]):
-            for rank in range(out.shape[2] // 2):
-                best = 0
-                for slot in range(1, SLOTS):
-                    if all_weights[y, x, slot] > all_weights[y, x, best]:
-                        best = slot
-                weight = all_weights[y, x, best]
-                here = weight > np.float32(0)
-                out[y, x, 2 * rank] = hashes[all_ids[y, x, best]] if here else np.float32(0)
-                out[y, x, 2 * rank + 1] = weight * scale
-                all_weights[y, x, best] = np.float32(0)
+    for rank in range(out.shape[2] // 2):
+        best = 0
+        for slot in range(1, SLOTS):
+            if all_weights[y, x, slot] > all_weights[y, x, best]:
+                best = slot
+        weight = all_weights[y, x, best]
+        here = weight > np.float32(0)
+        out[y, x, 2 * rank] = hashes[all_ids[y, x, best]] if here else np.float32(0)
+        out[y, x, 2 * rank + 1] = weight * scale
+        all_weights[y, x, best] = np.float32(0)

@@ -60,7 +60,7 @@ def deep_row(state, row, u, a, slope, rest, error):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@serial
+@serial(writes=("offsets",), gpu="deep.place")
 def place(counts, offsets):
     """Find where the samples of each pixel go; returns how many there are.
 
@@ -77,7 +77,7 @@ def place(counts, offsets):
     return total
 
 
-@parallel
+@parallel(writes=("counts", "near", "far", "color"), gpu="deep.deep")
 def deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
 ):  # fmt: skip

@@ -16,6 +16,7 @@ from .batch import FIELDS, LOOK, load_batch, load_stops, look
 from .bins import TILE
 from .blend import END, alpha_at
 from .jit import parallel, scalar
+from .launch import kernel
 from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
@@ -70,7 +71,7 @@ def pass_row_before(state, stop, row, u, a, slope, rest, place, ray_hit, dy, is_
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("ranks",), gpu="median.median")
 def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks):
     """Find the splat in which part of every pixel's coverage is passed, once `blend` has finished.
 
@@ -140,8 +141,8 @@ def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, co
                 ranks[top + y - g.y0, left + x - g.x0] = rank
 
 
-@parallel
-def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
+@kernel(over="ranks", writes=("depth", "ids"), axes=2)
+def resolve(y, x, ranks, records, order, sources, first_slots, labels, depth, ids):
     """Read the depth of their centres and the identity off the median splats.
 
     Args:
@@ -153,24 +154,22 @@ def resolve(ranks, records, order, sources, first_slots, labels, depth, ids):
         ids: Receives (prim, instance, element, row of the appearance in `first_slots`), -1 where
             nothing is, shape (4, h, w) i32.
     """
-    for y in prange(ranks.shape[0]):
-        for x in range(ranks.shape[1]):
-            rank = ranks[y, x]
-            if rank < 0:
-                depth[y, x] = np.float32(np.inf)
-                for k in range(4):
-                    ids[k, y, x] = NONE
-            else:
-                depth[y, x] = records[rank, DEPTH]
-                slot = order[rank]
-                drawn = np.searchsorted(first_slots, slot, side="right") - 1
-                ids[0, y, x], ids[1, y, x] = labels[drawn, 0], labels[drawn, 1]
-                ids[2, y, x] = sources[slot]
-                ids[3, y, x] = drawn
+    rank = ranks[y, x]
+    if rank < 0:
+        depth[y, x] = np.float32(np.inf)
+        for k in range(4):
+            ids[k, y, x] = NONE
+    else:
+        depth[y, x] = records[rank, DEPTH]
+        slot = order[rank]
+        drawn = np.searchsorted(first_slots, slot, side="right") - 1
+        ids[0, y, x], ids[1, y, x] = labels[drawn, 0], labels[drawn, 1]
+        ids[2, y, x] = sources[slot]
+        ids[3, y, x] = drawn
 
 
-@parallel
-def hold_depth(ranks, depths, most, depth):
+@kernel(over="ranks", writes=("depth",), axes=2)
+def hold_depth(y, x, ranks, depths, most, depth):
     """Put other depths where a splat is: those it was found at, or none behind a surface.
 
     Args:
@@ -178,10 +177,8 @@ def hold_depth(ranks, depths, most, depth):
         depths: What to put; most: what no depth passes; (h, w) f32, or of no size.
         depth: Changed in place, (h, w) f32.
     """
-    for y in prange(ranks.shape[0]):
-        for x in range(ranks.shape[1]):
-            if ranks[y, x] >= 0:
-                if depths.shape[0] > 0:
-                    depth[y, x] = depths[y, x]
-                if most.shape[0] > 0:
-                    depth[y, x] = min(depth[y, x], most[y, x])
+    if ranks[y, x] >= 0:
+        if depths.shape[0] > 0:
+            depth[y, x] = depths[y, x]
+        if most.shape[0] > 0:
+            depth[y, x] = min(depth[y, x], most[y, x])

@@ -21,9 +21,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import prange
 
-from .jit import exact, parallel, scalar
+from .jit import exact, scalar
+from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
 RAY_HIT = 8
@@ -127,10 +127,10 @@ def ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@kernel(over="found", writes=("out",), team=True)
 def ray_hits(
-    camera, matrices, inverses, positions, rotations, scales, block, base, records, sources,
-    found, out
+    item, lane, lanes, camera, matrices, inverses, positions, rotations, scales, block, base,
+    records, sources, found, out,
 ):  # fmt: skip
     """Find the ray hits of the visible splats of all instances of one field.
 
@@ -140,15 +140,12 @@ def ray_hits(
         records, sources: What `project` made.
         out: Receives a ray hit for each used slot, shape (slots, RAY_HIT) f32.
     """
-    n = positions.shape[0]
-    blocks = (n + block - 1) // block
-    for item in prange(matrices.shape[0] * blocks):
-        cam = camera[0]
-        m, inverse = matrices[item // blocks], inverses[item // blocks]
-        slot = base + item * block
-        for at in range(slot, slot + found[item]):
-            i = sources[at]
-            ray_hit_one(
-                cam, m, inverse, positions[i], rotations[i], scales[i],
-                records[at, LOG_OPACITY], out[at],
-            )  # fmt: skip
+    blocks = (positions.shape[0] + block - 1) // block
+    m, inverse = matrices[item // blocks], inverses[item // blocks]
+    slot = base + item * block
+    for at in range(slot + lane, slot + found[item], lanes):
+        i = sources[at]
+        ray_hit_one(
+            camera[0], m, inverse, positions[i], rotations[i], scales[i],
+            records[at, LOG_OPACITY], out[at],
+        )  # fmt: skip

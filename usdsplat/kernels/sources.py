@@ -20,7 +20,7 @@ ASIDE = frozenset(
     for name in (
         "store", "sources", "signatures", "ahead", "unloaded", "compiling", "device", "devices",
         "cuda.device",
-        "cuda.written", "cuda.support", "cuda.primitives", "cuda.compiling", "cuda.cub",
+        "cuda.support", "cuda.primitives", "cuda.compiling", "cuda.cub",
         "cuda.transfers", "cuda.launch", "cuda.arrays",
     )
 )  # fmt: skip

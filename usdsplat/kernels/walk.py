@@ -72,7 +72,7 @@ def held_through(offsets, depths, through, pixel, depth):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@parallel
+@parallel(writes=("out",), gpu="walk.walk")
 def walk(
     options, records, paints, keeps, labels, starts, lists, grid, ray_hits, stops, covered, holdout,
     out,

@@ -73,7 +73,7 @@ def number_prims(labels, lists, begin, n, known, local, names):
     return prims
 
 
-@parallel
+@parallel(writes=("ids", "weights"), gpu="weigh.weigh")
 def weigh(
     records, labels, prims, starts, lists, grid, ray_hits, stops, is_parallel, ids, weights
 ):  # fmt: skip

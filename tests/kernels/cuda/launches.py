@@ -13,7 +13,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +21,21 @@ import numpy as np
 import pytest
 
 from usdsplat.kernels import signatures
-from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.launch import Kernel
 
 HOST = "usdsplat.kernels."
 
 
 def name_of(kernel: Callable[..., Any]) -> str:
     """Such as "sim.grid.keys"."""
-    source = getattr(kernel, "py_func", kernel)
+    source = source_of(kernel)
     return f"{source.__module__.removeprefix(HOST)}.{source.__name__}"
+
+
+def source_of(kernel: Any) -> Any:
+    """The function that a kernel was made of."""
+    return kernel.function if isinstance(kernel, Kernel) else getattr(kernel, "py_func", kernel)
 
 
 def kernel_of(name: str) -> Callable[..., Any]:
@@ -75,7 +80,7 @@ def pytest_configure(config: Any) -> None:
         before = {
             k: each.copy()
             for k, each in enumerate(args)
-            if isinstance(each, np.ndarray) and k not in written(kernel)
+            if isinstance(each, np.ndarray) and k not in kernel.writes
         }
         result = run(self, kernel, *args)
         for k, each in before.items():
@@ -104,9 +109,22 @@ def _of_the_cpu() -> set[str]:
     for name, module in list(sys.modules.items()):
         if name.startswith(HOST):
             for each in vars(module).values():
-                if isinstance(getattr(each, "_cache", None), KernelCache):
+                if isinstance(each, Kernel):
+                    found |= set(_of_items(each))
+                elif isinstance(getattr(each, "_cache", None), KernelCache):
                     found |= {f"{name_of(each)} {signatures.encode(s)}" for s in each.signatures}
     return found
+
+
+def _of_items(kernel: Kernel) -> Iterator[str]:
+    """Lines of the table, with tuples as they were given."""
+    from numba.core.types import Tuple
+
+    for shape, loop in kernel._loops.items():
+        for *sizes, flat in loop.signatures:
+            rest = iter(flat)
+            args = [Tuple([next(rest) for _ in range(k)]) if k else next(rest) for k in shape]
+            yield f"{name_of(kernel)} {signatures.encode([*sizes, Tuple(args)])}"
 
 
 def _of_the_gpu() -> set[str]:

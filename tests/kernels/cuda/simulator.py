@@ -46,7 +46,7 @@ from .simulated_lane import (
 ROOT = Path(__file__).resolve().parents[3]
 WARP = 32
 THREADS, BLOCKS = 8, 2
-"""Of a derived kernel, which takes any number."""
+"""Of a launch over items, which takes any number."""
 
 
 def run_simulated(*tests: str) -> None:

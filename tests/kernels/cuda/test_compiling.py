@@ -15,9 +15,10 @@ import pytest
 from usdsplat.kernels import ahead, signatures, sim, store, thinning
 from usdsplat.kernels.compiling import compile_time, on_compile
 from usdsplat.kernels.cuda.device import form_of
+from usdsplat.kernels.launch import Kernel
 
 from . import paper
-from .launches import kernel_of, name_of
+from .launches import kernel_of, name_of, source_of
 
 CAPABILITIES = ((8, 0), (9, 0))
 """A GPU of 2020, and one of those that have instructions of their own."""
@@ -43,8 +44,8 @@ def _kernels(package: ModuleType) -> dict[str, Callable[..., Any]]:
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         members = vars(importlib.import_module(module.name)).values()
         for each in members:
-            options = getattr(each, "targetoptions", {})
-            if options.get("parallel") and each.py_func.__module__ == module.name:
+            is_loop = isinstance(each, Kernel) or getattr(each, "targetoptions", {}).get("parallel")
+            if is_loop and source_of(each).__module__ == module.name:
                 found[name_of(each)] = each
     return found
 
@@ -70,7 +71,7 @@ def test_the_table_has_every_kernel() -> None:
 
 def _written_for_a_gpu() -> set[str]:
     """Kernels of the CPU with a form of their own for a GPU, whose kernels have other names."""
-    return {name for name, each in KERNELS.items() if getattr(form_of(each), "is_form", False)}
+    return {name for name, each in KERNELS.items() if not isinstance(each, Kernel) and each.gpu}
 
 
 def test_the_cpu_runs_only_what_it_is_said_to() -> None:
@@ -85,7 +86,7 @@ def test_compiling_for_a_gpu_is_heard_of(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(store, "load", lambda key: None)  # nothing was compiled before
     from numba.cuda.core import config
 
-    from usdsplat.kernels.cuda.device import _clear
+    from usdsplat.kernels.cuda.sim.lists import _clear
 
     heard: list[str] = []
     with paper.compiling(), on_compile(heard.append), compile_time() as taken:

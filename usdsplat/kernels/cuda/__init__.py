@@ -1,11 +1,12 @@
-"""The kernels on an NVIDIA GPU: the same arrays in and out, the same scalar mathematics.
+"""What a GPU does otherwise than the CPU.
 
-`device` is the door. It runs a kernel in the first of these forms that there is:
+`device` runs a kernel in one of these forms:
 
-- written for it: the function of the same name in the same place under this folder, such as
-  `cuda.blend.blend` for `kernels.blend.blend`. It takes the device, then the kernel's arguments.
-- derived: a kernel that is one `prange` loop, whose items become threads, see `derive`.
-- the CPU's, on copies: what is serial by nature, and done once.
+- A `launch.Kernel`, a function of one item, has a loop for GPUs too, see `loops`.
+- A kernel over tiles, or in steps, names the function that a GPU runs in its place:
+  `parallel(writes=..., gpu="blend.blend")` in `kernels.blend` is `kernels.cuda.blend.blend`. It is
+  called with the device and the kernel's arguments.
+- Anything else is serial and done once. The CPU runs it, on copies.
 
-`frame` is a whole picture without the host in between.
+`frame` draws a whole colour picture without the host in between.
 """

@@ -8,9 +8,10 @@ from typing import Any
 from numba import cuda
 
 from usdsplat.kernels.bins import tile_columns, tile_rows
-from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.lists import make_lists
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 
 
 @kernel
@@ -39,7 +40,6 @@ def _touch(records, grid, writes, places, tiles, splats):
             tiles[rest], splats[rest] = g.columns * g.rows, k
 
 
-@form
 def tile_lists(
     device: CudaDevice, records: Any, grid: Any, tiles: int, _chunks: int, get: Callable[..., Any]
 ) -> tuple[Any, Any, int]:

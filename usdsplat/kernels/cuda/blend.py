@@ -9,7 +9,7 @@ from numba import cuda
 
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import CHANNELS, END
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
@@ -80,7 +80,6 @@ def _blend(
         image[row_of, at + 3] = np.float32(1) - abs(t)
 
 
-@form
 def blend(device: CudaDevice, *args: Any) -> None:
     """As `kernels.blend.blend`, but does not count the work: the host would wait for it."""
     starts = args[3]

@@ -9,10 +9,11 @@ from numba import cuda
 
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
-from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
 from usdsplat.kernels.cuda.device import THREADS as SIZE
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -99,7 +100,6 @@ def _widen(counts, out):
         out[k] = counts[k // counts.shape[1], column] if k < n else 0
 
 
-@form
 def place(device: CudaDevice, counts: Any, offsets: Any) -> int:
     """`kernels.deep.place`."""
     n = counts.size
@@ -109,7 +109,6 @@ def place(device: CudaDevice, counts: Any, offsets: Any) -> int:
     return device.number(offsets, n)
 
 
-@form
 def deep(device: CudaDevice, *args: Any) -> None:
     """`kernels.deep.deep`."""
     starts = args[1]

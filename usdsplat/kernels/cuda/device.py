@@ -27,12 +27,9 @@ from numba import cuda
 from usdsplat.core.errors import BackendError, UsdSplatError
 from usdsplat.kernels.cuda.arrays import with_views
 from usdsplat.kernels.cuda.compiling import connect
-from usdsplat.kernels.cuda.derive import Underivable, counts, derive
-from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.loops import BLOCKS, THREADS, grid_of
 from usdsplat.kernels.cuda.support import is_compiled, is_simulated
 from usdsplat.kernels.cuda.transfers import CONSTANT, SMALL, Constants, PinnedPool, Rings
-from usdsplat.kernels.cuda.written import written
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel, Reduction, rounds
 
@@ -41,29 +38,32 @@ if is_compiled():
 
 connect()  # once for each process, as a module is imported
 
-HOST = "usdsplat.kernels"
 HERE = "usdsplat.kernels.cuda"
 
 TOOLS = ("numba.", "cuda.")
 """How the modules of what drives a GPU, and compiles for it, begin."""
 
 Form = Callable[..., Any]
-_FORMS: dict[Callable[..., Any], Form | None] = {}
-"""Kernel -> how it runs on a GPU, or None for on the CPU: a property of the sources."""
 
 
 def form_of(kernel: Callable[..., Any]) -> Form | None:
-    """How `kernel` runs on a GPU: called with the device, then with the kernel's arguments, its
+    """Return what a GPU runs for a kernel: a function of the device and the kernel's arguments, its
     arrays on the GPU. None where the CPU does it."""
     if isinstance(kernel, Kernel):
         return functools.partial(_launch, kernel)
-    if kernel not in _FORMS:
-        _FORMS[kernel] = _written(kernel) or _derived(kernel)
-    return _FORMS[kernel]
+    name: str = getattr(kernel, "gpu", "")
+    return _imported(name) if name else None
+
+
+@functools.cache
+def _imported(name: str) -> Form:
+    module, _, function = name.rpartition(".")
+    form: Form = getattr(importlib.import_module(f"{HERE}.{module}"), function)
+    return form
 
 
 def _launch(kernel: Kernel, device: CudaDevice, *args: Any) -> Any:
-    """Run a kernel over its items; return what a reduction comes to."""
+    """Run a kernel over its items; return the result of a reduction."""
     size = kernel.size(args)
     if isinstance(kernel, Reduction):
         assert isinstance(size, int)
@@ -77,72 +77,6 @@ def _launch(kernel: Kernel, device: CudaDevice, *args: Any) -> Any:
         blocks = min(BLOCKS, count) if kernel.team else grid_of(count)
         kernel.gpu[blocks, THREADS, device.stream](size, args)
     return None
-
-
-def _written(kernel: Callable[..., Any]) -> Form | None:
-    """The function of the same name in the same place under this folder, if there is one."""
-    source = getattr(kernel, "py_func", kernel)
-    place = HERE + source.__module__.removeprefix(HOST)
-    try:
-        is_there = source.__module__.startswith(HOST) and importlib.util.find_spec(place)
-    except ModuleNotFoundError:  # not even the folder that it would be in
-        is_there = None
-    found = getattr(importlib.import_module(place), source.__name__, None) if is_there else None
-    return found if found is not None and getattr(found, "is_form", False) else None
-
-
-def form(function: Form) -> Form:
-    """Mark the function as what a device runs in place of the kernel of the same name."""
-    function.is_form = True  # type: ignore[attr-defined]
-    return function
-
-
-def derived_kernel(host: Callable[..., Any], derived: Callable[..., None], kind: str) -> Any:
-    """What `derive` made of a kernel of the CPU's as one of the GPU's, under the same name; `kind`
-    says how, since modules that choose that are not what it is made of."""
-    source = getattr(host, "py_func", host)
-    return kernel(
-        derived,
-        name=f"{source.__module__.removeprefix(HOST + '.')}.{source.__name__}",
-        made_of=(f"{HERE}.derive",),
-        detail=f"{kind}, blocks of {THREADS}",
-    )
-
-
-def spread(kernel: Callable[..., Any]) -> Form:
-    """The form of a kernel whose items are blocks of threads, see `derive`."""
-    threads_of = derived_kernel(kernel, derive(kernel, THREADS, spread=True), "spread")
-
-    @form
-    def launch(device: CudaDevice, *args: Any) -> None:
-        threads_of[BLOCKS, THREADS, device.stream](*args)
-
-    return launch
-
-
-def _derived(kernel: Callable[..., Any]) -> Form | None:
-    try:
-        derived = derive(kernel, THREADS)
-    except Underivable:
-        return None
-    threads_of = derived_kernel(kernel, derived, "threads")
-
-    def launch(device: CudaDevice, *args: Any) -> None:
-        threads_of[BLOCKS, THREADS, device.stream](*args)
-
-    def launch_and_count(device: CudaDevice, *args: Any) -> int:
-        counted = device.borrow("counted", 1, np.int64)
-        _clear[1, 1, device.stream](counted)
-        launch(device, *args, counted)
-        return device.number(counted, 0)
-
-    return launch_and_count if counts(derived) else launch
-
-
-@kernel
-def _clear(out):
-    for i in range(cuda.grid(1), out.shape[0], cuda.gridsize(1)):
-        out[i] = 0
 
 
 class CudaDevice:
@@ -253,7 +187,7 @@ class CudaDevice:
             return self._run(kernel, *args)
 
     def _run(self, kernel: Callable[..., Any], *args: Any) -> Any:
-        form, changed = form_of(kernel), written(kernel)
+        form, changed = form_of(kernel), kernel.writes  # type: ignore[attr-defined]
         moves = (
             _Moves(self._arrive, _is_host)
             if form

@@ -12,8 +12,9 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.bins import MOST_PAIRS
-from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 
 NOTHING = np.zeros(0, np.int32)
 

@@ -81,14 +81,14 @@ def _blocks_to_numbers(given: Reduction) -> Callable[..., None]:
 
     def loop(n, blocks, partial, args):
         totals = cuda.shared.array(THREADS, dtype)
-        me = cuda.threadIdx.x
+        me, threads = cuda.threadIdx.x, cuda.blockDim.x
         for k in range(cuda.blockIdx.x, blocks, cuda.gridDim.x):
             total = dtype(0)
-            for i in range(k * ROUND + me, min(n, (k + 1) * ROUND), THREADS):
+            for i in range(k * ROUND + me, min(n, (k + 1) * ROUND), threads):
                 total = combine(total, item(i, *args))
             totals[me] = total
             cuda.syncthreads()
-            half = THREADS // 2
+            half = threads // 2
             while half > 0:
                 if me < half:
                     totals[me] = combine(totals[me], totals[me + half])

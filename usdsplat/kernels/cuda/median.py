@@ -9,7 +9,7 @@ from numba import cuda
 
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
@@ -81,7 +81,6 @@ def _median(
         ranks[row_of, column_of] = found
 
 
-@form
 def median(device: CudaDevice, *args: Any) -> None:
     """`kernels.median.median`."""
     starts = args[1]

@@ -12,7 +12,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.crop import is_left
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.project import (
     DEPTH,
@@ -88,7 +88,6 @@ def _project(
         found[item] = count
 
 
-@form
 def project(device: CudaDevice, *args: Any) -> None:
     """`kernels.project.project` with a thread for each splat."""
     found = args[-1]

@@ -10,10 +10,11 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.bins import TILE
-from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
 from usdsplat.kernels.cuda.device import THREADS as LIST_THREADS
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.lists import make_lists
+from usdsplat.kernels.cuda.loops import BLOCKS
 from usdsplat.kernels.cuda.tile import THREADS, origin
 from usdsplat.kernels.raster import FEW, columns_of, corners, edges_of, tiles_of
 from usdsplat.kernels.triangles import Z, depth_from, depth_plane
@@ -57,7 +58,6 @@ def _touch(view, shapes, boxes, grid, writes, places, tiles, owners):
             tiles[rest], owners[rest] = g.columns * g.rows, t
 
 
-@form
 def tile_lists(
     device: CudaDevice,
     view: Any,
@@ -139,7 +139,6 @@ def _raster(view, shapes, boxes, grid, starts, lists, depth, winner):
         winner[y - g.y0, x - g.x0] = seen
 
 
-@form
 def raster(device: CudaDevice, *args: Any) -> None:
     """`kernels.raster.raster`."""
     starts = args[4]

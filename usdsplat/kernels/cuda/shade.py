@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 from usdsplat.kernels.shade import clear, shade_stretch
 
 
@@ -27,7 +28,6 @@ def _shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
             )  # fmt: skip
 
 
-@form
 def shade(device: CudaDevice, *args: Any) -> None:
     """`kernels.shade.shade`."""
     _shade[BLOCKS, THREADS, device.stream](*args)

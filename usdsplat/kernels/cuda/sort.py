@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import BLOCKS, THREADS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 from usdsplat.kernels.cuda.ties import (
     MERGERS,
     MERGING,
@@ -42,7 +43,6 @@ def _keyed(visible, keys, bits, slots):
         slots[k] = visible[k]
 
 
-@form
 def visible_slots(device: CudaDevice, found: Any, starts: Any, blocks: int, visible: Any) -> int:
     """`kernels.sort.visible_slots`; the one number that the host waits for."""
     if blocks == 0:
@@ -55,7 +55,6 @@ def visible_slots(device: CudaDevice, found: Any, starts: Any, blocks: int, visi
     return device.number(places, blocks)
 
 
-@form
 def depth_order(
     device: CudaDevice,
     visible: Any,
@@ -103,7 +102,6 @@ def _settled(out, count, slots):
         slots[k] = out[k]
 
 
-@form
 def settle(
     device: CudaDevice, bits: Any, slots: Any, count: int, sources: Any, first_slots: Any, work: Any
 ) -> None:

@@ -15,7 +15,7 @@ from numba import cuda
 
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.tile import (
@@ -314,7 +314,6 @@ def _groups(lengths: Any) -> list[Any]:
     return groups
 
 
-@form
 def walk(device: CudaDevice, options: Any, *args: Any) -> None:
     """`kernels.walk.walk`."""
     starts, lists = args[4], args[5]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from usdsplat.kernels.cuda import walk as any_order
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.walk import WALK, WEIGH
 
 NOTHING: dict[str, Any] = {
@@ -24,7 +24,6 @@ NOTHING: dict[str, Any] = {
 """What `walk` takes for other modes."""
 
 
-@form
 def weigh(
     device: CudaDevice, records: Any, labels: Any, prims: int, starts: Any, lists: Any, grid: Any,
     ray_hits: Any, stops: Any, is_parallel: bool, ids: Any, weights: Any,

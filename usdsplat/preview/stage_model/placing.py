@@ -99,7 +99,7 @@ def _product(ops: Iterable[UsdGeom.XformOp], code: Usd.TimeCode) -> Gf.Matrix4d:
 def _inverse(where: str, matrix: Gf.Matrix4d) -> Gf.Matrix4d:
     array = np.array(matrix)
     if not np.isfinite(array).all() or _is_singular(array):
-        raise StageError(where, "a singular transform", "an invertible transform")
+        raise StageError(where, "a transform without an inverse", "an invertible transform")
     return matrix.GetInverse()
 
 

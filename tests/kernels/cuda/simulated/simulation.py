@@ -1,5 +1,5 @@
-"""Kernels of the simulation on the simulated GPU: what is written by hand, and of what is derived
-one of each kind."""
+"""Kernels of the simulation on the simulated GPU: those whose threads work together, and one of
+each kind of the others."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Kernels of the simulation that are written for a GPU; `derive` makes the others."""
+"""Kernels of the simulation whose threads work together."""

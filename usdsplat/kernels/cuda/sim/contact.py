@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more, place_of
 from usdsplat.kernels.sim.blend_solids import (
     BLEND,
@@ -172,7 +173,6 @@ def _resolve(
                 cuda.atomic.add(counts, (block, TRAPPED), 1)
 
 
-@form
 def contact(
     device: CudaDevice, bodies, everyone, fields, voxels, dt, blend, clearance, least, started,
     flags, scales, positions, velocities, since, struck, near, counts,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more
 from usdsplat.kernels.sim.grid import BLOCK
 
@@ -30,7 +31,6 @@ def _bounds(positions, lower, upper):
         upper[block, 0], upper[block, 1], upper[block, 2] = hx, hy, hz
 
 
-@form
 def bounds(device: CudaDevice, positions, lower, upper):
     """As `kernels.sim.grid.bounds`: a block of threads for each block of rows."""
     if lower.shape[0]:
@@ -57,7 +57,6 @@ def _starts(entry, start):
         start[key] = low
 
 
-@form
 def sort_cells(device: CudaDevice, entry, bits, histogram, moved, rows, start, order):
     """As `kernels.sim.grid.sort_cells`; `histogram` is not needed, `moved` receives the keys in
     order."""

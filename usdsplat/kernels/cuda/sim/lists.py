@@ -10,8 +10,9 @@ import numpy as np
 from numba import cuda
 from numba.cuda import libdevice
 
-from usdsplat.kernels.cuda.device import BLOCKS, CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.loops import BLOCKS
 from usdsplat.kernels.sim.grid import BLOCK, cell_of, span
 from usdsplat.kernels.sim.lists import MARGIN
 
@@ -129,7 +130,6 @@ def _search(
     counts[i] = hits
 
 
-@form
 def search(
     device: CudaDevice, positions, reach, widest, start, inverse, bits, k_max, begin, found,
     counts, dropped, twins,
@@ -160,7 +160,6 @@ def _pack(found, k_max, rows, neighbors):
             neighbors[first + k] = found[source + k]
 
 
-@form
 def pack(device: CudaDevice, found, k_max, blocks, rows, neighbors):
     """As `kernels.sim.lists.pack`, of what `search` found here."""
     _pack[BLOCKS, THREADS, device.stream](found, k_max, rows, neighbors)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import cuda
 from numba.cuda import libdevice
 
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.sim.reaction import ZERO, reacted
 
@@ -54,7 +54,6 @@ def _step(row, nbr, w, pairs, feed, kill, du, dv, step, out):
         out[2 * i], out[2 * i + 1] = reacted(u, v, du * flow_u, dv * flow_v, f, k, step)
 
 
-@form
 def gray_scott(device: CudaDevice, row, nbr, w, uv, feed, kill, du, dv, step, out):
     """As `kernels.sim.reaction.gray_scott`."""
     blocks = -(-(row.shape[0] - 1) * LANES // THREADS)

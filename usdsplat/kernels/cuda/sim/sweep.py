@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import cuda
 
-from usdsplat.kernels.cuda.device import CudaDevice, form
+from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.sim.blocks import THREADS, WARPS, largest, more, place_of
 from usdsplat.kernels.sim.blend_solids import BLOCK, CLEARANCE, SWEPT
@@ -90,7 +90,6 @@ def _sweep(
             cuda.atomic.add(counts, block, 1)
 
 
-@form
 def sweep(
     device: CudaDevice, bodies, fields, voxels, dt, clearance, started, flags, scales, positions,
     velocities, since, struck, near, counts,
