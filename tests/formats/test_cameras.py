@@ -201,11 +201,11 @@ def test_text_that_lies_is_refused_in_a_sentence(tmp_path, name, old, new, said)
     [
         ("cameras", 0, struct.pack("<Q", 1 << 60), "cameras, expected 1 to"),
         ("images", 0, struct.pack("<Q", 1 << 60), "cameras, expected 1 to"),
-        ("images", 0, struct.pack("<Q", 3), "a file that ends early"),
+        ("images", 0, struct.pack("<Q", 3), "a truncated file"),
         ("images", 0, struct.pack("<Q", 0), "0 cameras"),
         ("cameras", 12, struct.pack("<i", 99), "camera model 'number 99'"),
         ("images", 8 + 64 + 14, struct.pack("<Q", 1 << 61), "points, expected as many as"),
-        ("images", 8 + 64, b"x" * 200, "a name without an end"),
+        ("images", 8 + 64, b"x" * 200, "an unterminated name"),
     ],
 )
 def test_binary_that_lies_is_refused_in_a_sentence(tmp_path, name, at, new, said):

@@ -285,7 +285,7 @@ def test_archives_that_are_odd_are_refused(tmp_path):
         "text.sog": (b"PK\x03\x04 but no more", "a damaged archive"),
     }
     bzip = zipped(tmp_path / "bzip.sog", files, method=zipfile.ZIP_BZIP2).read_bytes()
-    odd["bzip.sog"] = (bzip, "an entry encrypted or packed oddly")
+    odd["bzip.sog"] = (bzip, "an entry that is encrypted, or compressed by another method")
     at = good.index(files["scales.webp"][:40])
     spoilt = good[:at] + bytes(40) + good[at + 40 :]
     odd["spoilt.sog"] = (spoilt, "a damaged archive .*CRC")

@@ -191,5 +191,5 @@ def test_damaged_pixels_are_one_sentence(tmp_path):
     data = (tmp_path / "a.exr").read_bytes()
     (tmp_path / "a.exr").write_bytes(data[: len(data) // 2])
     holdout = open_holdout(tmp_path / "a.exr", resolution=SIZE)
-    with pytest.raises(FormatError, match=r"a\.exr: found .+, expected a whole EXR file"):
+    with pytest.raises(FormatError, match=r"a\.exr: found .+, expected a complete EXR file"):
         holdout.rows(0, 0, 64, 48)

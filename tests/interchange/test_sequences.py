@@ -190,7 +190,7 @@ def test_every_frame_is_edited_in_its_own_coordinates(tmp_path: Path) -> None:
     for time, cloud in zip(report.frames, kept, strict=True):
         expected = cloud.positions + np.float32([0, 1, 0])
         np.testing.assert_allclose(schema.fetch(prim, time).positions, expected, atol=1e-6)
-    with pytest.raises(UsageError, match=r"^edit crop-box: found rows to interpolate"):
+    with pytest.raises(UsageError, match=r"^edit crop-box: found interpolation between frames"):
         import_sequence(
             tmp_path / "cap.####.ply",
             tmp_path / "out.usdc",

@@ -39,7 +39,7 @@ def needed(scene, *aovs, settings=SETTINGS, size=SIZE, rows=64, **options):
 @pytest.mark.parametrize("budget", [0, 100])
 def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene, budget):
     """Oracle: the renderer's own counts, from all splats, within a third."""
-    renderer = Renderer(open_device())
+    renderer = Renderer(open_device("cpu"))
     settings = replace(SETTINGS, splat_budget=budget)
     for _ in renderer.render(scene, view_of(lens()), settings, ("color",)):
         pass
@@ -58,7 +58,7 @@ def test_a_picture_allocates_what_is_declared(name):
     case = everything.CASES[name]
     scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
     settings = settings_of(**case.settings)
-    renderer = Renderer(open_device(threads=2))
+    renderer = Renderer(open_device("cpu", threads=2))
     for _ in renderer.render(
         scene, view, settings, case.aovs, sampler=lambda _: (scene, view),
         holdout=everything.holdout_of(case),
@@ -79,7 +79,7 @@ def test_a_deep_picture_allocates_what_is_declared(name):
     case = everything.CASES[name]
     scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
     settings = settings_of(**case.settings)
-    renderer = Renderer(open_device(threads=2))
+    renderer = Renderer(open_device("cpu", threads=2))
     for _ in renderer.render_deep(scene, view, settings, holdout=everything.holdout_of(case)):
         pass
     request = PictureRequest(aovs=(), holds_out=bool(case.holdout), deep=True)

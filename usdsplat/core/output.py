@@ -13,8 +13,7 @@ from typing import Literal
 from usdsplat.core.errors import OutputError, UsdSplatError
 
 Existing = Literal["error", "resume", "replace"]
-"""What becomes of results that exist already: they are an error, are kept and continued, or are
-replaced."""
+"""Treatment of existing results: raise an error, keep and continue them, or replace them."""
 
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 

@@ -105,7 +105,7 @@ class Gunzip(Inflater):
             if piece:
                 return piece
             if not data:
-                raise FormatError(self._source, "gzip data that breaks off", "a whole gzip stream")
+                raise FormatError(self._source, "truncated gzip data", "a complete gzip stream")
         return b""
 
 

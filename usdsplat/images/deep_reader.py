@@ -193,7 +193,7 @@ class DeepFile:
             expected = (self._part, *expected)
         place = f"<{len(expected)}i"
         if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
-            raise FormatError(where, "a chunk of another place", "a whole EXR file")
+            raise FormatError(where, "a chunk of other coordinates", "a complete EXR file")
         table_size, packed_size, size = struct.unpack("<QQQ", read_exactly(file, 24, where))
         table = read_exactly(file, table_size, where)
         return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)
@@ -209,7 +209,7 @@ class DeepFile:
         counts = np.diff(ends, axis=1, prepend=0)
         sample = sum(dtype.itemsize for dtype in self._channels.values())
         if (counts < 0).any() or chunk.size != sample * ends[:, -1].sum():
-            raise FormatError(where, "counts of samples that cannot be", "a whole EXR file")
+            raise FormatError(where, "invalid sample counts", "a complete EXR file")
         raw = unpacked(chunk.samples, chunk.size, self._compression, where)
         found = []
         at = 0

@@ -123,7 +123,7 @@ def _read_name(file: BinaryIO, where: str) -> str:
     while (byte := read_exactly(file, 1, where)) != b"\0":
         name += byte
         if len(name) > NAME_MAX:
-            raise FormatError(where, "a name without an end", f"names of up to {NAME_MAX} bytes")
+            raise FormatError(where, "an unterminated name", f"names of up to {NAME_MAX} bytes")
     return name.decode(errors="replace")
 
 
@@ -133,7 +133,9 @@ def read_exactly(file: BinaryIO, size: int, where: str) -> bytes:
     left = file.seek(0, 2) - here
     file.seek(here)
     if not 0 <= size <= left:
-        raise FormatError(where, f"{max(0, left)} bytes where {size} should be", "a whole EXR file")
+        raise FormatError(
+            where, f"{max(0, left)} bytes where {size} should be", "a complete EXR file"
+        )
     return file.read(size)
 
 
@@ -149,7 +151,7 @@ def values(attributes: Attributes, name: str, form: str, where: str) -> tuple[An
     """Read the numbers of an attribute."""
     raw = attributes[name][1] if name in attributes else b""
     if len(raw) != struct.calcsize(form):
-        raise FormatError(where, f"no proper {name}", "every attribute that EXR demands")
+        raise FormatError(where, f"no proper {name}", "every attribute that EXR requires")
     return struct.unpack(form, raw)
 
 
@@ -163,7 +165,9 @@ def read_channels(attributes: Attributes, where: str) -> Channels:
         is_whole = 0 < end < len(raw) - 16
         code = int.from_bytes(raw[end + 1 : end + 5], "little") if is_whole else -1
         if code not in TYPES:
-            raise FormatError(where, "a channel list cut short", "every attribute that EXR demands")
+            raise FormatError(
+                where, "a truncated channel list", "every attribute that EXR requires"
+            )
         found[raw[at:end].decode(errors="replace")] = TYPES[code]
         at = end + 17
     return found
@@ -183,7 +187,7 @@ def unpacked(packed: bytes, size: int, compression: int, where: str) -> bytes:
     elif compression == RLE:
         raw = _run_lengths(packed, size)
     if len(raw) != size:
-        raise FormatError(where, "samples that cannot be unpacked", "a whole EXR file")
+        raise FormatError(where, "samples that cannot be unpacked", "a complete EXR file")
     data = np.cumsum(np.frombuffer(raw, np.uint8), dtype=np.uint8)
     data[1::2] ^= 128
     joined = np.empty_like(data)

@@ -149,7 +149,7 @@ class _Flat(Holdout):
     def _checked(self, file: oiio.ImageInput, pixels: npt.NDArray[np.float32] | None) -> F32:
         if pixels is None:
             found = file.geterror().replace(self._where, Path(self._where).name).strip()
-            raise FormatError(self._where, found.rstrip("."), "a whole EXR file")
+            raise FormatError(self._where, found.rstrip("."), "a complete EXR file")
         return pixels.reshape(-1, self._spec.width)
 
 

@@ -54,7 +54,7 @@ class Appearance:
             raise StageError(str(self.prim.GetPath()), found, "finite numbers")
         placed = edit.transform(own, matrix)
         if edit.overflows(own, placed):
-            found = "splats beyond all float32 numbers in world space"
+            found = "splats beyond the float32 range in world space"
             raise StageError(str(self.prim.GetPath()), found, "a smaller transform")
         return placed
 
@@ -95,7 +95,7 @@ def appearances(
                 notes.append(f"{prim.GetPath()}: left out, it is not shown in renders")
     if not found:
         where = prim_path or stage.GetRootLayer().identifier
-        raise StageError(where, "; ".join(notes) or "no splat field", "one that can be seen")
+        raise StageError(where, "; ".join(notes) or "no splat field", "a visible splat field")
     return found, notes
 
 

@@ -74,7 +74,7 @@ def convert(
     stages = [each for each in sources if files.is_usd(each)]
     if files.is_usd(path) and stages:
         if len(sources) > 1:
-            raise UsageError(str(stages[0]), "a stage among several inputs", "captures alone")
+            raise UsageError(str(stages[0]), "a stage among several inputs", "only captures")
         return repack(sources[0], path, form=options.form, edits=edits, progress=progress)
     reading = reading_for(edits, options.reading)
     if files.is_usd(path) and is_sequence(sources[0]):
@@ -103,7 +103,7 @@ def convert(
         return work.each_frame(sources[0], path, sequence.frames)
     if export.split and (len(sources) > 1 or not stages or has_place(path)):
         listed = ", ".join(map(str, sources))
-        raise UsageError("split", listed, "one stage that becomes one capture for each field")
+        raise UsageError("split", listed, "one stage, written as one capture per field")
     if len(sources) > 1 or not stages:
         return work.write(sources, path)
     if has_place(path):

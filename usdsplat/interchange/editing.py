@@ -116,7 +116,7 @@ def _moved(cloud: SplatCloud, moves: Sequence[Edit]) -> SplatCloud:
     moved = edit.transform(cloud, matrix) if np.isfinite(matrix).all() else None
     if moved is None or edit.overflows(cloud, moved):
         names = " and ".join(dict.fromkeys(item.name for item in moves))
-        raise UsageError(f"edit {names}", "splats beyond all float32 numbers", "smaller numbers")
+        raise UsageError(f"edit {names}", "splats beyond the float32 range", "smaller numbers")
     return moved
 
 

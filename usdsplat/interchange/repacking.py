@@ -109,7 +109,7 @@ def _edited(
     where, moves = str(prim.GetPath()), schema.is_time_varying(prim)
     for item in edits:
         if moves and not item.kind.row_by_row:
-            raise UsageError(f"edit {item.name}", f"{where}, which moves", "a field that does not")
+            raise UsageError(f"edit {item.name}", f"{where}, which moves", "a static field")
     if moves and cloud.ids is None and not all(item.kind.keeps_rows for item in edits):
         # Without ids, a splat would be interpolated to another one in its row at the next sample.
         cloud = replace(cloud, ids=np.arange(len(cloud)))

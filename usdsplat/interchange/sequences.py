@@ -89,7 +89,9 @@ def import_sequence(
         raise UsageError("rate", f"{sequence.rate:g}", "a positive number [1/s]")
     for item in edits:
         if sequence.interpolate and not item.kind.keeps_rows:
-            raise UsageError(f"edit {item.name}", "rows to interpolate", "an edit that keeps them")
+            raise UsageError(
+                f"edit {item.name}", "interpolation between frames", "an edit that keeps all rows"
+            )
     listed = files_of(pattern, sequence.frames)
     files.check_not_input(path, listed.values())
     clip_folder = Clips.folder_of(path) if sequence.clips else None

@@ -1,1 +1,1 @@
-"""A window onto a stage, with usdview's habits; every model of it works without a window."""
+"""An interactive view of a stage, with usdview's controls; its models work without a window."""

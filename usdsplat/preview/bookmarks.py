@@ -1,4 +1,4 @@
-"""Views to come back to, each by its name."""
+"""Named views."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usdsplat.preview.camera import FreeCamera
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bookmark:
-    """A view to come back to."""
+    """A named view."""
 
     name: str
     camera: FreeCamera | str | None
@@ -18,12 +18,12 @@ class Bookmark:
 
 
 def without(bookmarks: tuple[Bookmark, ...], name: str) -> tuple[Bookmark, ...]:
-    """All but the one of a name."""
+    """Return the bookmarks without the one of a name."""
     return tuple(each for each in bookmarks if each.name != name)
 
 
 def free_name(bookmarks: tuple[Bookmark, ...]) -> str:
-    """A name that none of them has."""
+    """Return an unused name."""
     taken = {each.name for each in bookmarks}
     numbered = (f"View {number}" for number in range(1, len(taken) + 2))
     return next(name for name in numbered if name not in taken)

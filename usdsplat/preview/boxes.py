@@ -1,4 +1,4 @@
-"""Boxes of prims in the world, by their corners, for outlines and for framing."""
+"""Compute boxes of prims in the world, as corners, for outlines and framing."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from usdsplat.render.specs import FieldSpec, MeshSpec
 
 Point = tuple[float, float, float]
 Corners = tuple[Point, ...]
-"""Eight corners [scene unit], or none. Corner i is at the high end of x, y and z where bits 0, 1
+"""Eight corners [scene unit], or none. Corner i is at the maximum of x, y and z where bits 0, 1
 and 2 of i are set, so an edge joins two whose numbers differ in one bit."""
 
 SIGMAS = 4.0
-"""Standard deviations from a centre beyond which nothing of a splat is seen."""
+"""Number of standard deviations beyond which a splat is invisible."""
 HIGH = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], np.float64)
 
 
 def corners(box: Box, to_world: F64 | None = None) -> Corners:
-    """Return the corners of a box of a space that a 4x4 takes to the world."""
+    """Return the world-space corners of a box; `to_world` is the 4x4 matrix of its space."""
     points = box[0] + HIGH * (box[1] - box[0])
     if to_world is not None:
         points = points @ to_world[:3, :3].T + to_world[:3, 3]
@@ -30,16 +30,16 @@ def corners(box: Box, to_world: F64 | None = None) -> Corners:
 
 
 def around(points: Iterable[Point]) -> Box | None:
-    """The box along the world's axes around points; None of none."""
+    """Return the axis-aligned bounding box of points, or None without points."""
     array = np.array(list(points), np.float64)
     return (array.min(axis=0), array.max(axis=0)) if array.size else None
 
 
 def drawn(scene: RenderScene, path: str) -> Corners:
-    """Return the box of all that is drawn at or beneath a path; () if nothing is.
+    """Return the box of everything drawn at or below a path; () if nothing is.
 
-    One thing has a box along its own axes, several one along the world's. Splats far from all
-    others do not count.
+    The box of a single instance is aligned with its own axes, that of several with the world's.
+    Distant outliers are ignored.
     """
     found: list[Corners] = []
     for _, thing, instance in _things(scene):
@@ -54,14 +54,14 @@ def drawn(scene: RenderScene, path: str) -> Corners:
 
 
 class Reach:
-    """Boxes around all that may be seen, for clipping: conservative, and quick for splats that are
-    others in each frame."""
+    """Bounding boxes of everything visible, for clipping: conservative, and fast for splats that
+    change every frame."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[FieldSpec | MeshSpec, Box | None]] = {}
 
     def of(self, scene: RenderScene) -> Box | None:
-        """Return the box of a scene; None if there is nothing in it."""
+        """Return the box of a scene; None if it is empty."""
         points: list[Point] = []
         known: dict[str, tuple[FieldSpec | MeshSpec, Box | None]] = {}
         for path, thing, instance in _things(scene):
@@ -77,12 +77,12 @@ class Reach:
 
 
 def _things(scene: RenderScene) -> list[Drawn | DrawnMesh]:
-    """Each appearance of anything."""
+    """Return every drawn instance."""
     return [*scene.drawn(), *scene.drawn_meshes()]
 
 
 def _reached(spec: FieldSpec | MeshSpec) -> Box | None:
-    """The box of one thing in its own space."""
+    """Return the box of a field or mesh in its own space."""
     if isinstance(spec, MeshSpec):
         return _span(spec.points, 0.0)
     largest = spec.cloud.scales[np.isfinite(spec.cloud.scales)].max(initial=0.0)
@@ -90,7 +90,7 @@ def _reached(spec: FieldSpec | MeshSpec) -> Box | None:
 
 
 def _span(points: F32, margin: float) -> Box | None:
-    """The box around finite points, wider by a margin."""
+    """Return the box of finite points, enlarged by a margin."""
     if not len(points):
         return None
     low, high = points.min(axis=0), points.max(axis=0)

@@ -1,7 +1,7 @@
-"""A camera that nobody has authored: orbit, pan, dolly, fly, frame. Each move gives a new value.
+"""A free camera: orbit, pan, dolly, fly, frame. Each move returns a new value.
 
-Directions are the stage's; angles are radians; distances scene units. A drag is measured in parts
-of the viewport's height, so that it feels the same in every size.
+Directions are the stage's; angles are radians; distances scene units. A drag is measured as a
+fraction of the viewport's height, so that it works the same at every size.
 """
 
 from __future__ import annotations
@@ -21,92 +21,93 @@ Vector = tuple[float, float, float]
 UpAxis = Literal["Y", "Z"]
 
 ORBIT = math.pi
-"""What a drag over the viewport's height turns about the target [radian]."""
+"""Rotation about the target by a drag over the viewport's height [radian]."""
 LOOK_AROUND = 2.0
-"""What a drag over the viewport's height turns about the eye, in fields of view."""
+"""Rotation about the eye by a drag over the viewport's height, in fields of view."""
 POLE = 5e-7
-"""How far from straight up or down every camera stays, so that it has a heading [radian]."""
+"""Minimum angle to the up axis, so that a heading exists [radian]."""
 MARGIN = 1.05
-"""How much farther away than where a framed box just fits."""
+"""Factor on the distance at which a framed box just fits."""
 NEAREST = 1e-3
-"""The near plane inside of what is seen, a part of the way to the target."""
+"""Near plane inside the visible scene, as a fraction of the distance to the target."""
 NEAREST_OF_FAR = 1e-4
-"""And at most this part of the far plane, for targets that are far beyond everything."""
+"""Minimum near plane as a fraction of the far plane, for very distant targets."""
 SHORTEST = 1e-6
-"""How near a dolly gets, a part of the target's distance from the origin."""
+"""Minimum distance of a dolly, as a fraction of the target's distance from the origin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeCamera:
-    """Looks from `eye` at `target`."""
+    """A camera at `eye` that looks at `target`."""
 
     eye: Vector = (0.0, 0.0, 5.0)
     target: Vector = (0.0, 0.0, 0.0)
-    """What an orbit turns about and a dolly goes to."""
+    """Centre of orbits and target of dollies."""
     up_axis: UpAxis = "Y"
     field_of_view: float = 45.0
-    """Of the shorter side [degree]; for an orthographic camera as it is at the target."""
+    """Field of view of the shorter side [degree]; for an orthographic camera as at the target."""
     is_orthographic: bool = False
     roll: float = 0.0
-    """Counter-clockwise turn of the camera about its axis [degree]."""
+    """Counter-clockwise rotation of the camera about its axis [degree]."""
     exposure: float = 1.0
-    """What linear light is multiplied by."""
+    """Factor on linear light."""
 
     @property
     def distance(self) -> float:
-        """From the eye to the target."""
+        """Distance from the eye to the target."""
         return math.dist(self.eye, self.target)
 
     @property
     def axes(self) -> F64:
-        """Rows right, up and back in the world, unit lengths, shape (3, 3)."""
+        """Unit vectors right, up and back in the world, as rows, shape (3, 3)."""
         axes = _level_axes(np.subtract(self.target, self.eye), self.up_axis)
         sine, cosine = math.sin(math.radians(self.roll)), math.cos(math.radians(self.roll))
         turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         return np.asarray(turn @ axes)
 
     def half_height(self, aspect: float) -> float:
-        """Half of the viewport's height at distance 1 from the eye."""
+        """Return half of the viewport's height at distance 1 from the eye."""
         return math.tan(math.radians(0.5 * self.field_of_view)) * max(1.0 / aspect, 1.0)
 
     # --- moves -----------------------------------------------------------------------------
 
     def orbited(self, right: float, down: float) -> FreeCamera:
-        """Turn about the target by a drag; never over the top."""
+        """Return the camera rotated about the target by a drag, never past the poles."""
         forward = self._turned(-ORBIT * right, -ORBIT * down)
         return replace(self, eye=_vector(np.asarray(self.target) - self.distance * forward))
 
     def panned(self, right: float, down: float, *, aspect: float) -> FreeCamera:
-        """Move with a drag, so that what lies at the target's depth stays under the pointer."""
+        """Return the camera moved by a drag; points at the target's depth follow the pointer."""
         height = 2.0 * self.half_height(aspect) * self.distance
         return self.flown(-right * height, down * height, 0.0)
 
     def dollied(self, factor: float) -> FreeCamera:
-        """Multiply the distance from the target."""
+        """Return the camera with its distance from the target multiplied."""
         shortest = max(SHORTEST * math.hypot(*self.target), 1e-9)
         distance = min(max(factor * self.distance, shortest), 1e12)
         back = self.axes[2]
         return replace(self, eye=_vector(np.asarray(self.target) + distance * back))
 
     def looked_around(self, right: float, down: float) -> FreeCamera:
-        """Turn about the eye by a drag; never over the top."""
+        """Return the camera rotated about the eye by a drag, never past the poles."""
         rate = LOOK_AROUND * math.radians(self.field_of_view)
         forward = self._turned(-rate * right, -rate * down)
         return replace(self, target=_vector(np.asarray(self.eye) + self.distance * forward))
 
     def flown(self, right: float, up: float, forward: float) -> FreeCamera:
-        """Move eye and target alike [scene unit]."""
+        """Return the camera with eye and target moved alike [scene unit]."""
         shift = np.array((right, up, -forward)) @ self.axes
         return replace(
             self, eye=_vector(self.eye + shift), target=_vector(np.asarray(self.target) + shift)
         )
 
     def aimed(self, target: Vector) -> FreeCamera:
-        """Have something in the middle, from the same direction and as far away."""
+        """Return the camera centred on a point, from the same direction and distance."""
         return self.flown(*(self.axes @ np.subtract(target, self.target) * (1.0, 1.0, -1.0)))
 
     def framing(self, box: Box, *, aspect: float) -> FreeCamera:
-        """Look at all of a box from the same direction, level; at a point from as far away."""
+        """Return a level camera that frames a box from the same direction; a point keeps the
+        distance."""
         level = replace(self, roll=0.0)
         center = 0.5 * (box[0] + box[1])
         top = level.half_height(aspect)
@@ -118,7 +119,7 @@ class FreeCamera:
         return replace(level, eye=_vector(eye), target=_vector(center))
 
     def towards(self, other: FreeCamera, part: float) -> FreeCamera:
-        """On the way to one that looks in the same direction: 0 is here and 1 is there."""
+        """Interpolate to a camera with the same view direction: 0 is this one and 1 the other."""
         if not 0.0 < part < 1.0:
             return other if part >= 1.0 else self
         mix = replace(other, roll=self.roll + part * math.remainder(other.roll - self.roll, 360.0))
@@ -129,10 +130,10 @@ class FreeCamera:
     # --- to and from what renders ----------------------------------------------------------
 
     def spec(self, *, aspect: float, bounds: Box | None) -> CameraSpec:
-        """What renders; clipping holds all of `bounds` that is before the eye.
+        """Return the render camera; its clipping range holds all of `bounds` in front of the eye.
 
-        An eye within them sees from `NEAREST` on; an orthographic camera steps back until all of
-        them are before it.
+        For an eye within the bounds, the near plane is `NEAREST`; an orthographic camera moves back
+        until all of them are in front of it.
         """
         axes, eye = self.axes, np.asarray(self.eye, np.float64)
         depths = None if bounds is None else (eye - _corners(bounds)) @ axes[2]
@@ -157,11 +158,11 @@ class FreeCamera:
     def like(
         cls, spec: CameraSpec, *, target: Vector, up_axis: UpAxis, aspect: float
     ) -> FreeCamera:
-        """One that sees what a camera of a stage sees in a viewport of that aspect.
+        """Return a free camera with the view of a stage's camera in a viewport of that aspect.
 
-        It turns about the point of its axis that is as deep as `target`. What is lost: the blur of
-        lens and shutter, and the shift of a perspective lens: the camera then looks at what was in
-        the middle of the picture.
+        Its target is the point of its axis at the depth of `target`. Lens and shutter blur are
+        lost. So is the shift of a perspective lens: the camera then points at the former centre of
+        the picture.
         """
         framing = Framing(resolution=(1, 1), pixel_aspect_ratio=aspect)
         (left, bottom, right, top), _ = conform(spec.window, framing)
@@ -194,7 +195,7 @@ class FreeCamera:
     # --- private ---------------------------------------------------------------------------
 
     def _turned(self, left: float, up: float) -> F64:
-        """Forward, after turns about the stage's up axis and upwards, unit length."""
+        """Return the forward unit vector after rotations about the stage's up axis and upwards."""
         level = _level_axes(np.subtract(self.target, self.eye), self.up_axis)
         top = _up(self.up_axis)
         elevation = math.asin(max(-1.0, min(1.0, float(-level[2] @ top))))
@@ -215,14 +216,14 @@ class FreeCamera:
 
 
 class Glide:
-    """The way of a camera, slow at both ends; its clock starts when it is first asked."""
+    """An animated camera move with easing; its clock starts at the first call."""
 
     def __init__(self, here: FreeCamera, there: FreeCamera, seconds: float) -> None:
         self.here, self.there, self.seconds = here, there, seconds
         self.began: float | None = None
 
     def at(self, now: float) -> tuple[FreeCamera, bool]:
-        """Where it is, and whether that is the end."""
+        """Return the camera at a time, and whether the move has ended."""
         if self.began is None:
             self.began = now
         part = min((now - self.began) / self.seconds, 1.0)
@@ -235,7 +236,7 @@ def _up(up_axis: str) -> F64:
 
 
 def _level_axes(forward: F64, up_axis: str) -> F64:
-    """Rows right, up, back of a camera without roll; one that looks along up has x at its right."""
+    """Return rows right, up, back of a camera without roll; one that looks along up has x right."""
     length = np.linalg.norm(forward)
     up = _up(up_axis)
     back = -forward / length if length > 0 else np.cross(up, (-1.0, 0.0, 0.0))
@@ -246,9 +247,9 @@ def _level_axes(forward: F64, up_axis: str) -> F64:
 
 
 def _steep(forward: F64, up: F64, up_axis: str) -> tuple[F64, float]:
-    """Where a camera looks and its roll [degree]; one that looks straight up or down rolls not.
+    """Return direction and roll [degree] of a camera; one that looks straight up or down has none.
 
-    A heading is what it has instead: such a camera is tilted by less than can be seen.
+    It has a heading instead: such a camera is tilted by less than is visible.
     """
     top = _up(up_axis)
     if math.hypot(*np.cross(forward, top)) < POLE:
@@ -264,5 +265,5 @@ def _vector(array: F64) -> Vector:
 
 
 def _corners(box: Box) -> F64:
-    """The eight corners of a box, shape (8, 3)."""
+    """Return the eight corners of a box, shape (8, 3)."""
     return np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, 8).T

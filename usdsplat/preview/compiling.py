@@ -1,4 +1,4 @@
-"""Telling that kernels are being compiled: it takes long, and happens once for each machine."""
+"""Publish that kernels are being compiled, which is slow and happens once per machine."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ COMPILING = Busy(what="compiling kernels, once for this machine")
 
 @contextmanager
 def telling(publish: Callable[[Event], None]) -> Iterator[Callable[[], None]]:
-    """While the context lasts, publish that this thread compiles, from the first kernel on.
+    """Publish, within the context, that this thread compiles, from the first kernel on.
 
     Yields:
-        What says that it is over for now; the end of the context says so too.
+        Function that ends the message early; the end of the context does so too.
     """
     is_told = False
 

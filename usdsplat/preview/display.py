@@ -1,8 +1,8 @@
-"""Any AOV as 8-bit RGB, the way compositors expect to see it.
+"""Convert AOVs to 8-bit RGB for display, with the conventions of compositors.
 
-Colours go through exposure in linear light, the view and gamma, and lie over the background; depths
-go from white to black; normals and positions are coloured by their axes, motion by its direction;
-ids have steady colours. The background is seen wherever nothing is.
+Colours get exposure in linear light, the view and gamma, and lie over the background. Depths are
+white (near) to black; normals and positions are coloured by axis, motion by direction; ids have
+constant colours. The background shows in empty pixels.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ CHANNELS = {
 BACKGROUNDS = {
     "black": (0.0, 0.0), "grey": (0.22, 0.22), "white": (1.0, 1.0), "checker": (0.28, 0.4),
 }  # fmt: skip
-"""Code values of the two kinds of squares."""
+"""Code values of the two kinds of squares, by background."""
 SQUARE = 12
-"""Edge of a square [pixel of the viewport]."""
+"""Size of a square [pixel of the viewport]."""
 STRAYS = 1.0
-"""Percent of depths at either end that may lie outside of the range that is found."""
+"""Percentage of depths at each end that may lie outside the automatic range."""
 KEPT = 0.15
-"""By what part of itself a range may differ from what is found while the view moves."""
+"""Relative change of the automatic range that is ignored while the view moves."""
 FEW = 40_000
-"""Pixels that are looked at, about, to find a range."""
+"""Approximate number of pixels used to find a range."""
 BESIDE = {"albedo": "color", "motionForward": "depth", "motionBackward": "depth"}
-"""What else must be drawn to show an AOV: what says where nothing is."""
+"""AOVs that are also needed to show an AOV, because they mark empty pixels."""
 
 LUMINANCE = luminance(REC709)
 _LINEAR = convert(np.repeat(np.arange(256)[:, None] / 255, 3, 1), "srgb_rec709_display",
@@ -49,17 +49,18 @@ _LINEAR = convert(np.repeat(np.arange(256)[:, None] / 255, 3, 1), "srgb_rec709_d
 
 
 def needed(look: Look) -> tuple[str, ...]:
-    """Return what must be drawn to show a look, in Hydra's words.
+    """Return the AOVs needed to show a look, by Hydra's names.
 
     Raises:
-        UsageError: If there is no such AOV.
+        UsageError: If the AOV is unknown.
     """
     name = find_aovs((look.aov,))[0].hydra
     return (name, BESIDE[name]) if name in BESIDE else (name,)
 
 
 class Display:
-    """Makes what was drawn visible. It keeps ranges, so that they are steady while a view moves."""
+    """Converter of AOVs to images; it keeps value ranges, so that they are steady while a view
+    moves."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -77,19 +78,19 @@ class Display:
         prims: tuple[str, ...] = (),
         subject: Box | None = None,
     ) -> Image:
-        """Return what a screen shows, shape (h, w, 3).
+        """Return the displayed image, shape (h, w, 3).
 
         Args:
-            look: What is seen.
-            arrays: What `needed` names, shape (h, w) or (h, w, channels).
-            display: How it is seen.
-            scale: Pixels of the viewport to a side of one of the arrays'.
-            is_moving: Whether ranges shall stay about as they were.
-            prims: Paths that primId counts.
-            subject: Box in the world that positions are shown in; None for a unit cube.
+            look: AOV and render settings.
+            arrays: The AOVs of `needed`, shape (h, w) or (h, w, channels).
+            display: Display settings.
+            scale: Viewport pixels per side of an array's pixel.
+            is_moving: Whether to keep value ranges nearly constant.
+            prims: Paths of the prims by primId.
+            subject: World-space box of displayed positions; None for a unit cube.
 
         Raises:
-            UsageError: If there is no such AOV or OCIO view.
+            UsageError: If the AOV or the OCIO view is unknown.
         """
         name = needed(look)[0]
         if name in ("color", "albedo"):
@@ -134,7 +135,7 @@ class Display:
         return _grey_of(out) if display.channel == "luminance" else out
 
     def _background(self, out: Image, display: DisplaySettings, scale: float) -> tuple[Image, int]:
-        """Two kinds of rows, and how many are of a kind."""
+        """Return two kinds of background rows, and the number of consecutive rows of each."""
         rows, square = _rows(out.shape[1], display, scale)
         codes = np.floor(255 * rows + 0.5).astype(np.uint8)
         return np.repeat(codes[..., None], 3, axis=-1), square
@@ -142,17 +143,17 @@ class Display:
     def _depth_range(
         self, name: str, depths: F32, display: DisplaySettings, is_moving: bool
     ) -> tuple[float, float]:
-        """Depths that are shown white and black."""
+        """Return the depths that are displayed white and black."""
         white, black = display.depth_range
         return (white, black) if white != black else self._range(name, depths, is_moving)
 
     def _longest(self, motion: F32, is_moving: bool) -> float:
-        """Length of motion that is shown brightest [pixel of the picture]."""
+        """Return the length of motion with the highest brightness [pixel of the picture]."""
         few = motion[:: max(1, math.isqrt(motion[..., 0].size // FEW))]
         return max(self._range("motion", np.hypot(few[..., 0], few[..., 1]), is_moving)[1], 1.0)
 
     def _range(self, name: str, values: F32, is_moving: bool) -> tuple[float, float]:
-        """Where nearly all values lie; while a view moves it follows slowly."""
+        """Return the range of nearly all values; it follows slowly while a view moves."""
         some = values.ravel()[:: max(1, values.size // FEW)]
         some = some[np.isfinite(some)]
         held = self._ranges.get(name)
@@ -168,7 +169,7 @@ class Display:
 
 
 def _rows(width: int, display: DisplaySettings, scale: float) -> tuple[F32, int]:
-    """Code values of the background in two kinds of rows, and how many are of a kind."""
+    """Return code values of two kinds of background rows, and the number of rows of each."""
     one, two = BACKGROUNDS[display.background]
     square = max(1, round(SQUARE / scale))
     is_second = np.arange(width) // square % 2 == 1
@@ -176,20 +177,20 @@ def _rows(width: int, display: DisplaySettings, scale: float) -> tuple[F32, int]
 
 
 def _per_axis(low: F64, high: F64) -> tuple[F32, F32]:
-    """What is black on each axis, and how much a unit adds."""
+    """Return the black level on each axis, and the increase per unit."""
     span = np.where(high > low, high - low, 1.0)
     return low.astype(np.float32), (1.0 / span).astype(np.float32)
 
 
 def _with_alpha(name: str, arrays: Mapping[str, Pixels]) -> F32:
-    """Premultiplied RGBA."""
+    """Return premultiplied RGBA."""
     if name == "color":
         return arrays[name]
     return np.concatenate([arrays[name], arrays["color"][..., 3:]], axis=-1)
 
 
 def _grey_of(image: Image) -> Image:
-    """The luminance of code values, as a grey of that luminance."""
+    """Return greys with the luminance of code values."""
     light = np.take(_LINEAR.astype(np.float32), image, axis=0) @ LUMINANCE.astype(np.float32)
     middles = 0.5 * (_LINEAR[1:] + _LINEAR[:-1])
     levels = np.searchsorted(middles, light).astype(np.uint8)

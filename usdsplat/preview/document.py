@@ -1,7 +1,7 @@
-"""One stage that is being looked at, and all that belongs to it; for one thread at a time.
+"""A previewed stage with its engines and state; used by one thread at a time.
 
-`Session` hands it from task to task. Nothing outside of tasks touches the stage, but for a
-simulation, which takes `lock` for as long as it reads or writes it.
+`Session` passes it from task to task. Only tasks access the stage, and a simulation, which takes
+`lock` while it reads or writes.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from usdsplat.sim.stage.collections import find_simulations
 
 
 class Document:
-    """A stage and what is drawn of it.
+    """A stage and its pictures.
 
     Args:
-        stage: What is looked at. Edits go to its session layer.
-        path: Where it came from; None for one that was handed over.
-        device, threads: As `Engine` takes them.
-        publish: Told what happens.
+        stage: The stage. Edits go to its session layer.
+        path: File of the stage; None for a stage in memory.
+        device, threads: As for `Engine`.
+        publish: Receives events.
     """
 
     def __init__(
@@ -50,16 +50,17 @@ class Document:
         self.stage = stage
         self.path = path
         self.sources: Sources | None = None
-        """The files that it was read from; None for a stage that was handed over."""
+        """Files that it was read from; None for a stage in memory."""
         self.lock = threading.RLock()
-        """Held by whoever reads or writes the stage."""
+        """Lock for reading or writing the stage."""
         self.publish = publish
         self.wake: Callable[[], None] = lambda: None
-        """Tells the session that the stage may have changed; callable from any thread."""
+        """Function that tells the session that the stage may have changed; callable from any
+        thread."""
         self.edits = Edits(stage)
-        """What edits the session layer and takes that back."""
+        """Edits of the session layer, with undo."""
         self.simulation: Any = None
-        """What runs the stage's simulations, a `Runner`; None where nobody simulates."""
+        """The `Runner` of the stage's simulations; None without simulations."""
         self.engine = Engine(stage, device=device, threads=threads)
         self._scenes = Scenes(
             self.engine,
@@ -69,16 +70,16 @@ class Document:
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
-        display = Display(CpuDevice(threads=threads))  # what it shows is on the host already
+        display = Display(CpuDevice(threads=threads))  # its input is on the host already
         self._drawing = Drawing(self._scenes, display)
 
     @property
     def shown(self) -> Shown | None:
-        """What the last picture was made of; None before the first."""
+        """State and arrays of the last picture; None before the first."""
         return self._drawing.shown
 
     def opened(self) -> Opened:
-        """What a window should know first."""
+        """Return the properties of the stage that a window needs first."""
         stage = self.stage
         with self.lock, telling(self.publish):
             has_range = stage.HasAuthoredTimeCodeRange()
@@ -93,12 +94,12 @@ class Document:
             )
 
     def draw(self, state: ViewState) -> bool:
-        """Draw and publish a picture, unless the last one was this; whether a better one follows.
+        """Draw and publish a new picture and return whether a better one follows.
 
-        What has been edited on the stage since is told first, once.
+        Edits of the stage since the last call are published first, once.
 
         Raises:
-            UsdSplatError: If the state asks for what cannot be drawn.
+            UsdSplatError: If the state cannot be drawn.
         """
         change, self._change = self._change, None
         if change is not None:
@@ -113,10 +114,10 @@ class Document:
         return not (picture.is_final or state.is_moving)
 
     def still(self, state: ViewState) -> Shown:
-        """Return the best picture of a state; nobody is shown it.
+        """Return a full-quality picture of a state without publishing it.
 
         Raises:
-            UsdSplatError: If the state asks for what cannot be drawn.
+            UsdSplatError: If the state cannot be drawn.
         """
         still = replace(state, is_moving=False)
         with telling(self.publish):
@@ -128,10 +129,10 @@ class Document:
         return self.shown
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
-        """Where to look, in the world at the time that is shown; None if nothing is there.
+        """Return the box to frame, in the world at the current time; None if it is empty.
 
         Args:
-            paths: Of prims, which count with all that is beneath them; none for all that is seen.
+            paths: Paths of prims, including their descendants; empty for everything visible.
         """
         with self.lock:
             if not paths:
@@ -140,11 +141,11 @@ class Document:
         return boxes.around(corners)
 
     def frame_anew(self) -> None:
-        """Let the camera that frames everything look where everything is now."""
+        """Let the default camera frame the current scene again."""
         self._scenes.frame_anew()
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Release everything."""
         self._notice.Revoke()
         if self.simulation is not None:
             self.simulation.close()
@@ -158,8 +159,10 @@ class Document:
     # --- private ---------------------------------------------------------------------------
 
     def _note_change(self, notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> None:
-        """Remember it. A simulation writes in a thread of its own: its frames are no edits, and
-        panels would do nothing else but ask again."""
+        """Record a change of the stage.
+
+        Changes by a simulation, which writes in a separate thread, are not recorded as edits:
+        panels would query all the time."""
         if threading.get_ident() != self._thread:
             return
         others = any(path.IsAbsoluteRootOrPrimPath() for path in notice.GetResyncedPaths())
@@ -172,7 +175,7 @@ class Document:
         return tuple(corners for corners in found if corners)
 
     def _outline(self, engine: Engine, path: str) -> boxes.Corners:
-        """The box of a prim: of what is drawn of it, or else what USD says; () if there is none."""
+        """Return the box of a prim: of its drawn parts, else its extent; () without either."""
         drawn = boxes.drawn(engine.render_scene, path)
         if drawn:
             return drawn
@@ -191,5 +194,5 @@ class Document:
 
 
 def _up_axis(stage: Usd.Stage) -> Any:
-    """ "Y" or "Z"."""
+    """Return "Y" or "Z"."""
     return str(UsdGeom.GetStageUpAxis(stage))

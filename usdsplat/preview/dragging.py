@@ -1,11 +1,11 @@
-"""What the drag of a manipulator's handle does to a prim, by rays through the pointer.
+"""Compute a prim's matrix from the drag of a manipulator's handle.
 
     drag = begin_drag(manipulator, "x", (310.0, 200.0), projection)
     matrix = drag((330.0, 205.0))                      # as often as the pointer moves
 
-The matrix follows from where the drag began and where the pointer is, not from the way there; only
-a turn remembers how often it went round. A pointer that says nothing, such as one beyond the
-horizon of a plane, leaves the matrix as it was.
+The matrix follows from the start of the drag and the current pointer, not from the path between;
+only a rotation counts its full turns. A pointer without a valid position, such as one beyond the
+horizon of a plane, leaves the matrix unchanged.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from usdsplat.preview.projection import Pixel, Projection
 from usdsplat.render.specs import Matrix
 
 TURN = 15.0
-"""What a snapping turn goes in [degree]."""
+"""Step of a snapping rotation [degree]."""
 SCALE = 0.1
-"""What a snapping scale goes in."""
+"""Step of a snapping scale."""
 SMALLEST = 1e-3
-"""Factor below which nothing is scaled, so that it can be made large again."""
+"""Minimum scale factor, so that a prim can be enlarged again."""
 FARTHEST = 1e3
-"""How far a drag goes, in lengths of a handle: near a horizon a pixel is worth a mile."""
+"""Maximum distance of a drag, in handle lengths: near a horizon a pixel covers a large distance."""
 STEPS = 10.0
-"""About how many snapping steps a handle is long."""
+"""Approximate length of a handle in snapping steps."""
 
 Value = F64 | float
 
 
 class Drag:
-    """A drag that goes on.
+    """A drag in progress.
 
     Args:
-        measure: What a pointer says; None if nothing.
-        place: What that makes of the matrix: at the start, now, and whether it snaps.
-        begun: Where the pointer is at first.
-        matrix: Of the prim, at first.
+        measure: Function that converts a pointer to a value; None if it has none.
+        place: Function (start value, current value, snaps) -> matrix.
+        begun: Initial position of the pointer.
+        matrix: Initial matrix of the prim.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Drag:
         self._matrix = matrix
 
     def __call__(self, pixel: Pixel, *, snaps: bool = False) -> F64:
-        """The prim's matrix with the pointer there, local to world, shape (4, 4)."""
+        """Return the prim's matrix for a pointer position, local to world, shape (4, 4)."""
         now = self._measure(pixel)
         if self._start is None:
             self._start = now
@@ -79,21 +79,21 @@ class Drag:
 def begin_drag(
     manipulator: Manipulator, handle: Handle, pixel: Pixel, projection: Projection
 ) -> Drag:
-    """Take hold of a handle."""
+    """Begin the drag of a handle."""
     kinds = {"translate": _translating, "rotate": _rotating, "scale": _scaling}
     measure, place = kinds[manipulator.mode](manipulator, handle, projection)
     return Drag(measure, place, begun=pixel, matrix=manipulator.matrix)
 
 
 def snapping_step(length: float) -> float:
-    """What a move snaps to: 1, 2 or 5 times a power of ten, of which a handle has about ten."""
+    """Return the snapping step of a move: 1, 2 or 5 times a power of ten, about ten per handle."""
     wanted = length / STEPS
     power = 10.0 ** math.floor(math.log10(wanted))
     return power * min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / wanted)))
 
 
 def as_matrix(array: F64) -> Matrix:
-    """An array as it crosses to a stage."""
+    """Convert an array to a tuple for the stage."""
     return tuple(float(value) for value in array.ravel())
 
 
@@ -187,13 +187,13 @@ def _scaling(
     return measure, place
 
 
-# --- what a pointer says -------------------------------------------------------------------
+# --- pointer to value -----------------------------------------------------------------------
 
 
 def _along(
     axis: F64, manipulator: Manipulator, projection: Projection
 ) -> Callable[[Pixel], F64 | None]:
-    """The point of an axis through the origin that is seen nearest to the pointer."""
+    """Return a function for the point of an axis through the origin nearest to the pointer."""
     origin, length = manipulator.origin, manipulator.length(projection)
     first, second = projection.pixels([origin, origin + 0.5 * length * axis])
     way = (second - first) / max(float(np.linalg.norm(second - first)), 1e-12)
@@ -218,7 +218,7 @@ def _along(
 def _on_plane(
     normal: F64, manipulator: Manipulator, projection: Projection
 ) -> Callable[[Pixel], F64 | None]:
-    """The point of a plane through the origin that is under the pointer."""
+    """Return a function for the point of a plane through the origin under the pointer."""
     origin, length = manipulator.origin, manipulator.length(projection)
 
     def point(pixel: Pixel) -> F64 | None:
@@ -235,7 +235,7 @@ def _on_plane(
 def _around(
     axis: F64, manipulator: Manipulator, projection: Projection
 ) -> Callable[[Pixel], float | None]:
-    """The angle about an axis at which the pointer is [radian]."""
+    """Return a function for the angle of the pointer about an axis [radian]."""
     first, second = across(axis)
     point = _on_plane(axis, manipulator, projection)
 
@@ -252,7 +252,7 @@ def _around(
 def _along_rim(
     axis: F64, manipulator: Manipulator, projection: Projection
 ) -> Callable[[Pixel], float | None]:
-    """As `_around`, for a ring that is seen from its edge: its near side goes with the pointer."""
+    """Return the same for a ring seen edge-on: its near side follows the pointer."""
     origin, length = manipulator.origin, manipulator.length(projection)
     rim = np.cross(axis, -projection.towards(origin))
     start, end = projection.pixels([origin, origin + 0.5 * length * rim])
@@ -265,7 +265,8 @@ def _along_rim(
 
 
 def _turn(axis: F64, angle: float) -> F64:
-    """Rotation about a unit vector, counter-clockwise seen from its tip, shape (3, 3)."""
+    """Return the rotation about a unit vector, counter-clockwise seen from its tip, shape (3,
+    3)."""
     x, y, z = axis
     cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)

@@ -1,4 +1,4 @@
-"""How often each brightness is in a picture, as the screen has it."""
+"""Histogram of the displayed picture."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ class Histogram:
     green: tuple[int, ...]
     blue: tuple[int, ...]
     pixels: int
-    """That were counted."""
+    """Number of counted pixels."""
 
 
 def histogram(document: Document) -> Histogram | None:
-    """Count what the screen shows, background included; None before the first picture."""
+    """Return the histogram of the displayed image with background; None before the first
+    picture."""
     if document.shown is None:
         return None
     image = document.shown.picture.image

@@ -1,8 +1,8 @@
-"""Knobs as a panel shows them: what kind of editor, which limits, which words.
+"""Model of knobs for panels: kind of editor, limits, labels.
 
 for editor in editors_of(settings):
     show(editor)                                  # a label, a slider, a list of choices, ...
-settings = with_value(settings, "sh_degree", 2)   # refused in a sentence if it is none
+settings = with_value(settings, "sh_degree", 2)   # raises UsageError if it is invalid
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ Kind = Literal["bool", "int", "float", "choice", "text", "vector", "color"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Editor:
-    """One value that a user may change. All of it can be written as JSON."""
+    """An editable value; all fields can be written as JSON."""
 
     name: str
-    """What `with_value` or `set_parameter` calls it."""
+    """Name for `with_value` or `set_parameter`."""
     label: str
-    """What a user reads, such as "SH degree"."""
+    """Label, such as "SH degree"."""
     kind: Kind
     value: Any
-    """bool, int, float, str, or a tuple of numbers; None for one that `none_label` speaks of."""
+    """bool, int, float, str, or a tuple of numbers; None has the meaning of `none_label`."""
     default: Any = None
-    """What it is where nobody says anything."""
+    """Value if nothing is authored."""
     none_label: str = ""
-    """What None means, such as "unlimited"; "" for a value that is never None."""
+    """Meaning of None, such as "unlimited"; "" for a value that is never None."""
     minimum: float | None = None
-    """Lowest legal number, of each part of a vector; None for no limit."""
+    """Minimum, for each element of a vector; None for no limit."""
     maximum: float | None = None
     soft_range: tuple[float, float] = (0.0, 1.0)
-    """What a slider spans, the value in it; a number typed may be any legal one."""
+    """Range of the slider, including the value; typed numbers may be any legal one."""
     step: float = 0.01
-    """By which an arrow changes it."""
+    """Step of the arrow keys."""
     is_whole: bool = False
-    """Whether the parts of a vector are whole numbers."""
+    """Whether the elements of a vector are integers."""
     unit: str = ""
     choices: tuple[str, ...] = ()
     help: str = ""
     group: str = ""
-    """A heading to put it under."""
+    """Heading of its group."""
     is_animated: bool = False
-    """Whether it has samples over time; `value` is that of the time that was asked for."""
+    """Whether it has time samples; `value` is that of the requested time."""
     is_authored: bool = True
-    """Whether somebody says so, rather than it being the default."""
+    """Whether the value is authored, rather than the default."""
     is_read_only: bool = False
-    """Whether it can be looked at, not changed."""
+    """Whether it cannot be edited."""
     problem: str = ""
-    """Why what somebody says is not `value`, a sentence; "" where nothing is wrong."""
+    """Why the authored value is not `value`, a sentence; "" without a problem."""
 
 
 _GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -84,7 +84,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
     "Display": ("exposure", "gamma", "channel", "background"),
     "Depth": ("depth_range", "colormap"),
 }
-"""Heading -> knobs of settings under it."""
+"""Heading -> knobs of settings below it."""
 _OTHER = "Other"
 
 _WORDS = {
@@ -104,20 +104,20 @@ _WORDS = {
     "u": "u",
     "v": "v",
 }
-"""Words of names that are not spelled as they are."""
+"""Words of names -> spelling in labels."""
 
 _WIDEST = {"deg": (-360.0, 360.0), "stop": (-8.0, 8.0)}
-"""What a slider spans where that is legal, by unit; beyond it people type."""
+"""Widest range of a slider by unit, where legal; other values are typed."""
 _SCALES = {"s": 2.0, "time code": 20.0, "unit/s^2": 2.0}
-"""What is a usual number where the default gives no scale, by unit."""
+"""Typical value by unit, where the default gives no scale."""
 _MANY = 100.0
-"""How many times as wide as what is usual a slider may be before it is of no use."""
+"""Maximum range of a slider, in multiples of the typical value."""
 
 
 def editors_of(instance: Any) -> tuple[Editor, ...]:
-    """One editor for each knob of a dataclass's instance, in order of declaration.
+    """Return an editor for each knob of a dataclass instance, in order of declaration.
 
-    Knobs that no simple editor is for, such as lists of vectors, are left out.
+    Knobs without a simple editor, such as lists of vectors, are omitted.
     """
     headings = {name: heading for heading, names in _GROUPS.items() for name in names}
     return tuple(
@@ -128,15 +128,15 @@ def editors_of(instance: Any) -> tuple[Editor, ...]:
 
 
 def with_value(instance: T, name: str, value: Any) -> T:
-    """The same settings, one of them changed.
+    """Return the settings with one value changed.
 
     Args:
-        instance: Of a dataclass of knobs.
-        name: As its editor has it.
-        value: As its editor has it, or the knob's own.
+        instance: Instance of a dataclass of knobs.
+        name: Name of the editor.
+        value: Value of the editor, or of the knob.
 
     Raises:
-        UsageError: If there is none of that name, or it cannot have that value.
+        UsageError: If the name is unknown, or the value is invalid.
     """
     known = {item.name: item for item in knobs(type(instance))}
     taken = typed(known[name], value) if name in known else value
@@ -145,13 +145,13 @@ def with_value(instance: T, name: str, value: Any) -> T:
 
 
 def editor_of(item: Knob, value: Any, *, name: str | None = None, group: str = "") -> Editor:
-    """The editor of one knob.
+    """Return the editor of a knob.
 
     Args:
-        item: One that has a kind, see `kind_of`.
-        value: What it is now.
-        name: What the editor is called; None is the knob's own name.
-        group: What it is put under.
+        item: A knob with a kind, see `kind_of`.
+        value: Current value.
+        name: Name of the editor; None is the knob's own name.
+        group: Heading of its group.
     """
     kind = kind_of(item)
     if kind is None:
@@ -183,7 +183,7 @@ def editor_of(item: Knob, value: Any, *, name: str | None = None, group: str = "
 
 
 def kind_of(item: Knob) -> Kind | None:
-    """The kind of editor that a knob has; None where none of them would do."""
+    """Return the kind of editor of a knob; None if there is none."""
     hint = _plain(item.type)
     if item.choices is not None:
         return "choice"
@@ -199,19 +199,19 @@ def kind_of(item: Knob) -> Kind | None:
 
 
 def typed(item: Knob, value: Any) -> Any:
-    """What an editor holds as the knob has it; whether it is legal is for `checked` to say."""
+    """Convert an editor's value to the knob's type, without a check of its range."""
     hint = _plain(item.type)
     if value is None and _is_infinite(item.default):
         return item.default
     if isinstance(value, str) and typing.get_origin(hint) is tuple:
         return tuple(part.strip() for part in value.split(",") if part.strip())
-    if item.choices is not None:  # those that are numbers are shown as texts
+    if item.choices is not None:  # numeric choices are displayed as text
         return next((choice for choice in item.choices if str(choice) == str(value)), value)
     return value
 
 
 def shown(value: Any) -> Any:
-    """A knob's value as an editor holds it: an infinite one is None, names are one text."""
+    """Convert a knob's value for an editor: infinity becomes None, names become one text."""
     if _is_infinite(value):
         return None
     if isinstance(value, (tuple, list)):
@@ -222,7 +222,7 @@ def shown(value: Any) -> Any:
 
 
 def label(name: str) -> str:
-    """A name as people read it: "sh_degree" is "SH degree"."""
+    """Convert a name to a label: "sh_degree" becomes "SH degree"."""
     words = [_WORDS.get(word, word) for word in name.split("_")]
     first = words[0]
     words[0] = first if len(first) == 1 else first[0].upper() + first[1:]
@@ -238,14 +238,14 @@ def soft_range(
     unit: str = "",
     is_whole: bool = False,
 ) -> tuple[float, float]:
-    """What a slider spans: all that is legal where that is of use, else what people try first.
+    """Return the range of a slider: the legal range if it is practical, else the usual one.
 
     Args:
-        low, high: Legal numbers; infinite for no limit.
-        default: A number or a tuple of them, which gives the scale.
-        values: What the value is now; these are always in the range.
-        unit: In which some are known to be of use up to a limit.
-        is_whole: Whether fractions do not count.
+        low, high: Legal range; infinite for no limit.
+        default: A number or a tuple of numbers, which gives the scale.
+        values: Current values, which are always in the range.
+        unit: Unit, which may have a practical limit.
+        is_whole: Whether values are integers.
     """
     finite = [abs(part) for part in _numbers(default) if math.isfinite(part)]
     usual = 8.0 if is_whole else _SCALES.get(unit, 1.0)
@@ -263,12 +263,12 @@ def soft_range(
 
 
 def step(span: tuple[float, float]) -> float:
-    """By which an arrow changes a number: a hundredth of the range, a round number."""
+    """Return the step of the arrow keys: a round number of about a hundredth of the range."""
     return _nice((span[1] - span[0]) / 200) or 0.01
 
 
 def _nice(number: float) -> float:
-    """The least of 1, 2, 5, 10, ... times a power of ten that is not less."""
+    """Return the smallest of 1, 2, 5, 10, ... times a power of ten that is not less."""
     if not 0 < number < math.inf:
         return 0.0
     power = 10.0 ** math.floor(math.log10(number))
@@ -279,7 +279,7 @@ def _nice(number: float) -> float:
 
 
 def _none_label(item: Knob) -> str:
-    """What None means for a knob."""
+    """Return the meaning of None for a knob."""
     if _is_infinite(item.default):
         return "from the first" if item.default < 0 else "unlimited"
     return "automatic" if type(None) in _options(item.type) else ""
@@ -290,13 +290,13 @@ def _is_infinite(value: Any) -> bool:
 
 
 def _numbers(value: Any) -> tuple[float, ...]:
-    """The numbers of a value; none of what has none."""
+    """Return the numbers of a value."""
     parts = value if isinstance(value, (tuple, list)) else (value,)
     return tuple(part for part in parts if isinstance(part, (int, float)))
 
 
 def _plain(hint: Any) -> Any:
-    """An annotation without its None."""
+    """Return an annotation without None."""
     return next(option for option in _options(hint) if option is not type(None))
 
 

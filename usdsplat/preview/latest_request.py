@@ -14,16 +14,16 @@ Failed = Callable[[UsdSplatError], None]
 
 
 class Asks(Protocol):
-    """A session, or a bridge to one that calls `done` and `failed` in the thread that asked."""
+    """A session, or a proxy that calls `done` and `failed` in the caller's thread."""
 
     def look(self, state: ViewState, /) -> None:
-        """Say what shall be seen."""
+        """Set the view state."""
 
     def ask(self, task: Callable[[Any], Any], done: Done, failed: Failed | None = None, /) -> None:
-        """Have something done with the document."""
+        """Run a task on the document."""
 
     def complain(self, error: UsdSplatError, /) -> None:
-        """Have an error told as a `Problem`."""
+        """Report an error as a `Problem`."""
 
 
 class LatestRequest:
@@ -40,11 +40,11 @@ class LatestRequest:
 
     @property
     def is_busy(self) -> bool:
-        """Whether an answer is to come."""
+        """Whether a request is in progress."""
         return self._is_asking
 
     def ask(self, task: Callable[[Any], Any], done: Done, failed: Failed | None = None) -> None:
-        """Have it done, now or after what is being done; arguments as `Session.ask` takes them."""
+        """Send a request, now or after the current one; arguments as in `Session.ask`."""
         if self._is_asking:
             self._next = task, done, failed
             return

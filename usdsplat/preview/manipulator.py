@@ -1,7 +1,7 @@
-"""Handles that move, turn and scale a prim: where they are in a viewport and what is hit of them.
+"""Handles that move, rotate and scale a prim: their shapes in a viewport, and hit tests.
 
-They have the same size on the screen wherever the prim is. What a drag of one does to the prim's
-matrix is `dragging`'s.
+Handles have a constant size on the screen. `dragging` computes the effect of a drag on the prim's
+matrix.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from usdsplat.preview.projection import Pixel, Projection
 Mode = Literal["translate", "rotate", "scale"]
 Space = Literal["world", "local"]
 Handle = Literal["x", "y", "z", "yz", "zx", "xy", "view"]
-"""An axis, a plane by its axes, or the one that faces the viewer."""
+"""An axis, a plane by its axes, or the handle that faces the viewer."""
 
 AXES: tuple[Handle, ...] = ("x", "y", "z")
 PLANES: tuple[Handle, ...] = ("yz", "zx", "xy")
-"""Plane i is across axis i."""
+"""Plane i is perpendicular to axis i."""
 
 LENGTH = 92.0
-"""Of an axis [pixel of the window]."""
+"""Length of an axis [pixel of the window]."""
 GAP = 0.16
-"""Where an axis begins, a part of its length."""
+"""Start of an axis, as a fraction of its length."""
 PLANE = (0.3, 0.5)
-"""Where the square of a plane begins and ends."""
+"""Start and end of the square of a plane, as fractions of an axis."""
 RING = 0.9
 VIEW_RING = 1.12
-"""Radii of the rings, in lengths."""
+"""Radii of the rings, in axis lengths."""
 CENTER = 8.0
-"""Half the size of the handle in the middle [pixel of the window]."""
+"""Half the size of the centre handle [pixel of the window]."""
 REACH = 7.0
-"""How far from a line it is still hit [pixel of the window]."""
+"""Maximum distance from a line for a hit [pixel of the window]."""
 END_ON = 0.985
-"""Cosine to the direction of sight from which on an axis cannot be dragged."""
+"""Cosine to the view direction from which an axis cannot be dragged."""
 EDGE_ON = 0.12
-"""Cosine below which a plane cannot."""
+"""Cosine below which a plane cannot be dragged."""
 RING_STEPS = 72
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Shape:
-    """One handle as it is seen."""
+    """The visible shape of a handle."""
 
     handle: Handle
     kind: Literal["arrow", "box", "plane", "ring", "center"]
     points: F64
-    """Of its line or outline in the viewport, shape (n, 2) [pixel]."""
+    """Points of its line or outline in the viewport, shape (n, 2) [pixel]."""
     front: npt.NDArray[np.bool_]
     """Whether each point faces the viewer, shape (n,)."""
     can_be_hit: bool
@@ -62,22 +62,22 @@ class Manipulator:
     """The handles of a prim."""
 
     matrix: F64
-    """Of the prim, local to world, for column vectors, shape (4, 4)."""
+    """Matrix of the prim, local to world, for column vectors, shape (4, 4)."""
     mode: Mode = "translate"
     space: Space = "world"
     ratio: float = 1.0
-    """Pixels of the viewport to one of the window."""
+    """Viewport pixels per window pixel."""
 
     @property
     def origin(self) -> F64:
-        """Where the handles are, shape (3,)."""
+        """Position of the handles, shape (3,)."""
         return self.matrix[:3, 3]
 
     @property
     def axes(self) -> F64:
-        """Rows x, y and z of the handles in the world, unit length, shape (3, 3).
+        """Unit vectors x, y and z of the handles in the world, as rows, shape (3, 3).
 
-        Scaling is along the prim's own, in whichever space: the others would shear it.
+        Scaling always uses the prim's own axes: others would shear it.
         """
         if self.space == "world" and self.mode != "scale":
             return np.eye(3)
@@ -86,11 +86,11 @@ class Manipulator:
         return np.where(lengths > 0, columns / np.where(lengths > 0, lengths, 1.0), np.eye(3)).T
 
     def length(self, projection: Projection) -> float:
-        """Of an axis in the world [scene unit]."""
+        """Return the length of an axis in the world [scene unit]."""
         return LENGTH * self.ratio * projection.unit(self.origin)
 
     def shapes(self, projection: Projection) -> tuple[Shape, ...]:
-        """All handles, those first that lie behind; nothing if they are not before the eye."""
+        """Return the shapes of all handles, far to near; empty if they are behind the eye."""
         if not projection.depths(self.origin)[0] > projection.near:
             return ()
         if self.mode == "rotate":
@@ -101,7 +101,7 @@ class Manipulator:
         return (*planes, *(lines[i] for i in order), self._center(projection))
 
     def hit(self, pixel: Pixel, projection: Projection) -> Handle | None:
-        """What a pointer would take hold of: the middle before planes before what is nearest."""
+        """Return the handle under a pointer: centre first, then planes, then the nearest."""
         shapes = [shape for shape in self.shapes(projection) if shape.can_be_hit]
         for shape in reversed(shapes):
             if shape.kind in ("center", "plane") and _is_inside(pixel, shape.points):
@@ -182,21 +182,21 @@ class Manipulator:
 
 
 def across(normal: F64) -> tuple[F64, F64]:
-    """Two unit vectors that make a right-handed frame with a third."""
+    """Return two unit vectors that complete a right-handed frame."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(abs(normal)))])
     first = first / np.linalg.norm(first)
     return first, np.cross(normal, first)
 
 
 def _is_inside(pixel: Pixel, corners: F64) -> bool:
-    """Whether a point is inside a convex outline, however that turns."""
+    """Return whether a point is inside a convex outline of either orientation."""
     edges, ways = np.roll(corners, -1, axis=0) - corners, np.asarray(pixel) - corners
     turns = edges[:, 0] * ways[:, 1] - edges[:, 1] * ways[:, 0]
     return bool((turns >= 0).all() or (turns <= 0).all())
 
 
 def _distance(pixel: Pixel, shape: Shape) -> float:
-    """From a point to the nearest of the lines of a shape that face the viewer [pixel]."""
+    """Return the distance from a point to the nearest front-facing line of a shape [pixel]."""
     starts, ends = shape.points[:-1], shape.points[1:]
     seen = shape.front[:-1] & shape.front[1:]
     if not seen.any():

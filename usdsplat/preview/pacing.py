@@ -1,13 +1,13 @@
-"""How good the next picture may be, from what the last ones took.
+"""Choose the quality of the next picture from the times of the last ones.
 
-While the view moves, a picture is drawn at a part of the viewport's resolution, and with a part of
-the splats where even that is too slow, so that it takes about a thirtieth of a second. When the
-view rests it is drawn in full, with a step between where that takes long.
+While the view moves, a picture is drawn at reduced resolution, and with fewer splats if that is
+still too slow, so that it takes about a thirtieth of a second. When the view rests it is drawn in
+full, with an intermediate picture if that takes long.
 
-A picture takes what is done once for each splat and what is done for pixels; both follow from the
-last pictures' times by median, so that one that was held up counts for nothing. A finer scale
-is taken up only after it has been affordable for a while, and one that was given up again is tried
-later each time: quality does not flicker.
+The time of a picture has a part per splat and a part per pixel. Both are estimated from the last
+pictures' times by median, so that a single delay has no effect. A finer scale is used only after it
+has been affordable for a while, and one that had to be given up is tried later each time, so that
+the quality does not flicker.
 """
 
 from __future__ import annotations
@@ -19,69 +19,69 @@ from dataclasses import dataclass
 from statistics import median
 
 SCALES = (1.0, 1.5, 2.0, 3.0)
-"""Pixels of the viewport to a side of a drawn one, with all splats."""
+"""Viewport pixels per side of a drawn pixel, with all splats."""
 BUDGETS = tuple(int(2.0 ** (0.5 * i)) for i in range(50, 31, -1))
-"""Most splats, at the last of `SCALES`: larger pixels still would look worse than fewer splats."""
+"""Splat budgets at the last of `SCALES`: even larger pixels would look worse than fewer splats."""
 MUCH_LESS = 0.85
-"""Part of the splats that a budget must be below."""
+"""Maximum fraction of the splats for a budget to be worthwhile."""
 COARSEST = (4.0, 6.0)
-"""Scales where no more splats can be left out."""
+"""Scales for the smallest splat budget."""
 STEADY = 0.2
-"""Part of what pixels take that no scale saves: as measured, the rest goes with 1 / scale."""
+"""Measured fraction of the pixel time that does not depend on the scale; the rest is 1 / scale."""
 MOVING_MS = 35.0
-"""What a picture may take while the view moves."""
+"""Time limit of a picture while the view moves."""
 RESTING_MS = 150.0
-"""What the full picture may take to be drawn at once when the view rests."""
+"""Time limit to draw the full picture at once when the view rests."""
 MIDDLE_MS = 100.0
-"""What the picture between may take."""
+"""Time limit of the intermediate picture."""
 WORTH = 1.3
-"""Times the least possible that a picture may take where nothing is affordable: coarser ones would
-save too little to be seen so."""
+"""Limit in multiples of the minimum time if nothing is affordable: coarser pictures would save too
+little."""
 SLACK = 1.15
-"""How far past what it may take a picture goes before it becomes coarser."""
+"""Factor on the time limit above which a picture becomes coarser."""
 EASE = 0.8
-"""A finer scale must take less than this part of what it may."""
+"""Fraction of the time limit below which a finer scale is affordable."""
 PATIENCE, MOST_PATIENCE = 0.5, 8.0
-"""Seconds for which a finer scale must have been affordable."""
+"""Initial and maximum time for which a finer scale must have been affordable [s]."""
 REMEMBERED = 5
-"""Pictures that times are taken from."""
+"""Number of pictures that times are taken from."""
 SPLAT_NS, PIXEL_NS = 90.0, 50.0
-"""What is expected before anything was drawn."""
+"""Initial estimates [ns]."""
 DOUBTED = 2
-"""Pictures that it takes to give that up."""
+"""Number of entries of the initial estimate."""
 JUMP = 0.3
-"""By which part work must change to tell what no saving of work saves."""
+"""Minimum relative change of the work to estimate the constant part of the time."""
 BELIEF = 0.5
-"""How far one such change is believed."""
+"""Weight of one such estimate."""
 REGRET = 3.0
-"""Seconds within which a finer scale that had to be given up was a mistake."""
+"""A finer scale that is given up within this time was a mistake [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What there is to draw."""
+    """The amount of work of a picture."""
 
     pixels: int
-    """Of the viewport."""
+    """Pixels of the viewport."""
     splats: int
-    """On the stage, instances counted each."""
+    """Splats on the stage, counting every instance."""
     samples: int = 1
-    """Pictures that are averaged in full quality."""
+    """Number of samples in full quality."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality:
-    """How one picture is drawn."""
+    """The quality of a picture."""
 
     scale: float = 1.0
-    """Pixels of the viewport to a side of a drawn one."""
+    """Viewport pixels per side of a drawn pixel."""
     splats: int | None = None
-    """Most splats to draw; None for all."""
+    """Splat budget; None for all."""
     averages: bool = True
-    """Whether it has all samples, where one picture is averaged of many."""
+    """Whether all samples of a picture are drawn."""
 
     def is_at_least(self, other: Quality) -> bool:
-        """Whether nothing of `other` is better."""
+        """Return whether `other` is better in no respect."""
         mine, theirs = self.splats or math.inf, other.splats or math.inf
         return self.scale <= other.scale and mine >= theirs and self.averages >= other.averages
 
@@ -90,13 +90,14 @@ FULL = Quality()
 
 
 class Cost:
-    """What work takes [ms]: so much for each piece of it, and something however little it is.
+    """A cost model of work [ms]: a time per piece, and a constant.
 
-    The first follows from the last pictures by median. The second shows where the amount of work
-    jumps from one picture to the next, for there the view is still nearly the same.
+    The time per piece is the median of the last pictures. The constant is estimated where the
+    amount of work jumps from one picture to the next, because the view is still nearly the same
+    there.
 
     Args:
-        guess: What a piece is believed to take before there were pictures.
+        guess: Initial estimate of the time per piece.
     """
 
     def __init__(self, guess: float) -> None:
@@ -104,7 +105,7 @@ class Cost:
         self._start: float | None = None
 
     def learn(self, work: float, took: float) -> None:
-        """Take in one picture."""
+        """Add the measurement of a picture."""
         work = max(work, 1.0)
         before, _ = self._seen[-1]
         if before > 1.0 and abs(work - before) > JUMP * before:
@@ -117,21 +118,21 @@ class Cost:
         self._seen.append((work, took))
 
     def of(self, work: float) -> float:
-        """What some work will take."""
+        """Return the expected time of an amount of work."""
         start = self._start or 0.0
         return start + work * median(max(took - start, 0.0) / amount for amount, took in self._seen)
 
 
 class Pacer:
-    """Chooses the quality of each picture of one viewport. Times are in milliseconds.
+    """Pacer of one viewport, which chooses the quality of each picture. Times are in milliseconds.
 
-    Told of every picture by `drew`, asked for the next by `moving` and `resting`.
+    `drew` records every picture; `moving` and `resting` choose the next one.
     """
 
     def __init__(self) -> None:
         self._splats, self._pixels = Cost(1e-6 * SPLAT_NS), Cost(1e-6 * PIXEL_NS)
         self._held: Quality | None = None
-        """Of the movement that goes on; None at rest."""
+        """Quality during the current movement; None at rest."""
         self._easy_since: float | None = None
         self._raised_at = -math.inf
         self._patience = PATIENCE
@@ -139,26 +140,26 @@ class Pacer:
     # --- what pictures took ----------------------------------------------------------------
 
     def drew(self, quality: Quality, load: Load, *, fixed: float, rest: float) -> None:
-        """Learn from a picture: what was done once for each splat took `fixed`, all else `rest`."""
+        """Record a picture: work per splat took `fixed`, all else `rest`."""
         splats, pixels = _work(quality, load)
         self._splats.learn(splats, fixed)
         self._pixels.learn(pixels, rest)
 
     def expected(self, quality: Quality, load: Load) -> float:
-        """What a picture will take."""
+        """Return the expected time of a picture."""
         splats, pixels = _work(quality, load)
         return self._splats.of(splats) + self._pixels.of(pixels)
 
     # --- what comes next -------------------------------------------------------------------
 
     def moving(self, now: float, load: Load) -> Quality:
-        """Return how to draw the next picture of a movement; `now` is any clock's [s]."""
+        """Return the quality of the next picture of a movement; `now` is any clock's time [s]."""
         choices = _choices(load)
         held = self._held
         if held is None:
             self._easy_since, self._patience, self._raised_at = None, PATIENCE, -math.inf
             self._held = self._best(choices, MOVING_MS, load)
-        elif held not in choices:  # splats or pixels have come or gone
+        elif held not in choices:  # the number of splats or pixels has changed
             self._held, self._easy_since = self._best(choices, MOVING_MS, load), None
         elif self.expected(held, load) > SLACK * MOVING_MS:
             self._give_up(now, held, choices, load)
@@ -167,10 +168,10 @@ class Pacer:
         return self._held or FULL
 
     def resting(self, shown: Quality | None, load: Load) -> Quality:
-        """Return how to draw the next picture at rest; `FULL` unless that takes long.
+        """Return the quality of the next picture at rest; `FULL` unless that takes long.
 
         Args:
-            shown: How the picture was drawn that shows the same already; None if there is none.
+            shown: Quality of the current picture of the same view; None if there is none.
         """
         self._held = None
         if self.expected(FULL, load) <= RESTING_MS:
@@ -182,14 +183,14 @@ class Pacer:
     # --- private ---------------------------------------------------------------------------
 
     def _best(self, choices: Sequence[Quality], limit: float, load: Load) -> Quality:
-        """The first that is affordable; where none is, the first that takes little more than the
+        """Return the first affordable choice; without one, the first that is little slower than the
         last."""
         least = self.expected(choices[-1], load)
         limit = limit if least <= limit else WORTH * least
         return next(each for each in choices if self.expected(each, load) <= limit)
 
     def _give_up(self, now: float, held: Quality, choices: list[Quality], load: Load) -> None:
-        """Go on with less, and be slower to ask for more again if that was a mistake."""
+        """Reduce the quality, and wait longer before raising it if raising it was a mistake."""
         best = self._best(choices, MOVING_MS, load)
         if choices.index(best) <= choices.index(held):
             return
@@ -198,7 +199,7 @@ class Pacer:
         self._held, self._easy_since = best, None
 
     def _maybe_raise(self, now: float, better: Quality, load: Load) -> None:
-        """Go on with more when it has been affordable for long enough."""
+        """Raise the quality if it has been affordable for long enough."""
         if self.expected(better, load) > EASE * MOVING_MS:
             self._easy_since = None
         elif self._easy_since is None:
@@ -208,7 +209,7 @@ class Pacer:
 
 
 def _choices(load: Load) -> list[Quality]:
-    """How pictures of a movement may be drawn, the best first."""
+    """Return the qualities of a movement, the best first."""
     alone = load.samples == 1
     found = [Quality(scale=scale, averages=alone) for scale in SCALES]
     fewer = [count for count in BUDGETS if count < MUCH_LESS * load.splats]
@@ -218,7 +219,7 @@ def _choices(load: Load) -> list[Quality]:
 
 
 def _work(quality: Quality, load: Load) -> tuple[float, float]:
-    """Splats of a picture, and pixels of a full one that its own take as long as."""
+    """Return the splats of a picture, and the equivalent number of full-quality pixels."""
     samples = load.samples if quality.averages else 1
     part = min(1.0, quality.splats / load.splats) if quality.splats and load.splats else 1.0
     pixels = STEADY * part + (1.0 - STEADY) * math.sqrt(part) / quality.scale

@@ -1,4 +1,4 @@
-"""Colours for numbers: steady ones for names and ids, a wheel for directions, ramps for depths."""
+"""Colours for values: constant ones for names and ids, a wheel for directions, ramps."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ Bytes = npt.NDArray[np.uint8]
 
 BITS = 12
 SHIFT = np.uint32(32 - BITS)
-"""Bits of a hash that its colour does not depend on."""
+"""Shift of a hash to its colour bits."""
 GOLDEN = 0.6180339887498949
-"""Steps of hue by this part of a turn never come close to each other soon."""
+"""Hue step: successive hues by the golden ratio stay far apart."""
 TURBO = (
     (48, 18, 59), (70, 98, 216), (53, 171, 248), (27, 229, 181), (116, 254, 93), (201, 239, 52),
     (251, 185, 56), (245, 105, 24), (201, 41, 3), (122, 4, 3),
 )  # fmt: skip
-"""Ten even steps of a rainbow whose lightness rises and falls without bands, after Mikhailov 2019,
+"""Ten steps of a rainbow whose lightness rises and falls without bands, after Mikhailov 2019,
 "Turbo, an improved rainbow colormap"; what lies between is interpolated."""
 
 
 def _colors() -> Bytes:
-    """As many clear colours as `BITS` can count."""
+    """Return 2^BITS distinct colours."""
     rows = []
     for i in range(1 << BITS):
         hue, saturation = i * GOLDEN % 1.0, 0.45 + 0.4 * (i * 7 % 16) / 15
@@ -42,13 +42,13 @@ def _ramp(*stops: tuple[int, int, int]) -> Bytes:
 
 
 COLORS = _colors()
-"""For hashes, by their high bits."""
+"""Colours of hashes, by their high bits."""
 HUES: F32 = np.array([colorsys.hsv_to_rgb(i / 1024, 1.0, 1.0) for i in range(1024)], np.float32)
-"""A wheel: red to the right, yellow-green up."""
+"""Colour wheel: red to the right, yellow-green up."""
 RAMPS = {"grey": _ramp((0, 0, 0), (255, 255, 255)), "turbo": _ramp(*TURBO)}
 
 
 def of_names(names: tuple[str, ...]) -> Bytes:
-    """Return the colours of names, shape (n, 3): those of their hashes in a Cryptomatte."""
+    """Return the colours of names, shape (n, 3), by their Cryptomatte hashes."""
     rows = [COLORS[int(mixed(np.uint32(hash_bits(name)))) >> int(SHIFT)] for name in names]
     return np.array(rows, np.uint8).reshape(-1, 3)

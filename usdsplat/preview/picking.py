@@ -1,4 +1,4 @@
-"""What is under the pointer: the prim, and a splat's numbers."""
+"""Pick the prim and splat under the pointer."""
 
 from __future__ import annotations
 
@@ -13,55 +13,55 @@ from usdsplat.preview.reading import PixelProbe, Vector, read, vector
 from usdsplat.render.scene import RenderScene, matrix
 
 REACH = 3
-"""How far from the pointer something may be [pixel]."""
+"""Maximum distance from the pointer [pixel]."""
 AOVS = ("primId", "instanceId", "elementId", "P")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Splat:
-    """One splat, as its prim has it."""
+    """A splat with the values of its prim."""
 
     center: Vector
-    """In the prim's own space [scene unit]."""
+    """Centre in the prim's local space [scene unit]."""
     world_center: Vector
     scales: Vector
     """Standard deviations along its own axes [scene unit]."""
     rotation: tuple[float, float, float, float]
     """Unit quaternion (w, x, y, z), from its axes to the prim."""
     opacity: float
-    """[0..1]"""
+    """Peak opacity [0..1]."""
     color: Vector
-    """Without view dependence, in the space that it was trained in; may leave 0..1."""
+    """Colour without view dependence, in the trained colour space; may exceed 0..1."""
     sh_degree: int
     id: int
-    """That survives reordering; its row where it has none."""
+    """Id, or its row if it has none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picked:
-    """What was under the pointer."""
+    """A picked splat or mesh face."""
 
     path: str
-    """Of the prim."""
+    """Path of the prim."""
     instance: int
-    """Number in its point instancer, or 0."""
+    """Index in its point instancer, or 0."""
     kind: Literal["splats", "mesh"]
     element: int
     """Row of the splat in its prim's arrays, or face of the mesh."""
     position: Vector
-    """Of what was seen, in the world [scene unit]."""
+    """Picked position in the world [scene unit]."""
     splat: Splat | None = None
     """None for a mesh."""
 
 
 def pick(document: Document, x: float, y: float) -> Picked | None:
-    """Return what is seen at a pixel of the viewport, or within `REACH` of it; None if nothing is.
+    """Return what is visible at a pixel of the viewport, or within `REACH` of it, or None.
 
-    It is what holds half of the pixel's coverage in full quality, coarse as the picture may be.
+    It is the splat or surface at half of the pixel's coverage at full quality.
 
     Args:
-        document: Whose last picture is pointed at.
-        x, y: From the viewport's top left [pixel].
+        document: Document whose last picture is used.
+        x, y: Position from the viewport's top left [pixel].
     """
     reading = read(document, x, y, AOVS, reach=REACH)
     if reading is None:
@@ -83,7 +83,7 @@ def pick(document: Document, x: float, y: float) -> Picked | None:
 
 
 def _nearest(reading: PixelProbe) -> tuple[int, int] | None:
-    """Row and column of what is nearest to the pointer."""
+    """Return row and column of the hit nearest to the pointer."""
     rows, columns = np.nonzero(reading.arrays["primId"] >= 0)
     if rows.size == 0:
         return None
@@ -93,7 +93,7 @@ def _nearest(reading: PixelProbe) -> tuple[int, int] | None:
 
 
 def _splat(scene: RenderScene, path: str, index: int, row: int) -> Splat | None:
-    """The numbers of a splat; None if none of a field's is meant."""
+    """Return the values of a splat; None if the prim is not a field."""
     for _, field, instance in scene.drawn():
         if (instance.path, instance.index) != (path, index):
             continue

@@ -1,7 +1,7 @@
-"""Where the selected prim is, and moving it: one question and one answer at a time.
+"""Track and move the selected prim, one request at a time.
 
-A drag tells of more places than a stage can be at; those that were never authored when the next
-one came are forgotten.
+A drag gives more positions than the stage can process; those that are not authored when the next
+one arrives are dropped.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from usdsplat.render.specs import Matrix
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where a prim is."""
+    """The placement of a prim."""
 
     path: str
     matrix: Matrix
@@ -25,11 +25,11 @@ class Placement:
 
 
 class Placing:
-    """The placement of what is selected last.
+    """Tracker of the placement of the last selected prim.
 
     Args:
-        session: Who has the stage.
-        changed: Called when another placement is known.
+        session: Session of the stage.
+        changed: Called when the placement changes.
     """
 
     def __init__(self, session: Asks, *, changed: Callable[[], None]) -> None:
@@ -38,21 +38,21 @@ class Placing:
         self._path = ""
         self._drags = 0
         self.placement: Placement | None = None
-        """None where nothing that has a place is selected, and until it is known."""
+        """None if nothing movable is selected, and until it is known."""
 
     def follow(self, path: str, time: float | None) -> None:
-        """Know where a prim is at a time; "" for none."""
+        """Track a prim at a time; "" for none."""
         if path != self._path:
             self._path, self.placement = path, None
         if path:
             self._questions.ask(lambda document: _placement(document, path, time), self._keep)
 
     def begin(self) -> None:
-        """What is moved from now on is one step of undo."""
+        """Begin a new undo step for the following moves."""
         self._drags += 1
 
     def move(self, matrix: Matrix, time: float | None) -> None:
-        """Put the prim somewhere, at a time."""
+        """Author the prim's matrix at a time."""
         path, key = self._path, f"drag {self._drags} of {self._path}"
         if not path:
             return
@@ -73,7 +73,7 @@ class Placing:
 
 
 def _placement(document: Any, path: str, time: float | None) -> Placement | None:
-    """Where a prim is; None for one that cannot be moved."""
+    """Return the placement of a prim; None if it cannot be moved."""
     prim = document.stage.GetPrimAtPath(path)
     if not prim or prim.IsInstanceProxy() or not prim.HasAttribute("xformOpOrder"):
         return None

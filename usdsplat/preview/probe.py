@@ -1,4 +1,4 @@
-"""The numbers behind one pixel: as it is shown, as it was rendered, and where that is."""
+"""Probe a pixel: displayed colour, AOV values, rendered colour, position."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from usdsplat.preview.values import Picture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probed:
-    """One pixel of the viewport."""
+    """The values of a pixel of the viewport."""
 
     x: int
     y: int
-    """From the viewport's top left [pixel]."""
+    """Position from the viewport's top left [pixel]."""
     aov: str
-    """What is shown there, by the name that files use."""
+    """Name of the displayed AOV, as in files."""
     shown: Vector
-    """RGB of the screen [0..1], of the last picture."""
+    """Displayed RGB [0..1] of the last picture."""
     values: tuple[float, ...]
-    """Of the AOV in full quality; ids are whole numbers, depths may be infinite."""
+    """Values of the AOV at full quality; ids are integers, depths may be infinite."""
     channels: tuple[str, ...]
-    """What files call each of `values`."""
+    """Channel names of `values`, as in files."""
     rendered: tuple[float, float, float, float]
     """Premultiplied colour before view, exposure and gamma, in the picture's own space."""
     position: Vector | None
-    """In the world [scene unit]; None where nothing is."""
+    """Position in the world [scene unit]; None in an empty pixel."""
     path: str
-    """Of the prim that is seen; "" where nothing is."""
+    """Path of the visible prim; "" in an empty pixel."""
     element: int
-    """Row of the splat, or face of the mesh; -1 where nothing is."""
+    """Row of the splat, or face of the mesh; -1 in an empty pixel."""
 
 
 def probe(document: Document, x: float, y: float) -> Probed | None:
-    """Return what a pixel of the viewport holds; None where there is no picture.
+    """Return the values of a pixel of the viewport; None without a picture.
 
     Args:
-        document: Whose last picture is probed.
-        x, y: From the viewport's top left [pixel].
+        document: Document whose last picture is used.
+        x, y: Position from the viewport's top left [pixel].
     """
     shown = document.shown
     if shown is None:
@@ -70,7 +70,7 @@ def probe(document: Document, x: float, y: float) -> Probed | None:
 
 
 def _seen(picture: Picture, x: int, y: int) -> Vector:
-    """What the screen has at a pixel of the viewport."""
+    """Return the displayed colour of a pixel of the viewport."""
     rows, columns = picture.image.shape[:2]
     row, column = int(y / picture.scale), int(x / picture.scale)
     red, green, blue = picture.image[min(row, rows - 1), min(column, columns - 1)].tolist()

@@ -1,4 +1,4 @@
-"""Where things of the world are in a viewport, and what lies under a pixel of it.
+"""Project world points to a viewport, and pixels to rays.
 
 Positions in the viewport are (x, y) from the top left corner of its first pixel, y down [pixel].
 """
@@ -16,26 +16,26 @@ from usdsplat.render.specs import CameraSpec, Framing
 
 Pixel = tuple[float, float]
 Ray = tuple[F64, F64]
-"""Where it begins and its direction, unit length, shape (3,) each."""
+"""Origin and unit direction, shape (3,) each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
-    """A camera's, on a viewport that is as large as its picture."""
+    """The projection of a camera on a viewport of its picture's size."""
 
     to_camera: F64
     """World to camera: x right, y up, looking down -z; shape (4, 4)."""
     is_orthographic: bool
     focal: tuple[float, float]
-    """[pixel]; for an orthographic camera [pixel / scene unit]."""
+    """Focal lengths [pixel]; for an orthographic camera scales [pixel / scene unit]."""
     center: Pixel
-    """Where the camera's axis meets the viewport."""
+    """Intersection of the camera's axis with the viewport."""
     near: float
-    """Planar depth from which on things are seen [scene unit]."""
+    """Near plane [scene unit]."""
 
     @classmethod
     def of(cls, camera: CameraSpec, size: tuple[int, int]) -> Projection:
-        """What a camera does in a viewport of that width and height [pixel].
+        """Create the projection of a camera for a viewport of a width and height [pixel].
 
         Raises:
             UsageError: If the camera's aperture has no area.
@@ -53,20 +53,20 @@ class Projection:
 
     @property
     def axes(self) -> F64:
-        """Rows right, up and back in the world, shape (3, 3)."""
+        """Vectors right, up and back in the world, as rows, shape (3, 3)."""
         return self.to_camera[:3, :3]
 
     @property
     def eye(self) -> F64:
-        """Where the camera stands, shape (3,)."""
+        """Position of the camera, shape (3,)."""
         return -self.axes.T @ self.to_camera[:3, 3]
 
     def depths(self, points: npt.ArrayLike) -> F64:
-        """Planar depths of points, shape (n,) of (n, 3)."""
+        """Return planar depths of points (n, 3), shape (n,)."""
         return np.asarray(-(np.atleast_2d(points) @ self.axes[2] + self.to_camera[2, 3]))
 
     def pixels(self, points: npt.ArrayLike) -> F64:
-        """Where points are, shape (n, 2) of (n, 3); without meaning for those behind the eye."""
+        """Project points (n, 3) to pixels (n, 2); invalid for points behind the eye."""
         local = np.atleast_2d(points) @ self.axes.T + self.to_camera[:3, 3]
         depth = 1.0 if self.is_orthographic else -local[:, 2:]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -74,7 +74,7 @@ class Projection:
         return np.asarray(flat * (self.focal[0], -self.focal[1]) + self.center)
 
     def ray(self, pixel: Pixel) -> Ray:
-        """What lies under a point of the viewport, from the eye, or the eye's plane, on."""
+        """Return the ray through a point of the viewport, from the eye or the eye's plane."""
         x = (pixel[0] - self.center[0]) / self.focal[0]
         y = (self.center[1] - pixel[1]) / self.focal[1]
         if self.is_orthographic:
@@ -83,19 +83,19 @@ class Projection:
         return self.eye, direction / np.linalg.norm(direction)
 
     def towards(self, point: F64) -> F64:
-        """The direction in which a point is seen, unit length, shape (3,)."""
+        """Return the unit view direction to a point, shape (3,)."""
         if self.is_orthographic:
             return -self.axes[2]
         way = point - self.eye
         return np.asarray(way / max(float(np.linalg.norm(way)), 1e-300))
 
     def unit(self, point: F64) -> float:
-        """What a pixel's height measures at the depth of a point [scene unit]."""
+        """Return the height of a pixel at the depth of a point [scene unit]."""
         depth = 1.0 if self.is_orthographic else float(self.depths(point)[0])
         return depth / self.focal[1]
 
     def line(self, start: F64, end: F64) -> tuple[Pixel, Pixel] | None:
-        """What is seen of a line, cut at the near plane; None for nothing."""
+        """Project a line, clipped at the near plane; None if it is invisible."""
         first, last = self.depths([start, end]) - self.near
         if first < 0 and last < 0:
             return None

@@ -18,35 +18,35 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PixelProbe:
-    """AOVs of the pixels around one."""
+    """AOVs of the pixels around a pixel."""
 
     side: Side
-    """The side of a comparison that the pixel is on."""
+    """Side of a comparison that contains the pixel."""
     arrays: Mapping[str, Pixels]
-    """Hydra's name of an AOV -> its pixels; shape (rows, columns) or (rows, columns, channels)."""
+    """Pixels by Hydra's AOV name; shape (rows, columns) or (rows, columns, channels)."""
     prims: tuple[str, ...]
-    """Paths that primId counts, by now: the stage may be other than in the last picture."""
+    """Paths of the prims by primId, current: the stage may have changed since the last picture."""
     x: int
     y: int
-    """The pixel, from the viewport's top left."""
+    """Position of the pixel from the viewport's top left."""
     row: int
     column: int
-    """Where it is in the arrays."""
+    """Its position in the arrays."""
 
 
 def read(
     document: Document, x: float, y: float, aovs: tuple[str, ...], *, reach: int = 0
 ) -> PixelProbe | None:
-    """Draw the pixels around one of the viewport as a full picture would.
+    """Draw the pixels around a pixel of the viewport at full quality.
 
     Args:
-        document: Whose last picture is looked at; nothing else of it changes.
-        x, y: From the viewport's top left [pixel].
-        aovs: In Hydra's words.
-        reach: How many pixels to each side, as far as there are any.
+        document: Document whose last picture is used; it does not change otherwise.
+        x, y: Position from the viewport's top left [pixel].
+        aovs: Hydra's names of AOVs.
+        reach: Number of pixels on each side, limited to the picture.
 
     Returns:
-        What is there; None outside of the viewport and before the first picture.
+        The pixels; None outside the viewport and before the first picture.
     """
     shown = document.shown
     if shown is None:
@@ -62,7 +62,7 @@ def read(
     view = View(camera=side.scene.camera, framing=framing)
     settings = replace(side.look.settings, samples=1)
     engine = side.scene.engine
-    if engine.time != side.scene.time:  # a comparison was asked for since
+    if engine.time != side.scene.time:  # a comparison was started since
         engine.set_time(side.scene.time)
     bands = [band.arrays for band in engine.render(view, settings, aovs)]
     arrays = {name: np.concatenate([band[name] for band in bands]) for name in aovs}
@@ -78,6 +78,6 @@ def read(
 
 
 def vector(numbers: Pixels) -> Vector:
-    """Three numbers of an array."""
+    """Convert an array of three numbers to a tuple."""
     x, y, z = numbers.tolist()
     return x, y, z

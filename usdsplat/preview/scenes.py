@@ -1,7 +1,7 @@
-"""The engines behind a viewport, each at the time that is looked at, and the cameras that see them.
+"""The engines of a viewport, each at its time, and the cameras of its views.
 
-One engine follows the timeline. A comparison with another time, or another refinement of surfaces,
-has one of its own, which is closed when the comparison ends.
+One engine follows the timeline. A comparison with another time or refinement level has a second
+engine, which is closed when the comparison ends.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from usdsplat.render.specs import CameraSpec
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """One look at an engine that has been synced."""
+    """A look with its synced engine."""
 
     engine: Engine
     number: int
-    """Of the engine: no two have the same, one after the other either."""
+    """Unique number of the engine, never reused."""
     look: Look
     time: float | None
-    """[time code]"""
+    """Time code."""
     camera: CameraSpec
     prims: tuple[str, ...]
-    """Paths that primId counts."""
+    """Paths of the prims by primId."""
     splats: int
-    """On the stage, instances counted each."""
+    """Splats on the stage, counting every instance."""
     version: int
-    """Of what is drawn."""
+    """Version of the render scene."""
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Equal while what is there, and what sees it, are the same."""
+        """Key that is equal while scene and camera are unchanged."""
         return self.number, self.version, self.time, self.camera
 
     @property
     def subject(self) -> Box | None:
-        """Where most of what is drawn lies in the world."""
+        """Box of most of the scene in the world."""
         return self.engine.render_scene.subject()
 
 
@@ -51,9 +51,9 @@ class Scenes:
     """The engines of one viewport.
 
     Args:
-        engine: Of the timeline's time; its owner closes it.
-        open_engine: Makes one for another time of the same stage.
-        up_axis: Of the stage.
+        engine: Engine of the timeline's time; its owner closes it.
+        open_engine: Function that opens an engine for another time of the same stage.
+        up_axis: Up axis of the stage.
     """
 
     def __init__(
@@ -79,25 +79,25 @@ class Scenes:
             self._other = None
 
     def has(self, scene: Scene) -> bool:
-        """Whether the engine of a scene is still open."""
+        """Return whether the engine of a scene is still open."""
         return scene.engine in (self._engine, self._other)
 
     def frame_anew(self) -> None:
-        """Let the camera that frames everything look where everything is now."""
+        """Let the default camera frame the current scene again."""
         self._framed = None
 
     def synced(self, state: ViewState) -> tuple[Scene, ...]:
-        """Bring the engines to what a state looks at; return a scene, or both of a comparison.
+        """Sync the engines to a state; return its scene, or both scenes of a comparison.
 
         Raises:
-            StageError: If there is no such camera, or it cannot be used.
+            StageError: If there is no such camera, or it is not usable.
             UsageError: If a setting is out of range.
         """
         if state.other is None:
             self.close()
             return (self._scene(state, state.look, self._engine),)
         if _kept(state, state.look) == _kept(state, state.other):
-            other = self._engine  # the other one stays: a playhead only crosses its time
+            other = self._engine  # keep the second engine: the playhead only passes its time
         else:
             if self._other is None:
                 self._other = self._open(_time(state, state.other))
@@ -137,7 +137,7 @@ class Scenes:
         return self._framing(engine, reach, aspect)
 
     def _framing(self, engine: Engine, reach: Reach, aspect: float) -> CameraSpec:
-        """One that frames what is there when it is first asked for, and then stands still."""
+        """Return a camera that frames the scene at the first call, and then stays constant."""
         scene = engine.render_scene
         key = scene.prims(), aspect
         if self._framed is None or self._framed[0] != key:
@@ -153,5 +153,5 @@ def _time(state: ViewState, look: Look) -> float | None:
 
 
 def _kept(state: ViewState, look: Look) -> tuple[float | None, int]:
-    """What an engine has one of."""
+    """Return the properties that distinguish engines."""
     return _time(state, look), look.settings.refinement

@@ -1,13 +1,12 @@
-"""The one thread that touches a stage, and how everybody else talks to it.
+"""A session: the thread that owns a stage, and its thread-safe interface.
 
     session = Session(lambda publish: Document(stage, publish=publish))
     session.listen(print)                          # pictures and news, in the session's thread
     session.look(ViewState(size=(960, 720)))       # the latest wins
     session.ask(lambda document: properties(document.stage, path), done=show)
 
-Tasks come before pictures and run in their order, under the document's lock. A picture is drawn
-without the lock, from what the engine has synced: coarse while the view moves, in full when it
-rests.
+Tasks run before pictures, in order, under the document's lock. A picture is drawn without the lock,
+from the state that the engine has synced: coarse while the view moves, in full when it rests.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ LOG = logging.getLogger("usdsplat")
 
 
 class Session:
-    """A document in a thread of its own.
+    """A document in its own thread.
 
     Args:
-        open_document: Called in the session's thread with what it shall publish to, as soon as
-            somebody listens, looks or asks, so that nobody misses what it says first.
+        open_document: Function that opens the document; called in the session's thread with
+            `publish`, at the first `listen`, `look` or `ask`, so that no event is missed.
         own_thread: False for a host that calls `turn` itself, in the thread that owns the stage.
     """
 
@@ -54,7 +53,7 @@ class Session:
         self._listeners: tuple[Listener, ...] = ()
         self._news: deque[Event] = deque()
         self._owner = 0
-        """Of `turn`, the last that called it."""
+        """Thread that called `turn` last."""
         self._document: Document | None = None
         self._has_failed = False
         self._thread = threading.Thread(target=self._run, name="usdsplat session", daemon=True)
@@ -64,7 +63,8 @@ class Session:
     # --- from any thread -------------------------------------------------------------------
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Tell `listener` of everything, in the session's thread; returns how to stop that."""
+        """Send all events to `listener`, in the session's thread; return a function that stops
+        this."""
         with self._changed:
             self._listeners = (*self._listeners, listener)
             self._changed.notify_all()
@@ -76,7 +76,7 @@ class Session:
         return stop
 
     def look(self, state: ViewState) -> None:
-        """Say what shall be seen; what was asked before and is not begun is forgotten."""
+        """Set the view state; an earlier one that is not drawn yet is dropped."""
         with self._changed:
             self._state = state
             self._wake()
@@ -87,31 +87,31 @@ class Session:
         done: Callable[[T], None] = lambda result: None,
         failed: Callable[[UsdSplatError], None] | None = None,
     ) -> None:
-        """Have something done with the document; `done` is called in the session's thread.
+        """Run a task on the document; `done` is called in the session's thread.
 
-        A UsdSplatError goes to `failed`, or without one becomes a `Problem`. So does a bug, so that
-        nobody waits for ever.
+        A UsdSplatError is passed to `failed`, or without it published as a `Problem`. An unexpected
+        exception is handled alike, so that no caller waits forever.
         """
         with self._changed:
             self._tasks.append((task, done, failed or self.complain))
             self._wake()
 
     def complain(self, error: UsdSplatError) -> None:
-        """Have an error told as a `Problem`."""
+        """Publish an error as a `Problem`."""
         self._publish(Problem(sentence=str(error)))
 
     def wake(self) -> None:
-        """Say that the stage may have changed."""
+        """Notify the session that the stage may have changed."""
         with self._changed:
             self._wake()
 
     @property
     def has_failed(self) -> bool:
-        """Whether there was no document to open; problems of one that opens are remarks."""
+        """Whether the document could not be opened; problems of an open document are remarks."""
         return self._has_failed
 
     def close(self, timeout: float = 10.0) -> None:
-        """End what goes on, and let go of the document; tasks that have not begun are dropped."""
+        """End the session and release the document; waiting tasks are dropped."""
         with self._changed:
             self._is_closing = True
             self._tasks.clear()
@@ -123,16 +123,16 @@ class Session:
 
     @property
     def has_work(self) -> bool:
-        """Whether a `turn` would do something, as far as the session has been told."""
+        """Whether a `turn` has something to do, as far as is known."""
         with self._changed:
             return self._is_stale or bool(self._tasks)
 
     # --- from the session's thread ---------------------------------------------------------
 
     def turn(self) -> bool:
-        """Do one task, or draw one picture; return whether there is more to do.
+        """Run one task or draw one picture; return whether there is more to do.
 
-        For hosts without the session's own thread.
+        For hosts that do not use the session's own thread.
         """
         self._owner = threading.get_ident()
         self._tell_news()
@@ -167,7 +167,7 @@ class Session:
         while not self._is_closing:
             try:
                 more = self.turn()
-            except Exception:  # a bug must not take the window with it
+            except Exception:  # an unexpected exception must not end the window
                 self.complain(_bug())
                 more = False
             with self._changed:
@@ -192,7 +192,7 @@ class Session:
             self._publish(document.simulation.status)
 
     def _drop(self) -> bool:
-        """Forget what was asked of a document that is not there."""
+        """Drop requests to a document that failed to open."""
         with self._changed:
             self._tasks.clear()
             self._is_stale = False
@@ -226,7 +226,7 @@ class Session:
         self._changed.notify_all()
 
     def _publish(self, event: Event) -> None:
-        """Tell everybody, in the session's thread: a simulation has news in threads of its own."""
+        """Publish an event in the session's thread; simulations publish from their own threads."""
         if threading.get_ident() == self._owner:
             self._tell_news()
             self._tell(event)
@@ -247,11 +247,11 @@ class Session:
         for listener in self._listeners:
             try:
                 listener(event)
-            except Exception:  # others want to hear it, and the session goes on
+            except Exception:  # other listeners and the session continue
                 LOG.exception("a bug in who listens to the preview")
 
 
 def _bug() -> UsdSplatError:
-    """What users hear of the exception that is being handled; the terminal gets its traceback."""
+    """Log the current exception and return an error for users."""
     LOG.exception("a bug in the preview")
     return UsdSplatError("preview", "a bug", "none; see the terminal")

@@ -1,4 +1,4 @@
-"""The files that a stage was read from, and whether they are other on disk by now."""
+"""Track the files that a stage was read from, and detect which have changed on disk."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Iterable
 from pathlib import Path
 
 Stamp = tuple[int, int] | None
-"""When a file was written last [ns], and its size [byte]; None for one that is gone."""
+"""Modification time [ns] and size [byte] of a file; None if it does not exist."""
 
 
 class Sources:
-    """What was read, and how it was then.
+    """The files that were read, with their stamps at that time.
 
     Args:
-        path: What was opened.
-        is_capture: Whether it is a capture, rather than a stage.
-        axes: Where x, y and z of the capture point, if a user said so.
+        path: File that was opened.
+        is_capture: Whether it is a capture rather than a stage.
+        axes: Directions of the capture's x, y and z axes, if a user gave them.
     """
 
     def __init__(self, path: Path, *, is_capture: bool = False, axes: str | None = None) -> None:
@@ -26,21 +26,21 @@ class Sources:
         self._stamps: dict[Path, Stamp] = {}
 
     def note(self, files: Iterable[Path]) -> None:
-        """Add files that are read as well; how one is that is known already was noted then."""
+        """Add files; the stamp of one that is known already stays."""
         for path in files:
             self._stamps.setdefault(path, _stamp(path))
 
     def forget(self) -> None:
-        """Take nothing as read, before all of it is read again."""
+        """Forget all files, before all of them are read again."""
         self._stamps.clear()
 
     def changed(self) -> tuple[Path, ...]:
-        """The files that are other than they were, or gone; sorted."""
+        """Return the files that changed or disappeared, sorted."""
         return tuple(sorted(path for path, was in self._stamps.items() if _stamp(path) != was))
 
 
 def files_of_capture(path: Path) -> list[Path]:
-    """What a capture is read from: the file, or all files of an unpacked one's folder."""
+    """Return the files of a capture: the file itself, or all files of its unpacked folder."""
     folder = path if path.is_dir() else path.parent if path.name.lower() == "meta.json" else None
     if folder is None:
         return [path]

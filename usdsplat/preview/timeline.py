@@ -1,4 +1,4 @@
-"""The time that a viewport shows, and how it goes on by itself; whoever has a clock ticks it."""
+"""The timeline of a viewport: the current time, and playback driven by ticks of a clock."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from dataclasses import dataclass, field
 from usdsplat.core.errors import UsageError
 
 _LONGEST = 1.0
-"""Time without a tick after which it goes on where it was rather than jump [s]."""
+"""Longest time between two ticks after which playback does not jump ahead [s]."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Timeline:
-    """A range of frames, one of which is shown. Times are time codes.
+    """A range of frames with a current one. Times are time codes.
 
-    It plays in real time: where pictures take longer than a frame, frames are left out.
+    Playback is in real time: if pictures take longer than a frame, frames are skipped.
     """
 
     start: float = 0.0
     end: float = 0.0
     rate: float = 24.0
-    """Time codes in a second."""
+    """Time codes per second."""
     step: float = 1.0
-    """From one frame to the next [time code]."""
+    """Time from one frame to the next [time code]."""
     current: float = 0.0
     is_playing: bool = False
     loops: bool = True
-    """Whether it begins again at the end, rather than stop there."""
+    """Whether playback restarts at the end, rather than stopping."""
 
     _frames: float = field(default=0.0, repr=False)
-    """Frames that were due since the last one that was shown, a part of one."""
+    """Fraction of a frame due since the last one shown."""
     _last: float | None = field(default=None, repr=False)
-    """When it was ticked last [s]."""
+    """Time of the last tick [s]."""
 
     def set_range(self, start: float, end: float) -> None:
-        """Play another range; what is shown stays in it.
+        """Set the range; the current time is clamped to it.
 
         Raises:
-            UsageError: If it ends before it starts, or an end is no finite number.
+            UsageError: If it ends before it starts, or a bound is not finite.
         """
         if not (math.isfinite(start) and math.isfinite(end) and start <= end):
             raise UsageError("range", f"{start:g} to {end:g}", "two numbers, the first not larger")
@@ -46,7 +46,7 @@ class Timeline:
         self.current = min(max(self.current, self.start), self.end)
 
     def set_rate(self, rate: float) -> None:
-        """Play at another rate [time code/s].
+        """Set the rate [time code/s].
 
         Raises:
             UsageError: If it is not positive.
@@ -54,7 +54,7 @@ class Timeline:
         self.rate = _positive("rate", rate)
 
     def set_step(self, step: float) -> None:
-        """Have frames farther apart, or nearer [time code].
+        """Set the time from one frame to the next [time code].
 
         Raises:
             UsageError: If it is not positive.
@@ -62,10 +62,10 @@ class Timeline:
         self.step = _positive("step", step)
 
     def go(self, time: float) -> float:
-        """Show a time, or the nearest in the range; returns it. What plays goes on from there.
+        """Show a time, clamped to the range, and return it. Playback continues from there.
 
         Raises:
-            UsageError: If it is no number.
+            UsageError: If it is NaN.
         """
         if math.isnan(time):
             raise UsageError("time", "nan", "a number")
@@ -74,10 +74,10 @@ class Timeline:
         return self.current
 
     def advance(self, frames: int) -> float:
-        """Show the frame that is so many later, or earlier, and stop playing; returns its time.
+        """Stop playback, move by a number of frames, and return the new time.
 
-        Frames are whole steps from the start. Beyond an end it goes on at the other one if it
-        loops; a time between two frames goes to the next one of them first.
+        Frames are whole steps from the start. Beyond an end it wraps around if it loops. A time
+        between two frames moves to the next frame in that direction first.
         """
         self.play(False)
         place = round((self.current - self.start) / self.step, 6)
@@ -85,17 +85,17 @@ class Timeline:
         return self.go(self._at(near + frames))
 
     def play(self, is_playing: bool = True) -> None:
-        """Play from where it is, or from the start if that is the end; or stop."""
+        """Start playback, from the start if the current frame is the last; or stop it."""
         if is_playing and not self.is_playing and self._is_last():
             self.current = self.start
         self.is_playing = is_playing
         self._frames, self._last = 0.0, None
 
     def tick(self, now: float) -> float | None:
-        """The time to show now, if it is another than before; None to leave it.
+        """Return the time to show now if it changed, else None.
 
         Args:
-            now: Of a clock that never runs backwards [s].
+            now: Time of a monotonic clock [s].
         """
         if not self.is_playing:
             return None
@@ -116,17 +116,18 @@ class Timeline:
         return self.current if self.current != before else None
 
     def _count(self) -> int:
-        """Frames of the range."""
+        """Return the number of frames in the range."""
         return math.floor((self.end - self.start) / self.step + 1e-6) + 1
 
     def _at(self, number: int) -> float:
-        """The time of a frame; beyond an end that of the other one, or the end."""
+        """Return the time of a frame; beyond an end it wraps around if it loops, else it is
+        clamped."""
         count = self._count()
         number = number % count if self.loops else min(max(number, 0), count - 1)
         return self.start + number * self.step
 
     def _is_last(self) -> bool:
-        """Whether no frame comes after the one that is shown."""
+        """Return whether the current frame is the last."""
         return self.current + self.step > self.end + 1e-6 * self.step
 
 

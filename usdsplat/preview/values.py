@@ -1,7 +1,7 @@
-"""What crosses between a window and a session: frozen values, and nothing of USD or Qt.
+"""The values that windows and sessions exchange: frozen, free of USD and Qt.
 
-A window says what it wants to see by one `ViewState`; a session answers with `Picture`s and tells
-what happened by the other values here. They may cross threads and, as JSON, sockets.
+A window requests a view with a `ViewState`; a session answers with `Picture`s and reports events
+with the other values here. They can cross threads and, as JSON, sockets.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from usdsplat.render.specs import CameraSpec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplaySettings:
-    """How what was rendered is shown; nothing of it changes what is rendered."""
+    """Display settings; they do not change what is rendered."""
 
     exposure: float = knob(
-        0.0, "of the picture on the screen; files are not changed", unit="stop", range=(-16.0, 16.0)
+        0.0, "of the displayed picture; not of files", unit="stop", range=(-16.0, 16.0)
     )
     gamma: float = knob(1.0, "applied after the view transform", range=(0.1, 5.0))
     channel: Literal["rgb", "red", "green", "blue", "alpha", "luminance"] = knob(
-        "rgb", "which channel of color is shown"
+        "rgb", "displayed channel of color"
     )
     background: Literal["black", "grey", "white", "checker"] = knob(
-        "grey", "what is seen where nothing is"
+        "grey", "background of empty pixels"
     )
     depth_range: tuple[float, float] = knob(
         (0.0, 0.0),
-        "planar depths shown white and black; both 0 take those of the picture",
+        "planar depths shown white and black; both 0 use the range of the picture",
         unit="scene unit",
     )
     colormap: Literal["grey", "turbo"] = knob("grey", "of depths")
@@ -45,80 +45,80 @@ class DisplaySettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """One way to see the stage: all of a picture, or one side of a comparison."""
+    """A way to look at the stage: the whole picture, or one side of a comparison."""
 
     aov: str = "color"
-    """One of `images.aovs.AOVS`, by the name that files use."""
+    """Name in `images.aovs.AOVS`, as used in files."""
     time: float | None = None
-    """Time code; None is the timeline's."""
+    """Time code; None is that of the timeline."""
     settings: RenderSettings = field(default_factory=RenderSettings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewState:
-    """Everything that a viewport shall show."""
+    """The complete state of a viewport's view."""
 
     size: tuple[int, int] = (960, 720)
-    """Of the viewport, width and height [pixel of the screen]."""
+    """Width and height of the viewport [screen pixel]."""
     camera: FreeCamera | str | None = None
-    """One of nobody's, the path of a stage's camera, or None for one that frames everything."""
+    """A free camera, the path of a stage's camera, or None for one that frames everything."""
     time: float | None = None
-    """Of the timeline [time code]; None is USD's default time."""
+    """Current time [time code]; None is USD's default time."""
     look: Look = field(default_factory=Look)
     other: Look | None = None
-    """What is shown right of the wipe; None for no comparison."""
+    """Look shown right of the wipe; None for no comparison."""
     wipe: float = 0.5
-    """Where the comparison is cut, a part of the width."""
+    """Position of the wipe as a fraction of the width."""
     display: DisplaySettings = DisplaySettings()
     purposes: tuple[str, ...] = ("default", "render")
     selected: tuple[str, ...] = ()
     """Paths of the selected prims, which are outlined by their boxes."""
     is_moving: bool = False
-    """Whether the next picture matters more than a good one."""
+    """Whether a fast next picture matters more than a good one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Picture:
-    """What a viewport shows, once."""
+    """A picture for a viewport, with how it was made."""
 
     image: Image
     """Display RGB, row 0 at the top, shape (h, w, 3); of the viewport's size divided by `scale`."""
     state: ViewState
-    """What was asked for."""
+    """The requested state."""
     camera: CameraSpec
-    """What it was seen by."""
+    """Camera of the picture."""
     number: int
-    """Pictures so far."""
+    """Number of the picture in its session."""
     scale: float = 1.0
-    """Pixels of the viewport to a side of a pixel of the picture; 1 is full quality."""
+    """Viewport pixels per picture pixel along a side; 1 is full quality."""
     is_final: bool = True
-    """Whether nothing better follows while nothing changes."""
+    """Whether no better picture follows unless something changes."""
     splats: int = 0
-    """That may touch the picture."""
+    """Number of splats that may touch the picture."""
     total: int = 0
-    """On the stage, instances counted each."""
+    """Number of splats on the stage, each instance counted."""
     milliseconds: dict[str, float] = field(default_factory=dict)
-    """Wall time by stage, "total" among them."""
+    """Wall time by stage of the frame, including "total"."""
     megabytes: float = 0.0
-    """What the process holds; 0 where the system does not say."""
+    """Memory of the process [MB]; 0 if the system does not report it."""
     device: str = "cpu"
     boxes: tuple[Corners, ...] = ()
-    """Of the selected prims that are somewhere, in the order of `state.selected`."""
+    """Boxes of the selected prims that have one, in the order of `state.selected`."""
     warnings: tuple[str, ...] = ()
     """A sentence for each prim that cannot be drawn as it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opened:
-    """A stage is there to be looked at."""
+    """Event: a stage was opened."""
 
     name: str
-    """Of the file."""
+    """Name of the file."""
     start: float
     end: float
-    """Its range [time code]; both 0 where it has none."""
+    """Last time code of its range; both are 0 if it has none."""
     rate: float
-    """Time codes in a second at which it plays."""
+    """Time codes per second."""
     up_axis: Literal["Y", "Z"]
     cameras: tuple[str, ...]
     has_simulation: bool
@@ -126,42 +126,43 @@ class Opened:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageChanged:
-    """Something on the stage is other than before."""
+    """Event: the stage has changed."""
 
     structure: bool
-    """Whether there may be other prims, or another range, than before: `Document.opened` says."""
+    """Whether prims or the time range may have changed; then `Document.opened` returns the new
+    state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulationStatus:
-    """Where a simulation is."""
+    """Event: the progress of a simulation."""
 
     state: Literal["none", "ready", "beginning", "running", "paused", "recording", "failed"]
     frame: float | None = None
-    """That was made last [time code]."""
+    """Time code of the last simulated frame."""
     frames: tuple[float, float] | None = None
-    """First and last that can be looked at now [time code]."""
+    """First and last frame that can be shown [time code]."""
     end: float | None = None
-    """Where it stops."""
+    """Frame at which it stops [time code]."""
     splats: int = 0
     seconds: float = 0.0
-    """That the last frame took."""
+    """Time that the last frame took [s]."""
     message: str = ""
-    """A sentence, where there is something to say."""
+    """A sentence for the user; "" for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """What could not be done, a sentence; the last good picture stays."""
+    """Event: an operation failed, with a sentence; the last good picture stays."""
 
     sentence: str
     of_picture: bool = False
-    """Whether a picture could not be drawn: the next one takes it back."""
+    """Whether drawing a picture failed; the next picture clears the problem."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Busy:
-    """What takes long, such as compiling; "" when it is over."""
+    """Event: a long operation, such as compiling; "" when it is over."""
 
     what: str
 
@@ -170,10 +171,10 @@ Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy
 
 
 def as_json(value: Any) -> Any:
-    """Return a value of the preview as JSON has it, pictures without their image.
+    """Convert a value of the preview to plain JSON data, pictures without their image.
 
-    A value of a class becomes an object whose "type" names the class; tuples and arrays become
-    lists, and numbers that JSON has no word for null. What has no form in JSON raises TypeError.
+    A value of a class becomes an object whose "type" names the class. Tuples and arrays become
+    lists, and non-finite numbers null. Raises TypeError for other types.
     """
     if is_dataclass(value) and not isinstance(value, type):
         left_out = {"image"} if isinstance(value, Picture) else set()

@@ -1,7 +1,7 @@
-"""What one user looks at and does with it: a view's state, its timeline and its bookmarks.
+"""One user's view of a session: its state, its timeline and its bookmarks.
 
-A window or a socket holds one, in its own thread, and tells it what happens; it tells the session
-what shall be seen. What goes on by itself needs a clock: call `tick` while `is_ticking`.
+A window or a socket owns one, in its own thread, and passes it user actions and events. It requests
+views from the session. Call `tick` while `is_ticking`, as playback and moves need.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Matrix
 
 FLIGHT = 0.5
-"""How much of the way to the target a flight covers in a second, at speed 1."""
+"""Fraction of the distance to the target that a flight covers per second, at speed 1."""
 SPEEDS = (1e-3, 1e3)
-"""Slowest and fastest."""
+"""Lowest and highest flight speed."""
 LONGEST_TICK = 0.1
-"""What a flight covers at most between two ticks [s], so that a hiccup is no leap."""
+"""Longest time step of a flight [s], so that a delayed tick does not cause a leap."""
 
 
 class Viewer:
     """A user's view of a session.
 
     Args:
-        session: Whom to tell what shall be seen. It calls back in the thread that uses this
-            viewer: give a bridge to the session where that is not the session's own.
-        changed: Called after each change of what is here.
-        glide: How long the way to what was framed takes [s]; 0 for one without a clock.
+        session: Receiver of view requests. It calls back in this viewer's thread; where the session
+            has another thread, pass a proxy.
+        changed: Called after each change of the viewer.
+        glide: Duration of a camera move to a framed target [s]; 0 without a clock.
     """
 
     def __init__(
@@ -63,28 +63,28 @@ class Viewer:
         self.timeline = Timeline()
         self.bookmarks: tuple[Bookmark, ...] = ()
         self.cameras: tuple[str, ...] = ()
-        """Paths of the stage's."""
+        """Paths of the stage's cameras."""
         self.has_simulation = False
-        """Whether there is something on the stage that can be simulated."""
-        self._range = (0.0, 0.0)  # the stage's own; the timeline may have another
+        """Whether the stage has a simulation."""
+        self._range = (0.0, 0.0)  # range of the stage; the timeline's may differ
         self.up_axis: UpAxis = "Y"
         self.box: Box | None = None
-        """Of what there is to see; None until it is known, and where there is nothing."""
+        """Bounding box of the scene; None until it is known, and for an empty scene."""
         self.speed = 1.0
-        """Of flights."""
+        """Speed of flights."""
         self._seen: CameraSpec | None = None
         self.flight = (0.0, 0.0, 0.0)
-        """Right, up and forward, from tick to tick."""
+        """Flight direction: right, up and forward."""
         self._glide: Glide | None = None
         self._ticked: float | None = None
 
     @property
     def aspect(self) -> float:
-        """Width over height of the viewport."""
+        """Width divided by height of the viewport."""
         return self.state.size[0] / self.state.size[1]
 
     def listen(self, changed: Callable[[], None]) -> Callable[[], None]:
-        """Tell one more of changes; returns how to stop that."""
+        """Add a listener for changes and return a function that removes it."""
         self._listeners = (*self._listeners, changed)
 
         def stop() -> None:
@@ -95,7 +95,7 @@ class Viewer:
     # --- what happened ---------------------------------------------------------------------
 
     def opened(self, event: Opened) -> None:
-        """Begin with a stage: all of it is framed, at its first time; how it is shown stays."""
+        """Show a newly opened stage, all of it framed, at its first time; the look stays."""
         self.timeline = Timeline(
             start=event.start, end=event.end, rate=event.rate, current=event.start
         )
@@ -115,18 +115,18 @@ class Viewer:
         self._follow()
 
     def shown(self, picture: Picture) -> None:
-        """Remember by what camera a picture was seen: moves begin there."""
+        """Record the camera of a picture; moves start from it."""
         if picture.state.camera == self.state.camera:
             self._seen = picture.camera
 
     def stage_changed(self, event: StageChanged) -> None:
-        """Look again where the selected prim is, and what else there is if there is other."""
+        """Update the selected prim's place and, for a new structure, cameras and range."""
         self._follow()
         if event.structure:
             self._session.ask(lambda document: document.opened(), self._renew)
 
     def simulated(self, status: SimulationStatus) -> None:
-        """Follow a simulation that runs, and have the frames that it made on the timeline."""
+        """Follow a running simulation, and extend the timeline to its frames."""
         if status.frames is not None:
             first, last = status.frames
             start, end = min(first, self.timeline.start), max(last, self.timeline.end)
@@ -138,17 +138,17 @@ class Viewer:
             self._changed()
 
     def resize(self, width: int, height: int) -> None:
-        """Show pictures of another size [pixel of the screen]."""
+        """Set the size of the viewport [screen pixel]."""
         self._see(size=(max(width, 1), max(height, 1)))
 
     # --- moves -----------------------------------------------------------------------------
 
     def orbit(self, right: float, down: float) -> None:
-        """Turn about the target by a drag, in parts of the viewport's height."""
+        """Orbit the target by a drag, in fractions of the viewport's height."""
         self._move(lambda camera: camera.orbited(right, down))
 
     def pan(self, right: float, down: float) -> None:
-        """Move with a drag, in parts of the viewport's height."""
+        """Pan with a drag, in fractions of the viewport's height."""
         self._move(lambda camera: camera.panned(right, down, aspect=self.aspect))
 
     def dolly(self, factor: float) -> None:
@@ -156,11 +156,11 @@ class Viewer:
         self._move(lambda camera: camera.dollied(factor))
 
     def look_around(self, right: float, down: float) -> None:
-        """Turn about the eye by a drag, in parts of the viewport's height."""
+        """Turn the view about the eye by a drag, in fractions of the viewport's height."""
         self._move(lambda camera: camera.looked_around(right, down))
 
     def fly(self, right: float, up: float, forward: float) -> None:
-        """Move eye and target, in seconds of a flight at the current speed."""
+        """Move eye and target, in seconds of flight at the current speed."""
 
         def flown(camera: FreeCamera) -> FreeCamera:
             pace = FLIGHT * self.speed * camera.distance
@@ -169,16 +169,16 @@ class Viewer:
         self._move(flown)
 
     def set_flight(self, right: float, up: float, forward: float) -> None:
-        """Fly that way from tick to tick, such as while keys are held; all 0 stops."""
+        """Set the flight direction, such as for held keys; zeros stop the flight."""
         self.flight = (right, up, forward)
 
     def set_speed(self, speed: float) -> None:
-        """Fly faster or slower than 1."""
+        """Set the flight speed, 1 being the default."""
         self.speed = min(max(speed, SPEEDS[0]), SPEEDS[1])
         self._changed()
 
     def end_move(self) -> None:
-        """Say that nobody moves the view any more, so that the picture may take its time."""
+        """End a move of the view, so that the next picture is of full quality."""
         self.flight = (0.0, 0.0, 0.0)
         if self.state.is_moving and not self.is_ticking:
             self._see(is_moving=False)
@@ -186,7 +186,7 @@ class Viewer:
     # --- cameras ---------------------------------------------------------------------------
 
     def free_camera(self) -> FreeCamera | None:
-        """What a move begins with: it sees what is seen; None until there was a picture."""
+        """Return the free camera of the last picture, where moves start; None before any."""
         if isinstance(self.state.camera, FreeCamera):
             return self.state.camera
         if self._seen is None:
@@ -196,35 +196,35 @@ class Viewer:
         )
 
     def frame(self, paths: tuple[str, ...] = ()) -> None:
-        """Look at all of some prims, or of everything, from the same direction."""
+        """Frame some prims, or everything, from the current direction."""
         self._session.ask(
             lambda document: document.bounds(paths),
             lambda box: None if box is None else self.frame_box(box),
         )
 
     def frame_box(self, box: Box) -> None:
-        """Look at all of a box from the same direction."""
+        """Frame a box from the current direction."""
         camera = self.free_camera()
         if camera is not None:
             self._go(camera, camera.framing(box, aspect=self.aspect))
 
     def aim(self, target: Vector) -> None:
-        """Have something in the middle, and turn about it from now on."""
+        """Centre the view on a point, and orbit it from now on."""
         camera = self.free_camera()
         if camera is not None:
             self._go(camera, camera.aimed(target))
 
     def use_camera(self, camera: FreeCamera | str | None, *, is_moving: bool = False) -> None:
-        """Look through a stage's, by its path, or nobody's, or the one that frames everything.
+        """Look through a stage's camera (its path), a free camera, or one that frames all (None).
 
         Args:
-            is_moving: Whether others follow soon, until `end_move`.
+            is_moving: Whether more changes follow soon, until `end_move`.
         """
         self._glide = None
         self._see(camera=camera, is_moving=is_moving)
 
     def add_bookmark(self, name: str = "") -> Bookmark:
-        """Remember the view by a name, in place of another of that name; "" makes up a new one."""
+        """Save the view under a name, replacing a bookmark of that name; "" chooses a new name."""
         bookmark = Bookmark(
             name=name or free_name(self.bookmarks),
             camera=self.state.camera or self.free_camera(),
@@ -235,7 +235,7 @@ class Viewer:
         return bookmark
 
     def restore(self, name: str) -> None:
-        """Go back to a bookmark; nothing happens if there is none of that name."""
+        """Restore a bookmark; an unknown name does nothing."""
         for bookmark in self.bookmarks:
             if bookmark.name == name:
                 self.use_camera(bookmark.camera)
@@ -243,40 +243,40 @@ class Viewer:
                     self.set_time(bookmark.time)
 
     def remove(self, name: str) -> None:
-        """Forget a bookmark."""
+        """Remove a bookmark."""
         self.bookmarks = without(self.bookmarks, name)
         self._changed()
 
     # --- time ------------------------------------------------------------------------------
 
     def set_time(self, time: float, *, is_scrubbing: bool = False) -> None:
-        """Show a time [time code], or the nearest one of the timeline.
+        """Show a time [time code], clamped to the timeline.
 
         Args:
-            is_scrubbing: Whether others follow soon, until `end_move`.
+            is_scrubbing: Whether more changes follow soon, until `end_move`.
         """
         self._see(time=self.timeline.go(time), is_moving=is_scrubbing or self.timeline.is_playing)
 
     def advance(self, frames: int) -> None:
-        """Stop, and show the frame that is so many later, or earlier."""
+        """Stop playback and move by a number of frames."""
         self._see(time=self.timeline.advance(frames), is_moving=False)
 
     def play(self, is_playing: bool = True) -> None:
-        """Play, as long as somebody ticks; or stop."""
+        """Start or stop playback; it advances with `tick`."""
         self.timeline.play(is_playing)
         time = None if self.state.time is None else self.timeline.current
         self._see(time=time, is_moving=is_playing)
 
     @property
     def is_ticking(self) -> bool:
-        """Whether something goes on by itself."""
+        """Whether playback, a flight or a camera move needs ticks."""
         return self.timeline.is_playing or any(self.flight) or self._glide is not None
 
     def tick(self, now: float) -> None:
-        """Let go on what goes on by itself.
+        """Advance playback, flight and camera move.
 
         Args:
-            now: Of a clock that never runs backwards [s].
+            now: Time of a monotonic clock [s].
         """
         was_ticking = self.is_ticking
         passed = 0.0 if self._ticked is None else min(now - self._ticked, LONGEST_TICK)
@@ -311,11 +311,11 @@ class Viewer:
         self.set_look(settings=checked("render settings", RenderSettings, values))
 
     def set_other(self, other: Look | None) -> None:
-        """Compare with another look, right of the wipe; None for no comparison."""
+        """Set the look right of the wipe; None for no comparison."""
         self._see(other=other)
 
     def set_wipe(self, part: float) -> None:
-        """Cut the comparison at a part of the width."""
+        """Set the wipe's position as a fraction of the width."""
         self._see(wipe=min(max(part, 0.0), 1.0))
 
     def set_display(self, **changes: Any) -> None:
@@ -328,27 +328,27 @@ class Viewer:
         self._see(display=checked("display", DisplaySettings, values))
 
     def set_purposes(self, purposes: tuple[str, ...]) -> None:
-        """Draw prims of these purposes."""
+        """Set the purposes that are drawn."""
         self._see(purposes=purposes)
 
     # --- what is selected ------------------------------------------------------------------
 
     def select(self, paths: tuple[str, ...]) -> None:
-        """Have these prims, and no others, selected."""
+        """Select these prims and no others."""
         self._see(selected=paths)
         self._follow()
 
     @property
     def placement(self) -> Placement | None:
-        """Where the prim is that was selected last; None until it is known, and for no place."""
+        """Place of the last selected prim; None until it is known, and for prims without one."""
         return self._placing.placement
 
     def begin_drag(self) -> None:
-        """What `place` does from now on is taken back in one step."""
+        """Start a drag: one undo takes back all following calls of `place`."""
         self._placing.begin()
 
     def place(self, matrix: Matrix) -> None:
-        """Put the prim that was selected last somewhere, local to world, on the session layer."""
+        """Set the local-to-world matrix of the last selected prim, on the session layer."""
         self._placing.move(matrix, self.state.time)
 
     # --- private ---------------------------------------------------------------------------
@@ -358,7 +358,7 @@ class Viewer:
             listener()
 
     def _renew(self, event: Opened) -> None:
-        """The same stage has other cameras, simulations or another range, perhaps."""
+        """Update cameras, simulation and range of the stage."""
         self.cameras, self.has_simulation = event.cameras, event.has_simulation
         before, self._range = self._range, (event.start, event.end)
         if self._range != before:

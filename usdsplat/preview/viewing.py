@@ -1,7 +1,8 @@
-"""How colours reach the screen: what `kernels.show` needs for a view, an exposure and a gamma.
+"""Display transforms: the tables of `kernels.show` for a view, an exposure and a gamma.
 
-Exposure and gamma of a plain view are one curve. A view of OCIO is sampled once to a lattice, since
-OpenImageIO takes a second for a viewport; it is within a code value or two of the view itself.
+Exposure and gamma of a plain view are one curve. An OCIO view is sampled once into a lattice,
+because OpenImageIO takes a second for a viewport; it is within a code value or two of the view
+itself.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from usdsplat.render.output import view_of
 from usdsplat.render.settings import RenderSettings
 
 STEPS = 16384
-"""Entries of a curve."""
+"""Number of entries of a curve."""
 NODES = 65
-"""Of the lattice, on each side."""
+"""Number of lattice nodes along each axis."""
 BRIGHTEST = 100.0
-"""Linear value at the lattice's far end; views are white long before."""
+"""Linear value at the lattice's end; views are white long before."""
 TOE = 500.0
-"""How far down the lattice is logarithmic: it is even below 1 / TOE."""
+"""Scale of the lattice's logarithm: it is about linear below 1 / TOE."""
 
 NO_TABLE: F32 = np.empty(0, np.float32)
 NO_MATRIX: F32 = np.empty((0, 3), np.float32)
@@ -38,11 +39,11 @@ class DisplayTransform:
     matrix: F32 = field(default_factory=lambda: NO_MATRIX)
     shaper: F32 = field(default_factory=lambda: NO_TABLE)
     shaper_top: float = BRIGHTEST
-    """Linear value at which its table ends."""
+    """Linear value at which the shaper's table ends."""
     cube: F32 = field(default_factory=lambda: NO_CUBE)
     table: F32 = field(default_factory=lambda: NO_TABLE)
     top: float = 1.0
-    """Argument of the last curve at which its table ends."""
+    """Argument at which the last curve's table ends."""
 
 
 class DisplayTransforms:
@@ -54,7 +55,7 @@ class DisplayTransforms:
         self._sampled: tuple[ViewTransform, F32] | None = None
 
     def of(self, settings: RenderSettings, *, exposure: float, gamma: float) -> DisplayTransform:
-        """Return how a picture drawn by `settings` is shown.
+        """Return the display transform of a picture drawn by `settings`.
 
         Raises:
             UsageError: If there is no such OCIO view.
@@ -100,13 +101,13 @@ class DisplayTransforms:
 
 
 def _squares(top: float) -> F64:
-    """What the entries of a table that ends at `top` stand for."""
+    """Return the arguments of the entries of a table that ends at `top`."""
     part: F64 = np.linspace(0.0, 1.0, STEPS)
     return top * part**2
 
 
 def _shaped(linear: F64) -> F64:
-    """Where linear values lie in the lattice [0..1]."""
+    """Return the lattice coordinates of linear values [0..1]."""
     return np.asarray(np.log1p(TOE * linear) / np.log1p(TOE * BRIGHTEST))
 
 
@@ -115,7 +116,7 @@ def _as_table(codes: F64, gamma: float) -> F32:
 
 
 def _through(source: str, target: str, values: F64 | float) -> F64:
-    """Greys from one space of Rec.709 to another."""
+    """Convert grey values from one Rec.709 space to another."""
     grey = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=-1)
     return convert(grey, source, target)[..., 0]
 

@@ -13,10 +13,10 @@ from usdsplat.schema.attributes import set_uniform
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawingHints:
-    """How a field asks to be drawn; None keeps what the prim has.
+    """Rendering hints of a field; None keeps the prim's value.
 
     Raises:
-        UsageError: If a hint has a value that it cannot have.
+        UsageError: If a hint has an invalid value.
     """
 
     rasterize_mode: str | None = None

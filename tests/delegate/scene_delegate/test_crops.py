@@ -221,7 +221,7 @@ def test_a_volume_without_an_inside_holds_nothing_and_is_said(stage, value):
         (spec,) = crops(engine)
         assert not inside([spec], np.zeros((1, 3))).any()
         (sentence,) = engine.warnings
-        assert sentence.startswith("/Mattes/Sphere: found a crop volume without an inside")
+        assert sentence.startswith("/Mattes/Sphere: found an empty crop volume")
         attribute.Set(Sdf.ValueBlock())
         assert engine.warnings == () and inside(crops(engine), np.array([[1, 2, 3.9]])).all()
 

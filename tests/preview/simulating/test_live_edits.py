@@ -153,7 +153,10 @@ def test_a_prim_that_goes_ends_the_run_and_the_picture_stays(tmp_path: Path) -> 
             stage.RemovePrim("/World/Stick")
         runner.step()
         message = host.until("failed").message
-        assert message == "/World/Stick: found a prim that is gone, expected it, or a Reset"
+        assert (
+            message
+            == "/World/Stick: found a prim that no longer exists, expected the prim, or Reset"
+        )
         assert runner.status.frames == (1.0, 2.0)
         assert len(shown(host, 2.0)) == 200
         runner.run()

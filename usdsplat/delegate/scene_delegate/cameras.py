@@ -108,5 +108,5 @@ def _view(where: str, local_to_world: Gf.Matrix4d) -> Matrix:
         frustum.SetPositionAndRotationFromMatrix(local_to_world)
     view = column_matrix(frustum.ComputeViewMatrix())
     if not can_be_undone or not np.isfinite(view).all():
-        raise StageError(where, "a transform without an inverse", "one that can be undone")
+        raise StageError(where, "a transform without an inverse", "an invertible transform")
     return tuple(view.ravel().tolist())

@@ -33,7 +33,7 @@ def read_crop(
         specs.append(spec)
         if spec.world_to_shape == NOWHERE and problem is None:
             where = str(volume.prim.GetPath())
-            problem = StageError(where, "a crop volume without an inside", "one that has a size")
+            problem = StageError(where, "an empty crop volume", "a volume with a size")
     return tuple(specs), problem
 
 

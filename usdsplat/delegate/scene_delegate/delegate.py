@@ -305,7 +305,7 @@ class UsdSceneDelegate:
         except UsdSplatError as error:
             why = error
         except Tf.ErrorException:  # USD's own checks, such as those of joint influences
-            why = StageError(path, "values that USD cannot put together", "some that fit")
+            why = StageError(path, "values that USD cannot combine", "compatible values")
         self.problems[path, kind] = why
         if str(why) != str(before):
             LOG.warning("left out: %s", why)

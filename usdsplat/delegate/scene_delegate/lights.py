@@ -47,7 +47,7 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
     if not np.isfinite(found).all():
         raise StageError(where, "a light of no finite strength", "finite numbers")
     if not (math.isfinite(length) and length > 0):
-        raise StageError(where, "a transform that leaves no direction", "one that can be undone")
+        raise StageError(where, "a transform without a direction", "an invertible transform")
     x, y, z = (ray / length).tolist()
     red, green, blue = found.tolist()
     return LightSpec(direction=(x, y, z), irradiance=(red, green, blue))

@@ -69,12 +69,12 @@ class Textures:
 def _read(asset: Sdf.AssetPath, encoding: Encoding) -> F32:
     path = asset.resolvedPath
     if not path:
-        raise FormatError(asset.path or "a texture", "no file", "a picture that is there")
+        raise FormatError(asset.path or "a texture", "no file", "an existing picture")
     if not Ar.IsPackageRelativePath(path):
         return read_texture(path, encoding=encoding)
     packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
     if not packed:
-        raise FormatError(path, "no such file in the package", "a picture that is there")
+        raise FormatError(path, "no such file in the package", "an existing picture")
     # The file name inside the package, without brackets.
     name = Ar.SplitPackageRelativePathInner(path)[1]
     return read_packed_texture(bytes(packed.GetBuffer()), name, encoding=encoding)

@@ -65,7 +65,7 @@ def _take(path: Path, file: BinaryIO, layout: struct.Struct) -> tuple[Any, ...]:
     """Read the next values of `layout`."""
     data = file.read(layout.size)
     if len(data) < layout.size:
-        raise FormatError(str(path), "a file that ends early", "all that its counts say")
+        raise FormatError(str(path), "a truncated file", "the records that its counts declare")
     return layout.unpack(data)
 
 
@@ -74,6 +74,6 @@ def _name(where: str, file: BinaryIO) -> str:
     start = file.tell()
     text, zero, _ = file.read(_LONGEST_NAME).partition(b"\0")
     if not zero:
-        raise FormatError(where, "a name without an end", f"one of up to {_LONGEST_NAME} bytes")
+        raise FormatError(where, "an unterminated name", f"one of up to {_LONGEST_NAME} bytes")
     file.seek(start + len(text) + 1)
     return text.decode("utf-8", "replace")

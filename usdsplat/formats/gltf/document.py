@@ -306,7 +306,7 @@ def _matrix(where: str, node: Mapping[str, Any], outer: F64) -> F64:
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = outer @ own
     if not np.abs(matrix).max() <= _LARGEST:  # NaN is not
-        raise FormatError(where, "a place out of reach", f"numbers of at most {_LARGEST:g}")
+        raise FormatError(where, "a transform out of range", f"numbers of at most {_LARGEST:g}")
     return matrix
 
 

@@ -150,7 +150,9 @@ def _section(
     if degree > _MAX_DEGREE:
         raise FormatError(where, f"harmonics of degree {degree}", f"degree 0 to {_MAX_DEGREE}")
     if count > room:
-        raise FormatError(where, f"{count} splats", f"at most {room}, the room it claims")
+        raise FormatError(
+            where, f"{count} splats", f"at most {room}, the capacity that it declares"
+        )
     record = _record(level, degree)
     splats = start + 4 * int(row["partial"]) + int(row["bucket_bytes"]) * int(row["buckets"])
     end = splats + room * record.itemsize

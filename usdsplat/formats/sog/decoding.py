@@ -68,13 +68,13 @@ class _Tables:
     """Values by code."""
 
     positions: F32
-    """By code and axis, shape (65536, 3)."""
+    """Positions by code and axis, shape (65536, 3)."""
     scales: F32
-    """By code and axis, shape (256, 3)."""
+    """Scales by code and axis, shape (256, 3)."""
     dc: F32
-    """By code and channel, shape (256, 3)."""
+    """DC coefficients by code and channel, shape (256, 3)."""
     opacities: F32
-    """By code, shape (256,)."""
+    """Opacities by code, shape (256,)."""
     palette: F32
     """Harmonics by label, shape (labels, coefficients, 3); degree 0 is unused."""
 

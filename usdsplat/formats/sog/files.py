@@ -90,7 +90,11 @@ class _Archive(SogFiles):
         info = self._archive.getinfo(name)
         if info.compress_type not in _METHODS or info.flag_bits & _ENCRYPTED:
             where = f"{self.source}: {name}"
-            raise FormatError(where, "an entry encrypted or packed oddly", "stored or deflated")
+            raise FormatError(
+                where,
+                "an entry that is encrypted, or compressed by another method",
+                "stored or deflated",
+            )
         with _damage_as_format_error(self.source), self._archive.open(info) as file:
             return file.read(most)
 

@@ -129,9 +129,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
         raise UsageError("SPZ version", str(how.spz_version), known)
     bits = finest_bits(cloud.positions)
     if bits is None:
-        raise OutputError(
-            str(path), "a coordinate that is farther out", f"at most {LARGEST_STEP} in SPZ"
-        )
+        raise OutputError(str(path), "a larger coordinate", f"at most {LARGEST_STEP} in SPZ")
     extensions = b"" if how.frame is None else frame_record(how.frame)
     flags = (ANTIALIASED if how.antialiased else 0) | (HAS_EXTENSIONS if extensions else 0)
     header = SpzHeader(MAGIC, how.spz_version, len(cloud), cloud.sh_degree, bits, flags, 0)

@@ -43,7 +43,7 @@ def parse_extensions(source: str, block: bytes) -> dict[int, bytes]:
         start += _RECORD.size
         if length > len(block) - start:
             found = f"extension {kind:#010x} of {length} bytes where {len(block) - start} are left"
-            raise FormatError(source, found, "a whole record")
+            raise FormatError(source, found, "a complete record")
         records[kind] = block[start : start + length]
         start += length
     return records

@@ -1,4 +1,4 @@
-"""The window: Qt widgets over plain values. Nothing here touches a stage, a file or an engine."""
+"""The window: Qt widgets over plain values, without access to stages, files or engines."""
 
 from usdsplat.preview.qt.immortal import make_immortal
 

@@ -1,4 +1,4 @@
-"""What keys and menus do, by the names in their table."""
+"""Actions of keys and menus, by name."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from usdsplat.preview.qt.workspace import Workspace
 
 
 class Acting(Protocol):
-    """A window, as far as actions need it."""
+    """A window, as needed by actions."""
 
     new_requested: Any
-    """A signal: another window is wanted."""
+    """Signal: another window is requested."""
 
     @property
     def workspace(self) -> Workspace | None:
-        """Panels of the open stage; None without a stage."""
+        """Workspace of the open stage; None without a stage."""
 
     @property
     def saving(self) -> Saving | None:
-        """Dialogs that save; None without a stage."""
+        """Dialogs for saving; None without a stage."""
 
     def ask_open(self) -> Any:
-        """Ask which stage to open."""
+        """Show a dialog to open a stage."""
 
     def show_help(self) -> Any:
         """Show the keys."""
@@ -40,7 +40,7 @@ class Acting(Protocol):
 
 
 def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
-    """What each action does in a window; most may only be called while a stage is open."""
+    """Return the functions of a window's actions; most require an open stage."""
 
     def here() -> Workspace:
         assert window.workspace is not None

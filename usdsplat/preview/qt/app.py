@@ -1,4 +1,4 @@
-"""Starts windows, and ends when the last one is closed or somebody presses Ctrl-C."""
+"""Run the application until the last window is closed or Ctrl-C is pressed."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from usdsplat.preview.qt.window import Opener, Window
 from usdsplat.preview.values import Opened
 
 INTERRUPTED = 130
-"""What shells return after Ctrl-C."""
+"""Exit status after Ctrl-C."""
 LISTEN = 200
-"""How often Python has a look whether there was one, while Qt waits [ms]."""
+"""Interval at which Python checks for signals while Qt waits [ms]."""
 
 
 class Windows(QObject):
-    """All windows of an application; each has a session of its own.
+    """All windows of an application; each has its own session.
 
     Args:
         device, threads: As `Engine` takes them.
@@ -36,7 +36,7 @@ class Windows(QObject):
         self.open: list[Window] = []
 
     def new(self, path: Path | None = None) -> Window:
-        """Show another window, on a file if one is given."""
+        """Show another window, with a file if given."""
         window = Window(device=self._device, threads=self._threads)
         self.open.append(window)
         window.new_requested.connect(self.new)
@@ -58,10 +58,10 @@ def run(
     """Show a window until the last one is closed; return the exit status.
 
     Args:
-        first: What the first window opens: a path, what opens a document when it is called with
-            `publish`, or nothing.
-        camera: Path of the camera to look through first; None frames everything.
-        time: Time code to begin at; None is the first.
+        first: Content of the first window: a path, a function that opens a document and is called
+            with `publish`, or nothing.
+        camera: Path of the initial camera; None frames everything.
+        time: Initial time code; None is the first.
         device, threads: As `Engine` takes them.
     """
     application = QApplication.instance()
@@ -82,7 +82,7 @@ def run(
 
     before = signal.signal(signal.SIGINT, interrupt)
     listening = QTimer()
-    listening.timeout.connect(lambda: None)  # Python's handlers run between its own instructions
+    listening.timeout.connect(lambda: None)  # lets Python's signal handlers run
     listening.start(LISTEN)
     try:
         return application.exec()
@@ -102,7 +102,7 @@ def _begin(window: Window, camera: str | None, time: float | None) -> None:
 
 
 def _once(call: Callable[[Opened], None]) -> Callable[[Opened], None]:
-    """The first time only: other stages have other cameras."""
+    """Return a function that runs once: later stages have other cameras."""
     waiting = [call]
 
     def called(opened: Opened) -> None:

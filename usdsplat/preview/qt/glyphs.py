@@ -1,4 +1,4 @@
-"""Icons, drawn: sharp on every screen, and nothing to install."""
+"""Vector icons, drawn by code, without files to install."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPen, QPixmap, 
 from usdsplat.preview.qt import style
 
 UNITS = 16.0
-"""Glyphs are drawn on a square of this size."""
+"""Size of the square that glyphs are drawn on."""
 
 
 @cache
 def glyph(name: str, color: str = "") -> QIcon:
-    """The icon of that name: one of `_DRAWN`.
+    """Return the icon with a name from `_DRAWN`.
 
     Args:
-        color: Of what is drawn, such as "#d69e48"; "" is the text's.
+        color: Colour, such as "#d69e48"; "" is the text colour.
     """
     icon = QIcon()
     for tint, mode in (
@@ -34,7 +34,7 @@ def glyph(name: str, color: str = "") -> QIcon:
 
 @cache
 def window_icon() -> QIcon:
-    """A few splats on black."""
+    """Return the window icon: a few splats on black."""
     icon = QIcon()
     for size in (16, 32, 64, 128, 256):
         icon.addPixmap(_drawn(_splats, size, QColor("white")))
@@ -55,7 +55,7 @@ def _drawn(draw: Callable[[QPainter], None], size: int, color: QColor) -> QPixma
 
 
 def _triangle(painter: QPainter, left: float, right: float) -> None:
-    """Pointing from `left` to `right`, as high as the others."""
+    """Draw a triangle that points from `left` to `right`."""
     path = QPainterPath(QPointF(left, 3.0))
     path.lineTo(right, 8.0)
     path.lineTo(left, 13.0)
@@ -101,7 +101,7 @@ def _record(painter: QPainter) -> None:
 
 
 def _stroke(painter: QPainter, width: float = 1.6) -> None:
-    """Draw lines instead of areas from here on."""
+    """Switch the painter to lines."""
     pen = QPen(painter.brush().color(), width)
     pen.setCapStyle(Qt.PenCapStyle.RoundCap)
     pen.setJoinStyle(Qt.PenJoinStyle.RoundJoin)

@@ -1,4 +1,4 @@
-"""All keys and gestures, to be looked at beside the window."""
+"""Dialog with all keys and gestures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usdsplat.preview.qt.keys import help_html
 
 
 class HelpDialog(QDialog):
-    """Stays until it is closed; the window goes on."""
+    """A non-modal dialog with all keys and gestures."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""How often each value occurs, drawn: one curve for each channel, added like light."""
+"""Plot a histogram: one curve per channel, blended additively."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MARGIN = 6
 
 
 class HistogramPlot(QWidget):
-    """Counts by value; the highest bars may be cut, so that the others are seen."""
+    """A plot of counts by value; the highest bars may be clipped, so that others are visible."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -37,8 +37,8 @@ class HistogramPlot(QWidget):
         """Show counts.
 
         Args:
-            curves: Channel and how often each value occurs, from the lowest.
-            lowest, highest: What the ends of the axis are called.
+            curves: Channel and counts by value, from the lowest.
+            lowest, highest: Labels of the ends of the axis.
         """
         top = _top([count for _, counts in curves for count in counts])
         self._curves = [
@@ -71,7 +71,7 @@ class HistogramPlot(QWidget):
 
 
 def _outline(heights: Sequence[float], area: QRectF) -> QPolygonF:
-    """The area under a curve of bars."""
+    """Return the area under a curve of bars."""
     step = area.width() / max(len(heights), 1)
     points = [QPointF(area.left(), area.bottom())]
     for number, height in enumerate(heights):
@@ -83,7 +83,7 @@ def _outline(heights: Sequence[float], area: QRectF) -> QPolygonF:
 
 
 def _top(counts: Sequence[int]) -> float:
-    """What reaches the upper edge: higher than 99 in 100 of the bars, for one bar of a plain
-    background would press down all others."""
+    """Return the count at the upper edge: above 99 % of the bars, because one bar of a plain
+    background would flatten all others."""
     filled = sorted(count for count in counts if count)
     return 1.1 * filled[int(0.99 * (len(filled) - 1))] if filled else 1.0

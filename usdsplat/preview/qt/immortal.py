@@ -1,9 +1,9 @@
-"""None, True and False as PySide6 expects them.
+"""Work around PySide6's assumption that None, True and False are immortal.
 
-PySide6 6.12 is built as if they were immortal, which they are since Python 3.12 (PEP 683). It runs
-in 3.11 too, where each call that returns one of them takes a reference away that nobody gave, so
-that some thousand calls later the interpreter ends: "deallocating None". Here they are given more
-references than any window can use up, which is what immortal means.
+PySide6 6.12 assumes that these constants are immortal, which is true since Python 3.12 (PEP 683).
+In Python 3.11 each call that returns one of them drops a reference too many, so that after some
+thousand calls the interpreter aborts: "deallocating None". This module adds more references than
+any window can use up.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import ctypes
 import sys
 
 PLENTY = 1 << 40
-"""References; a million calls a second use them up in twelve days."""
+"""Number of references; a million calls a second use them up in twelve days."""
 
 
 def make_immortal() -> None:
-    """Have PySide6 run in Pythons in which constants are counted; elsewhere nothing happens."""
+    """Add references to constants in Pythons that count them; elsewhere do nothing."""
     is_counted = sys.implementation.name == "cpython" and sys.version_info < (3, 12)
     if is_counted and sys.maxsize > PLENTY:
         for constant in (None, True, False, NotImplemented, ...):

@@ -1,6 +1,6 @@
-"""Every key and every gesture, once: menus and the help read this table.
+"""Table of keys and gestures, used by menus and the help.
 
-Letters that fly or choose a manipulator stay with the viewport, so channels have Shift.
+Letters for flight and manipulators are reserved for the viewport, so channels use Shift.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ Place = Literal["window", "viewport"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """Something to do, and how."""
+    """An action with its menu entry and keys."""
 
     name: str
-    """What a window calls it."""
+    """Name of the action."""
     menu: str
-    """The menu it is in, which is its heading in the help too."""
+    """Menu, and heading in the help."""
     text: str
     keys: tuple[str, ...] = ()
-    """The first one is shown in the menu."""
+    """Keys; the first one is shown in the menu."""
     place: Place = "window"
-    """Where the keys hold: everywhere in the window, or in viewport and timeline only."""
+    """Scope of the keys: the whole window, or viewport and timeline only."""
     is_checkable: bool = False
     begins: bool = False
-    """Whether a line stands before it in its menu."""
+    """Whether a separator precedes it in its menu."""
 
 
 KEYS = (
@@ -54,7 +54,7 @@ KEYS = (
     Key(name="undo", menu="Edit", text="Undo", keys=("Ctrl+Z",)),
     Key(name="redo", menu="Edit", text="Redo", keys=("Shift+Ctrl+Z", "Ctrl+Y")),
     Key(name="find", menu="Edit", text="Find a prim", keys=("Ctrl+F",), begins=True),
-    Key(name="deselect", menu="Edit", text="Select nothing", keys=("Shift+Ctrl+A",)),
+    Key(name="deselect", menu="Edit", text="Clear the selection", keys=("Shift+Ctrl+A",)),
     Key(name="frame_selected", menu="View", text="Frame the selection", keys=("F",)),
     Key(name="frame_all", menu="View", text="Frame everything", keys=("Shift+F",)),
     Key(name="free_camera", menu="Camera", text="Free camera", keys=("Ctrl+0",)),
@@ -77,11 +77,11 @@ KEYS = (
     ),
     Key(name="previous_aov", menu="View", text="Previous AOV", keys=("[",), begins=True),
     Key(name="next_aov", menu="View", text="Next AOV", keys=("]",)),
-    Key(name="red", menu="View", text="Red alone", keys=("Shift+R",), begins=True),
-    Key(name="green", menu="View", text="Green alone", keys=("Shift+G",)),
-    Key(name="blue", menu="View", text="Blue alone", keys=("Shift+B",)),
-    Key(name="alpha", menu="View", text="Alpha alone", keys=("Shift+A",)),
-    Key(name="luminance", menu="View", text="Luminance alone", keys=("Shift+L",)),
+    Key(name="red", menu="View", text="Red only", keys=("Shift+R",), begins=True),
+    Key(name="green", menu="View", text="Green only", keys=("Shift+G",)),
+    Key(name="blue", menu="View", text="Blue only", keys=("Shift+B",)),
+    Key(name="alpha", menu="View", text="Alpha only", keys=("Shift+A",)),
+    Key(name="luminance", menu="View", text="Luminance only", keys=("Shift+L",)),
     Key(name="darker", menu="View", text="Exposure down", keys=(",",), begins=True),
     Key(name="brighter", menu="View", text="Exposure up", keys=(".",)),
     Key(name="same_exposure", menu="View", text="Exposure as rendered", keys=("/",)),
@@ -105,7 +105,7 @@ GESTURES = (
     ("Wheel, Alt + right drag", "dolly"),
     ("Right drag", "look around"),
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
-    ("Click", "select the prim, and show the splat's numbers"),
+    ("Click", "select the prim, and show the splat's values"),
     ("Double click", "turn about what is there"),
     ("A", "frame everything"),
     ("Q W E R", "no manipulator, move, turn, scale"),
@@ -114,11 +114,11 @@ GESTURES = (
     ("Drag the wipe", "cut the comparison elsewhere"),
     ("Drop a file", "open it in this window"),
 )
-"""What the viewport does by itself, for the help."""
+"""Gestures of the viewport, for the help."""
 
 
 def help_html() -> str:
-    """All of it, as a page."""
+    """Return the help page."""
     sections = []
     for menu in MENUS:
         rows = [(", ".join(key.keys), key.text) for key in KEYS if key.menu == menu and key.keys]

@@ -1,4 +1,4 @@
-"""A form built from `Editor`s alone: a heading for each group, a row for each value."""
+"""A form built from `Editor`s: a heading per group, a row per value."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from usdsplat.preview.qt.number_field import number_text
 
 
 class KnobPanel(QWidget):
-    """Shows editors; says what somebody changes, and changes nothing itself.
+    """A form that shows editors and signals changes, but changes nothing itself.
 
-    Rows of a group are made when the group is first open, so that hundreds of parameters cost
-    nothing until somebody looks at them.
+    The rows of a group are created when it is first opened, so that hundreds of parameters cost
+    nothing while hidden.
 
     Args:
-        open_groups: How many groups are open at first; None for all.
+        open_groups: Number of groups that are open at first; None for all.
     """
 
     changed = Signal(str, object, str)
-    """Name, new value, and a key that all changes of one drag share ("" for a change alone)."""
+    """Name, new value, and a key shared by all changes of one drag ("" for a single change)."""
     refused = Signal(str)
-    """A sentence."""
+    """Error message."""
 
     def __init__(self, *, open_groups: int | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -47,7 +47,7 @@ class KnobPanel(QWidget):
         self._column.setSpacing(0)
 
     def show_editors(self, editors: Sequence[Editor]) -> None:
-        """Show these; rows that stay are kept, with what is being typed into them."""
+        """Show editors; rows that stay keep text that is being typed."""
         groups: dict[str, list[Editor]] = {}
         for editor in editors:
             groups.setdefault(editor.group, []).append(editor)
@@ -59,14 +59,14 @@ class KnobPanel(QWidget):
             group.show_editors(groups[name])
 
     def search(self, text: str) -> int:
-        """Show only what has a text in its label, name or help; returns how many there are."""
+        """Show only editors with a text in label, name or help; return their number."""
         return sum(group.search(text.strip().lower()) for group in self._groups.values())
 
     def row(self, name: str) -> KnobRow:
-        """The row of an editor, its group opened.
+        """Return the row of an editor, and open its group.
 
         Raises:
-            KeyError: If there is none of that name.
+            KeyError: If the name is unknown.
         """
         for group in self._groups.values():
             if group.has(name):
@@ -90,7 +90,7 @@ class KnobPanel(QWidget):
 
 
 class _Group(QWidget):
-    """A heading, and the rows under it when it is open."""
+    """A heading with rows that can be collapsed."""
 
     def __init__(self, name: str, editors: list[Editor], *, panel: KnobPanel) -> None:
         super().__init__(panel)
@@ -99,7 +99,7 @@ class _Group(QWidget):
         self._text = ""
         self.is_open = False
         self.rows: dict[str, KnobRow] = {}
-        self._heading = QToolButton(self)  # without a parent it would be a window for a moment
+        self._heading = QToolButton(self)  # without a parent it would briefly be a window
         self._heading.setText(name)
         self._heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self._heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
@@ -133,7 +133,7 @@ class _Group(QWidget):
                 self.rows[editor.name].show_editor(editor)
 
     def search(self, text: str) -> int:
-        """Show what matches, also while closed; returns how many do."""
+        """Show matching rows, even if collapsed; return their number."""
         self._text = text
         found = sum(_matches(editor, text) for editor in self._editors)
         self.setVisible(found > 0)
@@ -156,7 +156,7 @@ class _Group(QWidget):
 
 
 class KnobRow(QWidget):
-    """A label, the widget of the value, and a way back to the default."""
+    """A row with a label, the value's widget, and a reset button."""
 
     changed = Signal(str, object, str)
     refused = Signal(str)
@@ -187,7 +187,7 @@ class KnobRow(QWidget):
         self.show_editor(editor)
 
     def show_editor(self, editor: Editor) -> None:
-        """Show what the value is now."""
+        """Show the current value."""
         self._editor = editor
         self._label.show_text(editor.label, role="animated" if editor.is_animated else "quiet")
         self.setToolTip(tool_tip(editor))
@@ -197,7 +197,7 @@ class KnobRow(QWidget):
 
 
 class ElidedLabel(QLabel):
-    """A label that ends in an ellipsis where it has no room."""
+    """A label that is elided if it is too long."""
 
     def show_text(self, text: str, *, role: str) -> None:
         """Show a text in one of the style's roles."""
@@ -210,7 +210,7 @@ class ElidedLabel(QLabel):
 
 
 def tool_tip(editor: Editor) -> str:
-    """Everything about a value: name, what it does, unit, range, default."""
+    """Return the tooltip of a value: name, help, unit, range, default."""
     facts = []
     if editor.unit:
         facts.append(f"[{editor.unit}]")
@@ -229,7 +229,7 @@ def tool_tip(editor: Editor) -> str:
 
 
 def value_text(editor: Editor, value: object) -> str:
-    """A value of an editor in words."""
+    """Format a value of an editor."""
     if value is None:
         return editor.none_label or "nothing"
     if isinstance(value, bool):
@@ -242,7 +242,7 @@ def value_text(editor: Editor, value: object) -> str:
 
 
 def _shape(editor: Editor) -> tuple[object, ...]:
-    """All of an editor that its widget is built from, so that others can share a widget."""
+    """Return the properties that an editor's widget is built from, to reuse widgets."""
     size = len(editor.value or editor.default or ()) if editor.kind in ("vector", "color") else 0
     return (
         *(editor.name, editor.label, editor.kind, editor.group, editor.choices, size),

@@ -1,4 +1,4 @@
-"""A widget for each kind of `Editor`: what is turned, dragged, chosen, ticked or typed."""
+"""Widgets for the kinds of `Editor`."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from usdsplat.preview.qt.number_field import NumberField
 FIELD = 88
 """Width of a number beside its slider [pixel]."""
 NOTCHES = 1000
-"""Places of a slider."""
+"""Number of positions of a slider."""
 LOGARITHMIC = 1000.0
-"""A slider over a range with this ratio or more goes by ratios."""
+"""Ratio of a range from which its slider is logarithmic."""
 
 _drags = count()
 
 
 class ValueWidget(QWidget):
-    """One value, editable."""
+    """A widget for one editable value."""
 
     changed = Signal(object, str)
-    """The new value; and a key that all changes of one drag share, "" for a change alone."""
+    """New value, and a key shared by all changes of one drag, "" for a single change."""
     refused = Signal(str)
 
     def __init__(self, editor: Editor) -> None:
@@ -50,12 +50,12 @@ class ValueWidget(QWidget):
         self.row.setSpacing(6)
 
     def show_editor(self, editor: Editor) -> None:
-        """Show what the value is now."""
+        """Show the current value."""
         raise NotImplementedError
 
 
 def make_widget(editor: Editor) -> ValueWidget:
-    """The widget for an editor, showing its value."""
+    """Create the widget of an editor, showing its value."""
     widget = _WIDGETS[editor.kind](editor)
     widget.show_editor(editor)
     widget.setEnabled(not editor.is_read_only)
@@ -63,7 +63,7 @@ def make_widget(editor: Editor) -> ValueWidget:
 
 
 class CheckWidget(ValueWidget):
-    """A box to tick."""
+    """A check box."""
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
@@ -105,7 +105,7 @@ class NumberWidget(ValueWidget):
     def show_editor(self, editor: Editor) -> None:
         self._field.show_value(editor.value)
         if self._slider.isSliderDown():
-            return  # what it spans may follow the value, and must not move under a hand
+            return  # the range may depend on the value; it must not change during a drag
         self._editor = editor
         with QSignalBlocker(self._slider):
             self._slider.setMaximum(self._notches())
@@ -156,7 +156,7 @@ class NumberWidget(ValueWidget):
 
 
 class ChoiceWidget(ValueWidget):
-    """One of a few words."""
+    """A combo box of choices."""
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
@@ -174,7 +174,7 @@ class ChoiceWidget(ValueWidget):
 
 
 class TextWidget(ValueWidget):
-    """A line of text."""
+    """A text field."""
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
@@ -198,7 +198,7 @@ class TextWidget(ValueWidget):
 
 
 class VectorWidget(ValueWidget):
-    """A few numbers side by side."""
+    """A row of number fields."""
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
@@ -217,7 +217,7 @@ class VectorWidget(ValueWidget):
             field.show_value(part)
 
     def values(self) -> tuple[Any, ...]:
-        """What the fields show."""
+        """Return the values of the fields."""
         return tuple(field.value for field in self._fields)
 
     def _take(self, index: int, value: float) -> None:
@@ -227,7 +227,7 @@ class VectorWidget(ValueWidget):
 
 
 class ColorWidget(VectorWidget):
-    """A swatch that opens a colour dialog, and the linear numbers."""
+    """A swatch that opens a colour dialog, and fields of the linear values."""
 
     def __init__(self, editor: Editor) -> None:
         super().__init__(editor)
@@ -257,7 +257,7 @@ class ColorWidget(VectorWidget):
 
 
 class TickBox(QCheckBox):
-    """A box whose tick is seen: a style sheet has none but from a file."""
+    """A check box that draws its own tick: style sheets support only ticks from files."""
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
@@ -271,14 +271,14 @@ class TickBox(QCheckBox):
 
 
 class _CalmSlider(QSlider):
-    """A slider that does not turn while its panel is scrolled."""
+    """A slider that ignores the wheel, so that its panel scrolls."""
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         event.ignore()
 
 
 class CalmComboBox(QComboBox):
-    """A box of choices that does not turn while its panel is scrolled, and may be narrow."""
+    """A combo box that ignores the wheel, so that its panel scrolls, and may be narrow."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -287,7 +287,7 @@ class CalmComboBox(QComboBox):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
-        painter = QPainter(self)  # a style sheet has no arrow but from a file
+        painter = QPainter(self)  # style sheets support only arrows from files
         mode = QIcon.Mode.Normal if self.isEnabled() else QIcon.Mode.Disabled
         place = QRect(self.width() - 17, (self.height() - 12) // 2, 12, 12)
         glyph("down").paint(painter, place, Qt.AlignmentFlag.AlignCenter, mode)
@@ -297,18 +297,18 @@ class CalmComboBox(QComboBox):
 
 
 def swatch(linear: tuple[Any, ...]) -> QColor:
-    """What a linear Rec.709 colour looks like on an sRGB screen."""
+    """Return the sRGB display colour of a linear Rec.709 colour."""
     red, green, blue = (min(max(_curved(part or 0.0), 0.0), 1.0) for part in linear[:3])
     return QColor.fromRgbF(red, green, blue)
 
 
 def _curved(value: float) -> float:
-    """IEC 61966-2-1, linear to code value."""
+    """Convert linear to code value by IEC 61966-2-1."""
     return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
 
 
 def _linear(value: float) -> float:
-    """IEC 61966-2-1, code value to linear."""
+    """Convert code value to linear by IEC 61966-2-1."""
     return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
 
 

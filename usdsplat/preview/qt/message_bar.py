@@ -1,4 +1,4 @@
-"""Sentences over the viewport: what went wrong, and what may be done about something."""
+"""Messages over the viewport: problems and notices with an action."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from usdsplat.preview.qt.glyphs import glyph
 
 
 class MessageBar(QWidget):
-    """One sentence at a time, until it is put away or is over.
+    """A bar with one message, until it is dismissed or obsolete.
 
     Args:
-        is_problem: Whether it tells of errors.
+        is_problem: Whether it shows errors.
     """
 
     def __init__(self, *, is_problem: bool, parent: QWidget | None = None) -> None:
@@ -45,7 +45,7 @@ class MessageBar(QWidget):
         self.button.clicked.connect(lambda: self._act())
         self.dismiss = QToolButton()
         self.dismiss.setIcon(glyph("cross"))
-        self.dismiss.setToolTip("Put away")
+        self.dismiss.setToolTip("Dismiss")
         self.dismiss.clicked.connect(self.clear)
         line = QHBoxLayout(self)
         line.setContentsMargins(10, 4, 6, 4)
@@ -56,13 +56,13 @@ class MessageBar(QWidget):
 
     @property
     def sentence(self) -> str:
-        """What is said now; "" for nothing."""
+        """The current message; "" for none."""
         return self._label.text() if not self.isHidden() else ""
 
     def say(
         self, sentence: str, *, action: str = "", act: Callable[[], None] | None = None
     ) -> None:
-        """Show a sentence, and a button if there is something to do."""
+        """Show a message, with a button if there is an action."""
         self._label.setText(sentence)
         self._act = act or self.clear
         self.button.setText(action)
@@ -70,12 +70,12 @@ class MessageBar(QWidget):
         self.show()
 
     def clear(self) -> None:
-        """Say nothing."""
+        """Hide the message."""
         self.hide()
 
 
 def over(widget: QWidget, *bars: MessageBar) -> QWidget:
-    """A widget with bars over its upper edge: what they say must not move a picture."""
+    """Overlay bars on a widget's upper edge, so that messages do not move the picture."""
     both, column = QWidget(), QWidget()
     lines = QVBoxLayout(column)
     lines.setContentsMargins(0, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""A number in a line: typed, or stepped by arrow keys and wheel; its unit beside it at rest."""
+"""Number field with arrow keys, wheel and unit."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from usdsplat.preview.qt import style
 
 
 class NumberField(QLineEdit):
-    """Shows a number, and says what somebody makes of it; limits are the receiver's business.
+    """A number field that signals entered values; the receiver checks limits.
 
     Args:
-        label: What a user calls it, for the sentence when no number is typed.
-        is_whole: Whether it has no fraction.
-        unit: Shown while nobody types.
-        step: Of an arrow key; with Shift ten times that, with Ctrl a tenth.
-        none_label: What no number means; "" if there must be one.
+        label: Label of the value, for error messages.
+        is_whole: Whether it is an integer.
+        unit: Unit, shown while nothing is typed.
+        step: Step of an arrow key; with Shift ten times that, with Ctrl a tenth.
+        none_label: Meaning of an empty field; "" if a number is required.
     """
 
     entered = Signal(object)
-    """int, float, or None for none."""
+    """int, float, or None for an empty field."""
     refused = Signal(str)
-    """A sentence: what was typed is no number."""
+    """Error message if the text is not a number."""
 
     def __init__(
         self,
@@ -51,11 +51,11 @@ class NumberField(QLineEdit):
 
     @property
     def value(self) -> float | None:
-        """What is shown."""
+        """The displayed value."""
         return self._value
 
     def show_value(self, value: float | None) -> None:
-        """Show a number, unless somebody is typing another one."""
+        """Show a number, unless another one is being typed."""
         is_other = value != self._value
         self._value = value
         if not (self.hasFocus() and self.isModified()) and (is_other or not self.text()):
@@ -136,5 +136,5 @@ class NumberField(QLineEdit):
 
 
 def number_text(value: float) -> str:
-    """A number in the fewest digits that a panel needs."""
+    """Format a number for a panel."""
     return str(value) if isinstance(value, int) else f"{value:.6g}"

@@ -1,4 +1,4 @@
-"""What all panels of one session share: the session proxy, the viewer and edits."""
+"""Shared state of the panels of a session: proxy, viewer and edits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAUSE = 80
 
 
 class PanelContext(QObject):
-    """One session, one viewer, many panels.
+    """The context of all panels of one session.
 
     Args:
         proxy: Proxy of the session; the caller closes it.
@@ -30,18 +30,18 @@ class PanelContext(QObject):
     """
 
     view_changed = Signal()
-    """The viewer's state, timeline, bookmarks or selection are other than before."""
+    """The viewer's state, timeline, bookmarks or selection has changed."""
     history_changed = Signal(object, object)
-    """What undo would take back, and what redo would do again; a text or None."""
+    """Labels of the next undo and redo; text or None."""
 
     def __init__(self, proxy: SessionProxy, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.proxy = proxy
         self.viewer = Viewer(proxy, changed=self.view_changed.emit, glide=GLIDE)
         self.picture: Picture | None = None
-        """The last one that came."""
+        """The last picture."""
         self._drags: dict[str, LatestRequest] = {}
-        """Drags that the stage has not caught up with, by name."""
+        """Requests of drags in progress, by name."""
         self._history = Question(self, self._ask_history)
         proxy.picture.connect(self._keep)
         proxy.simulation.connect(self.viewer.simulated)
@@ -49,12 +49,12 @@ class PanelContext(QObject):
 
     @property
     def time(self) -> float | None:
-        """That the viewport shows [time code]."""
+        """Time code of the viewport."""
         return self.viewer.state.time
 
     @property
     def selected(self) -> str:
-        """Path of the prim that panels speak of; "" for none."""
+        """Path of the selected prim; "" for none."""
         chosen = self.viewer.state.selected
         return chosen[-1] if chosen else ""
 
@@ -65,13 +65,13 @@ class PanelContext(QObject):
         failed: Callable[[], None] = lambda: None,
         drag: str = "",
     ) -> None:
-        """Have a step done to the stage; what cannot be done becomes a problem.
+        """Run an edit on the stage; an error becomes a problem message.
 
         Args:
-            step: Given the document's edits, in the session's thread.
-            failed: Called after a problem, such as to show the old value again.
-            drag: Names a drag, of whose steps only the last one that waits is done; "" for a step
-                alone.
+            step: Function of the document's edits, called in the session's thread.
+            failed: Called after an error, for example to show the old value again.
+            drag: Name of a drag; of its waiting steps only the last one is run. "" for a single
+                step.
         """
 
         def task(document: Document) -> tuple[str | None, str | None]:
@@ -90,14 +90,14 @@ class PanelContext(QObject):
         asks.ask(task, done, refused)
 
     def attempt(self, act: Callable[[], object]) -> None:
-        """Do something to the viewer; what cannot be done becomes a problem."""
+        """Run an action on the viewer; an error becomes a problem message."""
         try:
             act()
         except UsdSplatError as error:
             self.complain(str(error))
 
     def complain(self, sentence: str) -> None:
-        """Show a sentence as the session's own problems are shown."""
+        """Show an error message like the session's own problems."""
         self.proxy.problem.emit(Problem(sentence=sentence))
 
     def _stage_changed(self, event: StageChanged) -> None:
@@ -121,12 +121,12 @@ class PanelContext(QObject):
 
 
 class Question(QObject):
-    """What a panel asks again and again: one at a time, not too often, only while it is seen.
+    """A repeated query of a panel: one at a time, rate-limited, only while visible.
 
     Args:
-        owner: Whose question; a widget that cannot be seen asks when it can be.
-        ask: Asks, and calls what it is given when the answer has come or failed.
-        pause: Between two questions [ms].
+        owner: Owner of the query; an invisible widget queries when it becomes visible.
+        ask: Function that queries, and calls its argument after the answer or an error.
+        pause: Minimum time between two queries [ms].
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class Question(QObject):
             owner.installEventFilter(self)
 
     def refresh(self, *, at_once: bool = False) -> None:
-        """Ask soon, with what is so by then."""
+        """Query soon, with the state at that time."""
         self._is_wanted = True
         if not self._is_asking and (at_once or not self._timer.isActive()):
             self._timer.start(0 if at_once else self._pause)

@@ -1,4 +1,4 @@
-"""The prims of a stage as Qt's trees want them; children are asked for when somebody looks."""
+"""Qt item model of the prims of a stage; children are loaded on demand."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from usdsplat.preview.stage_model.prims import PrimRow
 NAME, TYPE, VISIBLE, PURPOSE = range(4)
 _TITLES = ("Prim", "Type", "", "Purpose")
 PAUSE = 250
-"""Between two looks at all that is open in the tree [ms]."""
+"""Interval between updates of the open part of the tree [ms]."""
 _Index = QModelIndex
 _ROOT = QModelIndex()
 
 
 class _Node:
-    """A prim, and its children once they are known."""
+    """A prim, with its children once they are loaded."""
 
     __slots__ = ("children", "is_asked", "number", "parent", "row")
 
@@ -35,7 +35,7 @@ class _Node:
         self.row = row
         self.parent = parent
         self.number = number
-        """What Qt's indices carry; the object itself might be gone before they are."""
+        """Id in Qt's indices; the object itself might be deleted before them."""
         self.children: list[_Node] | None = None
         self.is_asked = False
 
@@ -45,16 +45,16 @@ class _Node:
 
     @property
     def place(self) -> int:
-        """Row within the parent."""
+        """Return the row within the parent."""
         siblings = self.parent.children if self.parent else None
         return siblings.index(self) if siblings else 0
 
 
 class PrimModel(QAbstractItemModel):
-    """Rows come from the session, one question for each parent that is opened."""
+    """A tree model of prims, loaded from the session, one request per opened parent."""
 
     loaded = Signal(str)
-    """Path of a prim whose children are known now."""
+    """Path of a prim whose children are loaded."""
 
     def __init__(self, context: PanelContext, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -66,20 +66,20 @@ class PrimModel(QAbstractItemModel):
         context.proxy.stage_changed.connect(lambda event: self._question.refresh())
 
     def refresh(self) -> None:
-        """Ask again for all that is known."""
+        """Reload everything that is loaded."""
         self._question.refresh(at_once=True)
 
     def row_of(self, index: QModelIndex) -> PrimRow | None:
-        """The prim of an index; None for the root."""
+        """Return the prim of an index; None for the root."""
         return self._node(index).row
 
     def index_of(self, path: str) -> QModelIndex:
-        """Where a prim is; an invalid index while it is not known."""
+        """Return the index of a prim; invalid while it is not loaded."""
         node = self._find(path)
         return self._index(node) if node is not None else QModelIndex()
 
     def reveal(self, path: str, done: Callable[[QModelIndex], None]) -> None:
-        """Find a prim, asking for its ancestors' children where they are not known."""
+        """Find a prim, loading its ancestors' children as needed."""
         parents = ["/", *_ancestors(path)]
         self._fetch(parents, lambda: done(self.index_of(path)))
 
@@ -159,7 +159,7 @@ class PrimModel(QAbstractItemModel):
         return node
 
     def _known(self) -> list[str]:
-        """Paths of all prims whose children are known, parents first."""
+        """Return the paths of all prims with loaded children, parents first."""
         paths, waiting = [], [self._root]
         while waiting:
             node = waiting.pop()
@@ -181,7 +181,7 @@ class PrimModel(QAbstractItemModel):
         self._context.proxy.ask(task, answered)
 
     def _take(self, path: str, rows: tuple[PrimRow, ...]) -> None:
-        """Show other children, moving as little as possible, so that what is open stays open."""
+        """Update the children with minimal changes, so that open branches stay open."""
         node = self._root if path == "/" else self._find(path)
         if node is None:
             return
@@ -228,7 +228,7 @@ class PrimModel(QAbstractItemModel):
 def _children(
     document: Document, *, paths: tuple[str, ...], time: float | None
 ) -> dict[str, tuple[PrimRow, ...]]:
-    """The children of prims; those of prims that are gone are left out."""
+    """Return the children of prims; deleted prims are omitted."""
     found = {}
     for path in paths:
         try:
@@ -239,7 +239,7 @@ def _children(
 
 
 def _ancestors(path: str) -> list[str]:
-    """Paths of all prims above, the highest first."""
+    """Return the paths of all ancestors, the highest first."""
     parts = path.strip("/").split("/")
     return ["/" + "/".join(parts[:count]) for count in range(1, len(parts))]
 

@@ -1,4 +1,4 @@
-"""What the selected prim says: properties at the current time, metadata, composition."""
+"""Panel of the selected prim: properties at the current time, metadata, composition."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ COLORS = {
     "default": QColor(140, 178, 214),
     "computed": QColor(170, 150, 200),
 }
-"""Of values, by where they come from; what nobody says is quiet."""
+"""Colours of values by their source; unauthored ones are dim."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Prim:
-    """All that the tabs show of a prim."""
+    """The data of a prim for all tabs."""
 
     properties: tuple[PropertyRow, ...] = ()
     metadata: tuple[MetadataRow, ...] = ()
@@ -50,7 +50,7 @@ class _Prim:
 
 
 class PrimPanel(QTabWidget):
-    """Follows the selection and the time; values that can be edited are edited in place."""
+    """Tabs that follow the selection and the time; editable values are edited in place."""
 
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -108,7 +108,7 @@ class PrimPanel(QTabWidget):
             menu.popup(self.view.viewport().mapToGlobal(place))
 
     def menu_of(self, row: PropertyRow) -> QMenu:
-        """What may be done to a property."""
+        """Return the context menu of a property."""
         path = f"{self._context.selected}.{row.name}"
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -123,7 +123,7 @@ class PrimPanel(QTabWidget):
 
 
 class _ValueDelegate(QStyledItemDelegate):
-    """Edits a value with the widget of its kind."""
+    """A delegate that edits values with the widget of their kind."""
 
     def __init__(self, edit: Callable[[PropertyRow, Any, str], None], parent: PrimPanel) -> None:
         super().__init__(parent)
@@ -134,14 +134,14 @@ class _ValueDelegate(QStyledItemDelegate):
         self, parent: QWidget, option: QStyleOptionViewItem, index: QModelIndex
     ) -> QWidget:
         row: PropertyRow = index.model().rows[index.row()]  # type: ignore[attr-defined]
-        assert row.editor is not None  # or the cell would not be editable
+        assert row.editor is not None  # only cells with an editor are editable
         widget = make_widget(row.editor)
         widget.setParent(parent)
         widget.setAutoFillBackground(True)
         widget.changed.connect(lambda value, merge: self._edit(row, value, merge))
         widget.refused.connect(self._refused)
         first = widget.findChild(QWidget)
-        assert first is not None  # every kind has something to edit it by
+        assert first is not None  # every kind has a focusable widget
         widget.setFocusProxy(first)
         return widget
 
@@ -151,11 +151,11 @@ class _ValueDelegate(QStyledItemDelegate):
             editor.show_editor(row.editor)
 
     def setModelData(self, editor: QWidget, model: Any, index: QModelIndex) -> None:  # type: ignore[override]
-        """Nothing: each change has been told of when it was made."""
+        """Do nothing: each change has been signalled already."""
 
 
 def _table(model: RowModel, widths: Sequence[int]) -> QTreeView:
-    """A flat list with columns of these widths; 0 takes what is left."""
+    """Create a flat list with columns of these widths; 0 takes the remaining width."""
     view = QTreeView()
     view.setModel(model)
     view.setRootIsDecorated(False)
@@ -184,7 +184,7 @@ def _read(document: Document, *, path: str, time: float | None) -> _Prim:
             metadata=properties.metadata(stage, path),
             composition=properties.composition(stage, path),
         )
-    except StageError:  # it was selected, and is gone: no error of the user's
+    except StageError:  # the selected prim was deleted: not a user error
         return _Prim()
 
 

@@ -1,4 +1,4 @@
-"""The tree of prims with its search box: select, hide, show, take off the stage."""
+"""The tree of prims with a search box: select, hide, show, deactivate."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.prims import PrimRow
 
 TYPING = 200
-"""A search begins this long after the last key [ms]."""
+"""Delay of a search after the last key [ms]."""
 PURPOSES = ("default", "render", "proxy", "guide")
 
 
 class PrimTree(QWidget):
-    """Shows the stage; what is selected here is selected everywhere."""
+    """The prim tree of the stage; its selection is shared with all panels."""
 
     frame_requested = Signal(str)
-    """Path of a prim that was double-clicked."""
+    """Path of a double-clicked prim."""
 
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -99,7 +99,7 @@ class PrimTree(QWidget):
         return view
 
     def _open_roots(self, path: str) -> None:
-        """A stage with one root shows what is in it at once."""
+        """Expand the root of a stage with a single root."""
         if path == "/" and self.model.rowCount() == 1:
             self.view.expand(self.model.index(0, 0))
 
@@ -121,7 +121,7 @@ class PrimTree(QWidget):
             self._context.viewer.select(paths)
 
     def _follow(self) -> None:
-        """Show what was selected elsewhere."""
+        """Follow a selection made elsewhere."""
         path = self._context.selected
         if path == self._selected:
             return
@@ -158,7 +158,7 @@ class PrimTree(QWidget):
             self.menu_of(row).popup(self.view.viewport().mapToGlobal(place))
 
     def menu_of(self, row: PrimRow) -> QMenu:
-        """What may be done to a prim."""
+        """Return the context menu of a prim."""
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         path, edit = row.path, self._context.edit

@@ -1,4 +1,4 @@
-"""The numbers behind the picture: the pixel under the pointer, what was picked, a histogram."""
+"""Panel of pixel values, picked splats and a histogram."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Rows = Sequence[tuple[str, str]]
 
 
 class ProbePanel(QWidget):
-    """Follows the pointer while it is seen; a pick stays."""
+    """A panel that follows the pointer while visible; picks persist."""
 
     def __init__(
         self, context: PanelContext, viewport: Viewport, parent: QWidget | None = None
@@ -95,7 +95,7 @@ class ProbePanel(QWidget):
         self.show_picked(found)
 
     def show_pixel(self, found: Probed | None) -> None:
-        """Show the numbers of a pixel."""
+        """Show the values of a pixel."""
         if found is None:
             self.pixel.show_rows(())
             return
@@ -119,11 +119,11 @@ class ProbePanel(QWidget):
         self.pixel.show_rows(rows)
 
     def show_picked(self, found: Picked | None) -> None:
-        """Show the numbers of what was picked."""
+        """Show the values of a pick."""
         self.picked.show_rows(() if found is None else _picked_rows(found))
 
     def show_counts(self, found: Histogram | None) -> None:
-        """Show how often each value occurs."""
+        """Show a histogram."""
         if found is None:
             self.plot.show_counts((), lowest="", highest="")
             return
@@ -132,10 +132,10 @@ class ProbePanel(QWidget):
 
 
 class _Numbers(QWidget):
-    """Labels and numbers, one below the other.
+    """A list of labels and values.
 
     Args:
-        invitation: What is said while there are none.
+        invitation: Text shown while the list is empty.
     """
 
     def __init__(self, invitation: str) -> None:
@@ -151,11 +151,11 @@ class _Numbers(QWidget):
 
     @property
     def rows(self) -> dict[str, str]:
-        """What is shown, by label."""
+        """The displayed values by label."""
         return {name.text(): value.text() for name, value in self._cells if not name.isHidden()}
 
     def show_rows(self, rows: Rows) -> None:
-        """Show these."""
+        """Show rows."""
         wanted = list(rows) or [(self._invitation, "")]
         while len(self._cells) < len(wanted):
             self._add_row()
@@ -190,7 +190,7 @@ def _number(value: float) -> str:
 
 
 def _picked_rows(found: Picked) -> Rows:
-    """Everything about it, in words."""
+    """Return the rows of a pick."""
     rows = [
         ("Prim", found.path),
         ("Kind", found.kind),

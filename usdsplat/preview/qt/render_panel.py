@@ -1,4 +1,4 @@
-"""How it is rendered and shown: every knob of both, and the other side of a comparison."""
+"""Panel of render settings, display settings and comparison."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from usdsplat.preview.values import Look, Picture
 
 DEVICES = ("auto", "cpu", "cuda")
 FILES_ALONE = ("multipart", "deep_error")
-"""Knobs of files, which no picture on a screen has."""
+"""Knobs that only affect files."""
 FIRST = {
     "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
     "Colour": (
@@ -35,11 +35,11 @@ FIRST = {
         *("ocio_config", "ocio_display", "ocio_view", "ocio_look", "inverse_max"),
     ),
 }
-"""Group -> knobs; what is not here goes under "Sampling"."""
+"""Group -> knobs; others are in "Sampling"."""
 
 
 class RenderPanel(QWidget):
-    """Shows and changes the viewer's look, the other look, and the display."""
+    """A panel that edits the viewer's look, the comparison's look, and the display."""
 
     device_chosen = Signal(str)
 
@@ -55,7 +55,7 @@ class RenderPanel(QWidget):
         self.side.setDrawBase(False)
         self.side.currentChanged.connect(lambda index: self.follow())
         self.compare = TickBox("Compare A | B")
-        self.compare.setToolTip("Show B right of a line that can be dragged (Shift+W)")
+        self.compare.setToolTip("Compare with B to the right of a draggable line (Shift+W)")
         self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
         self.aov = CalmComboBox()
         for aov in AOVS.values():
@@ -63,7 +63,7 @@ class RenderPanel(QWidget):
             self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
         self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
         self.has_time = TickBox()
-        self.has_time.setToolTip("A time of its own, instead of the timeline's")
+        self.has_time.setToolTip("A separate time instead of the timeline's")
         self.has_time.clicked.connect(self._toggle_time)
         self.time = NumberField("Time", none_label="the timeline's")
         self.time.entered.connect(lambda time: self._set_look(time=time))
@@ -88,13 +88,13 @@ class RenderPanel(QWidget):
         self.follow()
 
     def follow(self) -> None:
-        """Show what is so now."""
+        """Show the current state."""
         state = self._context.viewer.state
         is_compared = state.other is not None
         self.compare.setChecked(is_compared)
         self.side.setVisible(is_compared)
         if not is_compared and self.side.currentIndex():
-            self.side.setCurrentIndex(0)  # comes back here
+            self.side.setCurrentIndex(0)  # calls this method again
             return
         look = self.look
         self.aov.setCurrentText(look.aov)
@@ -108,12 +108,12 @@ class RenderPanel(QWidget):
 
     @property
     def look(self) -> Look:
-        """The side that is shown here."""
+        """The look that the panel shows."""
         state = self._context.viewer.state
         return state.other if self.side.currentIndex() and state.other else state.look
 
     def set_compare(self, is_on: bool) -> None:
-        """Compare with another look, the same one at first; or do not."""
+        """Switch the comparison on or off; both looks are equal at first."""
         viewer = self._context.viewer
         viewer.set_other(viewer.state.look if is_on else None)
         if is_on:
@@ -167,7 +167,7 @@ class RenderPanel(QWidget):
 
 
 def scrolling(body: QWidget) -> QScrollArea:
-    """A panel that may be longer than its place."""
+    """Wrap a panel in a scroll area."""
     area = QScrollArea()
     area.setWidget(body)
     area.setWidgetResizable(True)
@@ -189,7 +189,7 @@ def _line(label: str, *widgets: QWidget) -> QHBoxLayout:
 
 
 def _grouped(editors: tuple[Editor, ...]) -> list[Editor]:
-    """Render settings under headings, those first that are turned most."""
+    """Group render settings, frequently used ones first."""
     by_name = {editor.name: editor for editor in editors if editor.name not in FILES_ALONE}
     found = [
         replace(by_name.pop(name), group=group)

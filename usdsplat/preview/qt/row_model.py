@@ -1,4 +1,4 @@
-"""Rows of a prim's tabs as Qt's views want them: the same names keep their place and selection."""
+"""Qt table model of frozen rows; equal keys keep their position and selection."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ROOT = QModelIndex()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """What a column shows of a row, by Qt's roles."""
+    """A column: the data of a row by Qt's roles."""
 
     title: str
     text: Callable[[Any], str]
@@ -26,8 +26,8 @@ class RowModel(QAbstractTableModel):
     """A table of frozen rows.
 
     Args:
-        columns: What is shown of each row.
-        key: What a row is known by.
+        columns: Columns of the table.
+        key: Function that returns the identity of a row.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class RowModel(QAbstractTableModel):
         self.rows: tuple[Any, ...] = ()
 
     def show_rows(self, rows: Sequence[Any]) -> None:
-        """Show these instead."""
+        """Replace the rows."""
         is_same = [self._key(row) for row in rows] == [self._key(row) for row in self.rows]
         if not is_same:
             self.beginResetModel()

@@ -1,4 +1,4 @@
-"""Asks where something is to be written, and has it written by the session."""
+"""Dialogs for saving; the session writes the files."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PICTURES = "Pictures (*.png *.jpg *.exr)"
 def ask_name(
     parent: QWidget, title: str, filters: str, suggested: str, done: Callable[[Path], None]
 ) -> QFileDialog:
-    """Ask for a file to write; nothing waits meanwhile."""
+    """Show a non-blocking dialog for a file to write."""
     dialog = QFileDialog(parent, title)
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
     dialog.setNameFilter(filters)
@@ -48,12 +48,12 @@ def ask_name(
 
 
 class Saving(QObject):
-    """What a window can write of one session.
+    """The save actions of a window.
 
     Args:
-        context: Of the session.
-        said: Told a sentence when something is written.
-        window: Whose dialogs they are.
+        context: Context of the session.
+        said: Receives a message when a file is written.
+        window: Parent of the dialogs.
     """
 
     def __init__(
@@ -65,15 +65,15 @@ class Saving(QObject):
         self._window = window
 
     def session_layer(self) -> None:
-        """The user's edits, as a layer to stack over the stage."""
+        """Ask for a file and save the session layer, which can be stacked over the stage."""
         ask_name(self._window, "Save session layer as", USD, "session.usda", self.write_session)
 
     def write_session(self, path: Path) -> None:
-        """Write the user's edits."""
+        """Write the session layer."""
         self._write(path, lambda document: stage_saving.save_session(document.stage, path))
 
     def camera_layer(self) -> None:
-        """The view, as a layer with a camera in it."""
+        """Ask for a file and save the view as a camera in a layer."""
         ask_name(self._window, "Save view as a camera", USD, "camera.usda", self.write_camera)
 
     def write_camera(self, path: Path) -> None:
@@ -87,24 +87,24 @@ class Saving(QObject):
             )
 
     def screenshot(self) -> None:
-        """What the viewport shows, in full."""
+        """Ask for a file and save a full-quality picture of the viewport."""
         ask_name(self._window, "Screenshot", PICTURES, "screenshot.png", self.write_screenshot)
 
     def write_screenshot(self, path: Path) -> None:
-        """Write what the viewport shows."""
+        """Write a full-quality picture of the viewport."""
         state = self._context.viewer.state
         self._write(path, lambda document: saving.save_view(document, state, path))
 
     def flipbook(self) -> None:
-        """Every frame of a range."""
+        """Ask for a name and frames, and save a picture of each frame."""
         dialog = FlipbookDialog(self._context, self._window)
         dialog.chosen.connect(self.write_flipbook)
         dialog.open()
 
     def write_flipbook(self, path: Path, frames: tuple[float, ...]) -> None:
-        """Write frames, with a bar that can be stopped."""
+        """Write frames, with a progress bar that can be cancelled."""
         progress = _Progress(path.name, len(frames), self._window)
-        self._context.destroyed.connect(progress.deleteLater)  # another stage, or none any more
+        self._context.destroyed.connect(progress.deleteLater)  # the stage was closed
         reporter = _Reporter(partial(self._context.proxy.call, progress.setValue))
         state = self._context.viewer.state
 
@@ -123,7 +123,8 @@ class Saving(QObject):
                 self._said(f"Wrote {book.files[0].name}{_more(book.files)}")
 
         def ask() -> None:
-            self._context.proxy.ask(book.turn, done, failed)  # frame by frame: others have turns
+            # One frame per task, so that others can run.
+            self._context.proxy.ask(book.turn, done, failed)
 
         ask()
 
@@ -132,7 +133,7 @@ class Saving(QObject):
 
 
 class FlipbookDialog(QDialog):
-    """Which frames, and where."""
+    """Dialog for frames and name of a flipbook."""
 
     chosen = Signal(object, object)
 
@@ -178,7 +179,7 @@ class FlipbookDialog(QDialog):
         form.addRow(self.buttons)
 
     def frames(self) -> tuple[float, ...]:
-        """Time codes that are to be drawn."""
+        """Return the chosen time codes."""
         first, last, step = (field.value or 0.0 for field in (self.first, self.last, self.step))
         if step <= 0 or last < first:
             return ()
@@ -189,10 +190,11 @@ class FlipbookDialog(QDialog):
         dialog = ask_name(
             self, "Flipbook", filters, self.name.text(), lambda to: self.name.setText(str(to))
         )
-        dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)  # that is asked when all is known
+        # Asked in `_accept`, when all is known.
+        dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
 
     def _accept(self) -> None:
-        """Ask once, if frames are there."""
+        """Accept; ask once before overwriting existing frames."""
         try:
             files = saving.targets(Path(self.name.text()), self.frames())
         except UsdSplatError as error:
@@ -216,7 +218,7 @@ class FlipbookDialog(QDialog):
 
 
 class _Progress(QProgressDialog):
-    """How many frames are written; its button asks to stop."""
+    """Progress of written frames with a button to stop."""
 
     def __init__(self, name: str, total: int, parent: QWidget) -> None:
         super().__init__(f"Writing {name}", "Stop", 0, total, parent)
@@ -230,7 +232,7 @@ class _Progress(QProgressDialog):
 
 
 class _Reporter:
-    """Takes progress to the window."""
+    """A progress receiver that forwards to the window."""
 
     def __init__(self, tell: Callable[[int], None]) -> None:
         self._tell = tell

@@ -72,7 +72,7 @@ class SessionProxy(QObject):
         self._stop_listening = session.listen(self._heard)
 
     def look(self, state: ViewState) -> None:
-        """Say what shall be seen."""
+        """Set the view state."""
         self.session.look(state)
 
     def ask(
@@ -81,7 +81,7 @@ class SessionProxy(QObject):
         done: Callable[[T], None] | None = None,
         failed: Callable[[UsdSplatError], None] | None = None,
     ) -> None:
-        """Have something done with the document; `done` or `failed` is called in this thread.
+        """Run a task on the document; `done` or `failed` is called in this thread.
 
         Without `failed`, an error becomes a `problem`.
         """
@@ -92,15 +92,15 @@ class SessionProxy(QObject):
         )
 
     def complain(self, error: UsdSplatError) -> None:
-        """Have an error told as a `problem`."""
+        """Report an error as a `problem`."""
         self._heard(Problem(sentence=str(error)))
 
     def call(self, call: Callable[[Any], None], value: Any) -> None:
-        """Have something called in the window's thread, from any; dropped once it is closed."""
+        """Call a function in the window's thread, from any thread; dropped after `close`."""
         self._send(self._answer, call, value)
 
     def close(self) -> None:
-        """Let nothing arrive any more. The session itself goes on."""
+        """Stop delivering. The session itself continues."""
         with self._lock:
             self._is_closed = True
             self._latest = None
@@ -119,7 +119,7 @@ class SessionProxy(QObject):
             self._send(self._picture_waits)
 
     def _send(self, signal: Any, *arguments: Any) -> None:
-        with self._lock:  # a window that closes meanwhile would leave a dead object to emit from
+        with self._lock:  # a window that closes meanwhile would leave a deleted object
             if not self._is_closed:
                 signal.emit(*arguments)
 

@@ -1,4 +1,4 @@
-"""A simulation's controls and parameters, live: what is turned here acts from its next frame on."""
+"""Panel of a simulation's controls and parameters, which act from its next frame on."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _WORDS = {
 
 
 class SimulationPanel(QWidget):
-    """Drives the document's simulation; its prims' parameters are edits of the session layer."""
+    """Controls of the document's simulation; parameters are edited on the session layer."""
 
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -61,7 +61,7 @@ class SimulationPanel(QWidget):
         self.reset = _button("reset", "Reset", lambda: self._command("reset"))
         self.record = _button("record", "Record", self.ask_record)
         self.record.setIcon(glyph("record", style.WRONG.name()))
-        self.record.setToolTip("Simulate on to the end, and write a bake")
+        self.record.setToolTip("Simulate to the end and write a bake")
         self._state = QLabel()
         self._state.setProperty("role", "heading")
         self._facts = QLabel()
@@ -88,7 +88,7 @@ class SimulationPanel(QWidget):
         self._question.refresh()
 
     def show_status(self, status: SimulationStatus) -> None:
-        """Say where the simulation is."""
+        """Show the status of the simulation."""
         self.status = status
         has_one, goes = status.state != "none", status.state in _GOES
         self.run.setText("Pause" if goes else "Run")
@@ -119,7 +119,7 @@ class SimulationPanel(QWidget):
         self._command("step")
 
     def to_start(self) -> None:
-        """Forget what was simulated."""
+        """Reset the simulation."""
         self._command("reset")
 
     def ask_record(self) -> None:
@@ -128,7 +128,7 @@ class SimulationPanel(QWidget):
         dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
 
     def record_to(self, path: Path) -> None:
-        """Simulate to the end, and write a bake; ask first what becomes of a file there."""
+        """Simulate to the end and write a bake; ask first about an existing file."""
         if not path.exists():
             self._record(path, existing="replace")
             return
@@ -221,14 +221,14 @@ class SimulationPanel(QWidget):
         return self._prims[row] if 0 <= row < len(self._prims) else None
 
     def _choose(self, row: int) -> None:
-        """Show a prim's parameters; the manipulator goes to it."""
+        """Show a prim's parameters and select it."""
         prim = self._chosen()
         self._show_chosen()
         if prim is not None and prim.path != self._context.selected:
             self._context.viewer.select((prim.path,))
 
     def _follow(self) -> None:
-        """Show the parameters of what was selected elsewhere."""
+        """Show the parameters of a prim that was selected elsewhere."""
         paths = [prim.path for prim in self._prims]
         if self._context.selected in paths:
             self.prims.setCurrentRow(paths.index(self._context.selected))

@@ -1,4 +1,4 @@
-"""How windows look: greys without a hue, so that pictures beside them are judged as they are."""
+"""Style of windows: neutral greys, which do not affect the judgement of colours."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ RAISED = QColor(58, 58, 58)
 LINE = QColor(24, 24, 24)
 TEXT = QColor(214, 214, 214)
 QUIET = QColor(150, 150, 150)
-"""Of labels and units."""
+"""Colour of labels and units."""
 OFF = QColor(104, 104, 104)
 ACCENT = QColor(82, 130, 178)
 ANIMATED = QColor(214, 158, 72)
-"""Of values with time samples, and of the current frame."""
+"""Colour of values with time samples, and of the current frame."""
 CACHED = QColor(96, 160, 104)
-"""Of frames that a simulation has made, and of running."""
+"""Colour of simulated frames, and of a running simulation."""
 WRONG = QColor(214, 96, 84)
 
 ROW = 22
@@ -94,7 +94,7 @@ QWidget[role="bar"] {{ background: {ground}; border-top: 1px solid {line}; }}
 
 
 def sheet() -> str:
-    """The style sheet; windows wear it themselves, so that a host's own are left alone."""
+    """Return the style sheet; it is set on our windows only, so that a host's stay unchanged."""
     colors = {
         "ground": GROUND,
         "sunk": SUNK,
@@ -113,7 +113,7 @@ def sheet() -> str:
 
 
 def palette() -> QPalette:
-    """Dark and neutral, for Fusion."""
+    """Return a dark, neutral palette for Fusion."""
     roles = QPalette.ColorRole
     found = QPalette()
     for role, color in (
@@ -142,7 +142,7 @@ def palette() -> QPalette:
 
 
 def dress(application: QApplication) -> None:
-    """Give an application of our own the look; a host's keeps its own."""
+    """Style our own application; a host's is left unchanged."""
     application.setStyle(QStyleFactory.create("Fusion"))
     application.setPalette(palette())
     font = application.font()
@@ -151,7 +151,7 @@ def dress(application: QApplication) -> None:
 
 
 def digits() -> QFont:
-    """For numbers that change in place, so that they do not dance."""
+    """Return a monospaced font, for numbers that change in place."""
     font = QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
     font.setPointSizeF(8.5)
     return font

@@ -1,4 +1,4 @@
-"""The bar at the bottom: play, step, scrub; the range, the frame and the rate."""
+"""The timeline bar: play, step, scrub, range, frame and rate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from usdsplat.preview.values import SimulationStatus
 
 
 class TimelineBar(QWidget):
-    """Drives the viewer's timeline, and follows it."""
+    """Controls of the viewer's timeline."""
 
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -65,7 +65,7 @@ class TimelineBar(QWidget):
         self.follow()
 
     def follow(self) -> None:
-        """Show what the timeline is now."""
+        """Show the current state of the timeline."""
         timeline = self._context.viewer.timeline
         self.ruler.show_range(timeline.start, timeline.end)
         self.ruler.show_current(timeline.current if timeline.end > timeline.start else None)

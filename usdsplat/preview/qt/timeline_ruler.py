@@ -1,4 +1,4 @@
-"""Time drawn as a ruler: ticks, what a simulation has made, and the frame that is shown."""
+"""The timeline ruler: ticks, simulated frames and the current frame."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from usdsplat.preview.qt import style
 
 MARGIN = 14
-"""Left and right of the range [pixel], so that labels at its ends are whole."""
+"""Margins at the ends of the range [pixel], so that labels there are not cut."""
 NEAREST_LABELS = 58
-"""[pixel]"""
+"""Minimum distance of labels [pixel]."""
 
 
 class TimelineRuler(QWidget):
-    """Shows a range of time codes; a press or drag on it scrubs."""
+    """A ruler of time codes; press or drag to scrub."""
 
     scrubbed = Signal(float)
-    """Time code under the pointer, whole unless Ctrl is held."""
+    """Time code under the pointer, an integer unless Ctrl is held."""
     released = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -28,7 +28,7 @@ class TimelineRuler(QWidget):
         self._range = (0.0, 0.0)
         self._current: float | None = None
         self.cached: tuple[float, float] | None = None
-        """First and last frame that a simulation has made."""
+        """First and last simulated frame."""
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         self.setToolTip("Drag to scrub; with Ctrl between frames")
@@ -37,28 +37,28 @@ class TimelineRuler(QWidget):
         return QSize(400, 34)
 
     def show_range(self, start: float, end: float) -> None:
-        """What the ruler reaches from and to [time code]."""
+        """Set the range of the ruler [time code]."""
         self._range = (start, max(start, end))
         self.update()
 
     def show_current(self, time: float | None) -> None:
-        """The frame that is looked at; None for no time."""
+        """Set the current frame; None for no time."""
         self._current = time
         self.update()
 
     def show_cached(self, frames: tuple[float, float] | None) -> None:
-        """First and last frame that a simulation has made."""
+        """Set the first and last simulated frame."""
         self.cached = frames
         self.update()
 
     def position(self, time: float) -> float:
-        """Where a time code lies [pixel]."""
+        """Return the position of a time code [pixel]."""
         start, end = self._range
         width = max(self.width() - 2 * MARGIN, 1)
         return MARGIN + (time - start) / (end - start or 1.0) * width
 
     def time_at(self, x: float, *, whole: bool = True) -> float:
-        """What lies at a pixel, within the range."""
+        """Return the time code at a pixel, within the range."""
         start, end = self._range
         part = (x - MARGIN) / max(self.width() - 2 * MARGIN, 1)
         time = start + min(max(part, 0.0), 1.0) * (end - start)
@@ -132,11 +132,11 @@ _MADE = QColor(style.CACHED)
 
 
 def tick_step(length: float, pixels: float) -> float:
-    """Time codes between labels: 1, 2 or 5 times a power of ten, at least `NEAREST_LABELS` apart.
+    """Return the step of labels: 1, 2 or 5 times a power of ten, `NEAREST_LABELS` apart.
 
     Args:
-        length: Of the range [time code].
-        pixels: That it is drawn on.
+        length: Length of the range [time code].
+        pixels: Width of the range [pixel].
     """
     least = max(length / max(pixels / NEAREST_LABELS, 1.0), 1.0)
     power = 10.0 ** math.floor(math.log10(least))

@@ -1,4 +1,4 @@
-"""The strip over the viewport: camera, AOV, channel, exposure."""
+"""The strip above the viewport: camera, AOV, channel, exposure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FREE, ALL = "Free camera", "Frame everything"
 
 
 class ViewStrip(QWidget):
-    """What is turned most, always in sight."""
+    """A strip of the most used view controls."""
 
     def __init__(
         self, context: PanelContext, *, bookmarks: QMenu, parent: QWidget | None = None
@@ -64,12 +64,12 @@ class ViewStrip(QWidget):
         line.addStretch(1)
         line.addWidget(marks)
         self._spare: tuple[QWidget, ...] = (*labels, self.exposure, self.channel, marks)
-        """What goes first where there is not room for everything."""
+        """Widgets that are hidden first if there is not enough room."""
         context.view_changed.connect(self.follow)
         self.follow()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep what there is room for."""
+        """Show as many widgets as there is room for."""
         super().resizeEvent(event)
         line = self.layout()
         for each in self._spare:
@@ -80,7 +80,7 @@ class ViewStrip(QWidget):
             each.hide()
 
     def follow(self) -> None:
-        """Show what is so now."""
+        """Show the current state."""
         viewer = self._context.viewer
         state = viewer.state
         with QSignalBlocker(self.camera):

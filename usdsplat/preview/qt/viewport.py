@@ -1,11 +1,11 @@
-"""The widget that shows a session's pictures and takes the mouse and the keys.
+"""The viewport widget: shows a session's pictures and handles mouse and keys.
 
     viewport = Viewport(viewer)
     proxy.picture.connect(viewport.show_picture)
     viewport.pick_requested.connect(pick)
 
-It paints with QPainter alone, so it runs wherever Qt does. What is painted over a picture is where
-that picture has it, however far the view has gone on since.
+It paints with QPainter only, so it runs wherever Qt does. Overlays are placed by the displayed
+picture, even if the view has moved on since.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ from usdsplat.preview.values import Picture
 from usdsplat.preview.viewer import Viewer
 
 REST = 80
-"""After the last input, the view rests [ms]."""
+"""Time after the last input until the view rests [ms]."""
 TICK = 8
-"""Between ticks of what goes on by itself [ms]."""
+"""Interval of ticks of animations [ms]."""
 WIPE_REACH = 7.0
-"""How far from the wipe it is still hit [pixel of the window]."""
+"""Maximum distance from the wipe for a hit [pixel of the window]."""
 
 
 class Viewport(QWidget):
-    """What a viewer sees.
+    """The viewport of a viewer.
 
     Args:
-        viewer: Whose view it is; all that the user does goes to it.
-        parent: Who owns this, in Qt's sense.
+        viewer: Viewer that receives all user input.
+        parent: Qt parent.
     """
 
     pick_requested = Signal(float, float)
@@ -71,18 +71,18 @@ class Viewport(QWidget):
     focus_requested = Signal(float, float)
     """A double click."""
     probe_moved = Signal(float, float)
-    """The pointer is over another pixel, and holds nothing."""
+    """The pointer is over another pixel, without a button."""
     probe_left = Signal()
     manipulator_changed = Signal()
-    """Its mode or space is another."""
+    """The manipulator's mode or space has changed."""
 
     def __init__(self, viewer: Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.viewer = viewer
         self.picture: Picture | None = None
-        """The last one that was shown."""
+        """The last displayed picture."""
         self.mode: Mode | None = "translate"
-        """What the manipulator does; None for none."""
+        """Mode of the manipulator; None for none."""
         self.space: Space = "world"
         self.shows_hud = True
         self._image = QImage()
@@ -105,10 +105,10 @@ class Viewport(QWidget):
         self._clock.timeout.connect(self._tick)
         self.destroyed.connect(viewer.listen(self._viewer_changed))
 
-    # --- what is shown ---------------------------------------------------------------------
+    # --- display --------------------------------------------------------------------------
 
     def show_picture(self, picture: Picture) -> None:
-        """Show it; the image is read where it is, so it must not be changed any more."""
+        """Show a picture; its image is not copied and must not be modified afterwards."""
         height, width = picture.image.shape[:2]
         pixels = np.ascontiguousarray(picture.image)
         image = QImage(pixels.data, width, height, 3 * width, QImage.Format.Format_RGB888)
@@ -120,32 +120,32 @@ class Viewport(QWidget):
         self.update()
 
     def set_mode(self, mode: Mode | None) -> None:
-        """Have another manipulator, or none."""
+        """Set the mode of the manipulator, or none."""
         self.mode, self._hot = mode, None
         self.manipulator_changed.emit()
         self.update()
 
     def set_space(self, space: Space) -> None:
-        """Have its axes along the world's or the prim's own."""
+        """Set the manipulator's axes: the world's or the prim's own."""
         self.space, self._hot = space, None
         self.manipulator_changed.emit()
         self.update()
 
     def set_hud(self, is_shown: bool) -> None:
-        """Show the numbers of the picture, or not."""
+        """Show or hide the heads-up display."""
         self.shows_hud = is_shown
         self.update()
 
     @property
     def projection(self) -> Projection | None:
-        """Of the picture that is shown; None before the first."""
+        """Projection of the displayed picture; None before the first."""
         if self.picture is None:
             return None
         return Projection.of(self.picture.camera, self._size())
 
     @property
     def manipulator(self) -> Manipulator | None:
-        """On the prim that was selected last; None for none."""
+        """Manipulator of the last selected prim; None for none."""
         placement = self.viewer.placement
         if self.mode is None or placement is None:
             return None
@@ -252,7 +252,7 @@ class Viewport(QWidget):
         super().focusOutEvent(event)
 
     def _do(self, key: int, modifiers: Qt.KeyboardModifier) -> bool:
-        """What a key does while nothing is held; False if that is nothing."""
+        """Handle a key while no button is held; return whether it was used."""
         shift = bool(modifiers & Qt.KeyboardModifier.ShiftModifier)
         if modifiers & ~Qt.KeyboardModifier.ShiftModifier & ~Qt.KeyboardModifier.KeypadModifier:
             return False
@@ -275,7 +275,7 @@ class Viewport(QWidget):
     def event(self, event: QEvent) -> bool:
         kind = event.type()
         if kind == QEvent.Type.ShortcutOverride and self._hold is not None:
-            event.accept()  # keys that fly are no shortcuts meanwhile
+            event.accept()  # flight keys take precedence over shortcuts
             return True
         if kind == QEvent.Type.NativeGesture and isinstance(event, QNativeGestureEvent):
             return self._pinch(event)
@@ -290,7 +290,7 @@ class Viewport(QWidget):
     # --- private ---------------------------------------------------------------------------
 
     def _take(self, event: QMouseEvent) -> Hold | None:
-        """What a press takes hold of."""
+        """Return the hold that a press begins, or None."""
         pixel, ratio = self._pixel(event.position()), self.devicePixelRatioF()
         projection, manipulator = self.projection, self.manipulator
         gesture = gesture_of(event.button(), event.modifiers())
@@ -353,7 +353,7 @@ class Viewport(QWidget):
         return True
 
     def _soon(self) -> None:
-        """Have the moves given to the viewer once for this pass of the event loop."""
+        """Schedule one update of the viewer for this pass of the event loop."""
         self._flush.start()
         self._rest.start()
 

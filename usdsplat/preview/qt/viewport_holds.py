@@ -1,4 +1,4 @@
-"""What the pointer holds in a viewport while a button is down: the view, the wipe or a handle.
+"""Drags in a viewport: of the view, the wipe or a handle.
 
 Positions are in pixels of the viewport.
 """
@@ -23,33 +23,33 @@ from usdsplat.preview.qt.viewport_navigation import (
 from usdsplat.preview.viewer import Viewer
 
 CLICK = 4.0
-"""How far a click may slip before it is a drag [pixel of the window]."""
+"""Distance from which a press becomes a drag [pixel of the window]."""
 
 
 class Hold(Protocol):
-    """One press of a button, until it is let go."""
+    """A press of a button until its release."""
 
     @property
     def cursor(self) -> Qt.CursorShape:
-        """While it is held."""
+        """Cursor during the hold."""
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
-        """The pointer went there."""
+        """Handle a move of the pointer."""
 
     def let_go(self, pixel: Pixel) -> None:
-        """The button is up again."""
+        """Handle the release of the button."""
 
     def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
-        """Other keys are down than before; whether that means anything."""
+        """Handle a change of pressed keys; return whether it was used."""
 
 
 class NavigatingHold:
-    """Of the view.
+    """A drag of the view.
 
     Args:
-        moves: Where the moves are gathered.
-        clicked: Called if the pointer was let go where it was pressed; None if that is nothing and
-            each move counts.
+        moves: Collects the moves.
+        clicked: Called if the pointer is released where it was pressed; None if clicks do nothing
+            and each move counts.
     """
 
     def __init__(
@@ -68,11 +68,11 @@ class NavigatingHold:
 
     @property
     def cursor(self) -> Qt.CursorShape:
-        """The gesture's."""
+        """Cursor of the gesture."""
         return CURSORS[self.gesture]
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
-        """Drag the view; `modifiers` change nothing."""
+        """Drag the view; `modifiers` are ignored."""
         right, down = pixel[0] - self._last[0], pixel[1] - self._last[1]
         if self._clicked is not None:
             if max(abs(right), abs(down)) <= self._slack:
@@ -83,12 +83,12 @@ class NavigatingHold:
         self._moves.drag(self.gesture, right / height, down / height)
 
     def let_go(self, pixel: Pixel) -> None:
-        """Click, if it was one."""
+        """Report a click, if it was one."""
         if self._clicked is not None:
             self._clicked()
 
     def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
-        """Fly, while looking around."""
+        """Fly while looking around."""
         if self.gesture != "fly":
             return False
         self._viewer.set_flight(*flight_of(keys, modifiers))
@@ -96,7 +96,7 @@ class NavigatingHold:
 
 
 class WipeHold:
-    """Of where a comparison is cut."""
+    """A drag of the wipe of a comparison."""
 
     cursor = Qt.CursorShape.SplitHCursor
 
@@ -105,19 +105,19 @@ class WipeHold:
         self._offset = viewer.state.wipe * viewer.state.size[0] - pixel[0]
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
-        """Cut where the pointer is."""
+        """Move the wipe to the pointer."""
         self._viewer.set_wipe((pixel[0] + self._offset) / self._viewer.state.size[0])
 
     def let_go(self, pixel: Pixel) -> None:
-        """It stays where it is."""
+        """Do nothing: the position is kept."""
 
     def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
-        """Keys mean nothing to it."""
+        """Return False: keys are not used."""
         return False
 
 
 class HandleHold:
-    """Of a handle of the manipulator; Ctrl snaps."""
+    """A drag of a manipulator's handle; Ctrl snaps."""
 
     cursor = Qt.CursorShape.ClosedHandCursor
 
@@ -135,13 +135,13 @@ class HandleHold:
         viewer.begin_drag()
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
-        """Have the prim where the pointer wants it."""
+        """Move the prim by the pointer."""
         snaps = bool(modifiers & Qt.KeyboardModifier.ControlModifier)
         self._viewer.place(as_matrix(self._drag(pixel, snaps=snaps)))
 
     def let_go(self, pixel: Pixel) -> None:
-        """It stays where it is."""
+        """Do nothing: the position is kept."""
 
     def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
-        """Keys mean nothing to it."""
+        """Return False: keys are not used."""
         return False

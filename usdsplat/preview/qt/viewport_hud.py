@@ -1,4 +1,4 @@
-"""What a viewport says about its picture: rows of numbers on a dark pane, read on any picture."""
+"""The heads-up display: rows of numbers on a dark pane."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from usdsplat.preview.values import Picture, ViewState
 PANE = QColor(16, 16, 16, 205)
 RADIUS = 5.0
 MARGIN = 10.0
-"""From the viewport's edges [pixel of the window]."""
+"""Margin from the viewport's edges [pixel of the window]."""
 PAD = 8.0
 STAGES = 5
-"""Most stages that are listed by name."""
+"""Maximum number of stages listed by name."""
 
 Row = tuple[str, str]
 
 
 def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
-    """Labels and values, in the order that they are shown."""
+    """Return labels and values, in display order."""
     times = dict(picture.milliseconds)
     total = times.pop("total", sum(times.values()))
     longest = sorted(times, key=lambda name: -times[name])[:STAGES]
@@ -46,16 +46,16 @@ def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
 
 
 def camera_name(state: ViewState) -> str:
-    """Of what is looked through."""
+    """Return the name of the camera."""
     if isinstance(state.camera, str):
         return state.camera
     return "Frames all" if state.camera is None else "Free camera"
 
 
 def look_names(state: ViewState) -> tuple[str, str]:
-    """What is shown left and right of the wipe; "" on the right for no comparison.
+    """Return names of the looks left and right of the wipe; "" on the right for no comparison.
 
-    Where both show one AOV, what else tells them apart is said.
+    If both show the same AOV, the names contain another difference.
     """
     names: list[str] = []
     for look in (state.look, state.other):
@@ -69,7 +69,7 @@ def look_names(state: ViewState) -> tuple[str, str]:
 
 
 def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:
-    """Paint a pane of rows with its top left at a corner; returns where it is."""
+    """Paint a pane of rows with its top left at a corner; return its rectangle."""
     font = style.digits()
     painter.setFont(font)
     metrics = QFontMetricsF(font)
@@ -97,7 +97,7 @@ def paint_tag(
     right: bool = False,
     color: QColor = style.TEXT,
 ) -> QRectF:
-    """Paint a word on a pane, with its lower left, or lower right, at a point; returns where."""
+    """Paint text on a pane, with its lower left or right at a point; return its rectangle."""
     font = QApplication.font()
     font.setPointSizeF(8.5)
     painter.setFont(font)
@@ -112,7 +112,7 @@ def paint_tag(
 
 
 def _grouped(number: int) -> str:
-    """Thousands apart by thin spaces."""
+    """Format a number with thin spaces between thousands."""
     return f"{number:,}".replace(",", "\u2009")
 
 

@@ -1,8 +1,8 @@
-"""What mouse and keys do in a viewport, in tables.
+"""Tables of mouse buttons and keys in a viewport.
 
-usdview's habits: Alt with the left, middle and right button orbits, pans and dollies; F frames.
-Without Alt, as viewers of splats have it: the left button picks, and orbits when dragged; the
-middle one pans; the right one looks around, and WASD, Q and E fly while it is held.
+As in usdview, Alt with the left, middle and right button orbits, pans and dollies; F frames.
+Without Alt, as in splat viewers, the left button picks and orbits, the middle one pans, and the
+right one looks around; WASD, Q and E fly while it is held.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ FLIGHT_KEYS: dict[int, tuple[int, int, int]] = {
     Qt.Key.Key_Q: (0, -1, 0),
     Qt.Key.Key_E: (0, 1, 0),
 }
-"""Right, up and forward, while flying."""
+"""Key -> right, up and forward, while flying."""
 MODE_KEYS: dict[int, Mode | None] = {
     Qt.Key.Key_Q: None,
     Qt.Key.Key_W: "translate",
     Qt.Key.Key_E: "rotate",
     Qt.Key.Key_R: "scale",
 }
-"""The manipulator, while not."""
+"""Key -> mode of the manipulator, while not flying."""
 CURSORS = {
     "orbit": Qt.CursorShape.ClosedHandCursor,
     "pan": Qt.CursorShape.SizeAllCursor,
@@ -50,27 +50,27 @@ CURSORS = {
 }
 
 DOLLY = 1.44
-"""Natural logarithm of the distance that a drag over the viewport's height covers."""
+"""Natural logarithm of the distance factor of a drag over the viewport's height."""
 NOTCH = math.log(1.0 / 0.88)
-"""And one notch of a wheel, of 120 units."""
+"""Logarithm of the distance factor of a wheel notch, 120 units."""
 QUICKER = 1.2
-"""What a notch makes of the speed of a flight."""
+"""Factor of a wheel notch on the flight speed."""
 HURRY = 4.0
-"""How much faster Shift flies."""
+"""Factor of Shift on the flight speed."""
 
 
 def gesture_of(button: Qt.MouseButton, modifiers: Qt.KeyboardModifier) -> Gesture | None:
-    """What a drag with a button does; None for buttons that do nothing."""
+    """Return the gesture of a drag with a button; None for unused buttons."""
     return _BUTTONS.get((button, bool(modifiers & _ALT)))
 
 
 def notches(units: float) -> float:
-    """Of a wheel, from the units of its event."""
+    """Convert wheel units to notches."""
     return units / 120.0
 
 
 def flight_of(keys: set[int], modifiers: Qt.KeyboardModifier) -> tuple[float, float, float]:
-    """Right, up and forward of the keys that are held; opposite ones cancel."""
+    """Return right, up and forward of the pressed keys; opposite ones cancel."""
     ways = [FLIGHT_KEYS[key] for key in keys if key in FLIGHT_KEYS]
     pace = HURRY if modifiers & Qt.KeyboardModifier.ShiftModifier else 1.0
     right, up, forward = (pace * sum(parts) for parts in zip((0, 0, 0), *ways, strict=True))
@@ -78,27 +78,27 @@ def flight_of(keys: set[int], modifiers: Qt.KeyboardModifier) -> tuple[float, fl
 
 
 class Moves:
-    """What the pointer did to the view since the last pass of the event loop."""
+    """Moves of the view since the last pass of the event loop."""
 
     def __init__(self) -> None:
         self._drags: dict[Gesture, tuple[float, float]] = {}
         self._zoom = 0.0
 
     def drag(self, gesture: Gesture, right: float, down: float) -> None:
-        """Add a drag, in parts of the viewport's height."""
+        """Add a drag, in fractions of the viewport's height."""
         if right or down:
             before = self._drags.get(gesture, (0.0, 0.0))
             self._drags[gesture] = before[0] + right, before[1] + down
 
     def zoom(self, amount: float) -> None:
-        """Add a way towards the target, the natural logarithm of a factor."""
+        """Add a move towards the target, the natural logarithm of a distance factor."""
         self._zoom += amount
 
     def __bool__(self) -> bool:
         return bool(self._drags) or self._zoom != 0.0
 
     def give(self, viewer: Viewer) -> None:
-        """Have the viewer do it, and forget it."""
+        """Apply the moves to the viewer and clear them."""
         drags, zoom = self._drags, self._zoom
         self._drags, self._zoom = {}, 0.0
         for gesture, (right, down) in drags.items():

@@ -1,8 +1,8 @@
-"""What is painted over a picture: boxes of what is selected, handles, the wipe and the axes.
+"""Paint overlays: boxes of the selection, handles, the wipe and the axes.
 
-Everything has a dark seam, so that it is seen on any picture, and colours are few and dull, so that
-they do not change how a picture's are judged. Lengths are in pixels of the viewport, `ratio` of
-them to one of the window.
+All lines have a dark outline, so that they are visible on any picture. Colours are few and muted,
+so that they do not affect the judgement of a picture's. Lengths are in viewport pixels; `ratio` is
+viewport pixels per window pixel.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ WIDTH = 1.6
 HEAD = 11.0
 """Length of an arrow's head."""
 CUBE = 4.5
-"""Half the size of the box at the end of an axis that scales."""
+"""Half the size of the box at the end of a scaling axis."""
 CORNER = 0.16
-"""Part of an edge of a box that is bright, at either end."""
+"""Fraction of a box edge that is bright, at each end."""
 TRIPOD = 26.0
 WIPE_GRIP = 11.0
 _AWAY = 0.28
-"""Opacity of what cannot be taken hold of, or is on the far side."""
+"""Opacity of handles that cannot be dragged, or are on the far side."""
 
 
 def paint_boxes(
@@ -75,14 +75,14 @@ def paint_boxes(
 def paint_manipulator(
     painter: QPainter, manipulator: Manipulator, projection: Projection, *, hot: Handle | None
 ) -> None:
-    """Paint handles, the one under the pointer bright."""
+    """Paint handles, with the one under the pointer highlighted."""
     for shape in manipulator.shapes(projection):
         _paint_shape(painter, shape, manipulator.ratio, is_hot=shape.handle == hot)
     painter.setOpacity(1.0)
 
 
 def paint_wipe(painter: QPainter, x: float, height: float, *, ratio: float, is_hot: bool) -> None:
-    """Paint where a comparison is cut, and what to take hold of."""
+    """Paint the wipe of a comparison and its handle."""
     middle, radius = QPointF(x, 0.5 * height), WIPE_GRIP * ratio
     color = HOT if is_hot else LINE
     for tint, width in ((SEAM, 3.0), (color, 1.0)):
@@ -103,7 +103,7 @@ def paint_wipe(painter: QPainter, x: float, height: float, *, ratio: float, is_h
 def paint_tripod(
     painter: QPainter, projection: Projection, middle: QPointF, *, ratio: float
 ) -> None:
-    """Paint the world's axes as the camera has them, what is nearest last."""
+    """Paint the world's axes in the camera's orientation, nearest last."""
     right, up, back = projection.axes
     font = QFont(painter.font())
     font.setPixelSize(round(10 * ratio))
@@ -162,7 +162,7 @@ def _paint_shape(painter: QPainter, shape: Shape, ratio: float, *, is_hot: bool)
 
 
 def _paint_ring(painter: QPainter, shape: Shape, color: QColor, width: float) -> None:
-    """The far side faint, then the near one."""
+    """Paint the far side dim, then the near one."""
     faint = QColor(color)
     faint.setAlphaF(_AWAY)
     for tint, wide, is_front in (
@@ -176,7 +176,7 @@ def _paint_ring(painter: QPainter, shape: Shape, color: QColor, width: float) ->
 
 
 def _runs(points: F64, chosen: F64) -> list[F64]:
-    """Stretches of a line whose points are chosen."""
+    """Return the runs of consecutive chosen points of a line."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return [points[first:end] for first, end in edges.reshape(-1, 2) if end - first > 1]
 

@@ -1,4 +1,4 @@
-"""A viewport's whole face: the picture, what has a place in it, and words at its edges."""
+"""Paint a viewport: the picture, overlays and text."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from usdsplat.preview.qt import viewport_overlays as overlays
 from usdsplat.preview.values import Picture
 
 MEMORY = 1.0
-"""For how long a picture counts for the rate [s]."""
+"""Time window of the frame rate [s]."""
 CORNER = 46.0
-"""Of the axes from the lower left corner [pixel of the window]."""
+"""Distance of the axes from the lower left corner [pixel of the window]."""
 BESIDE_AXES = 84.0
 TOP = 34.0
-"""Of the names of a comparison."""
+"""Vertical position of the names of a comparison [pixel of the window]."""
 
 
 class Rate:
-    """Pictures in a second, while the view moves."""
+    """Frame rate while the view moves."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque()
 
     def count(self, now: float) -> None:
-        """A picture came [s]."""
+        """Count a picture at a time [s]."""
         self._times.append(now)
         while now - self._times[0] > MEMORY:
             self._times.popleft()
 
     def stop(self) -> None:
-        """The view rests."""
+        """Reset the rate when the view rests."""
         self._times.clear()
 
     @property
     def per_second(self) -> float | None:
-        """None until two pictures of a movement came."""
+        """Pictures per second; None before the second picture of a movement."""
         if len(self._times) < 2 or self._times[-1] == self._times[0]:
             return None
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
@@ -50,24 +50,24 @@ class Rate:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """All that is painted, once."""
+    """The data of one painted viewport."""
 
     picture: Picture
     image: QImage
     size: tuple[int, int]
-    """Of the viewport [pixel of the screen]."""
+    """Size of the viewport [pixel of the screen]."""
     ratio: float
-    """Pixels of the screen to one of the window."""
+    """Screen pixels per window pixel."""
     projection: Projection
     manipulator: Manipulator | None
     hot: Handle | None
     """The handle under the pointer."""
     wipe: float | None
-    """Where a comparison is cut, a part of the width; None for no comparison."""
+    """Position of the wipe as a fraction of the width; None for no comparison."""
     wipe_is_hot: bool
     shows_hud: bool
     rate: float | None
-    """Pictures in a second."""
+    """Pictures per second."""
 
 
 def paint_nothing(painter: QPainter, place: QRectF) -> None:
@@ -89,7 +89,7 @@ def paint(painter: QPainter, place: QRectF, scene: Scene) -> None:
 
 
 def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
-    """As it is, or as large as fits where it is coarse or of another size than the viewport."""
+    """Paint the image, scaled to fit if its size differs from the viewport's."""
     if (scene.image.width(), scene.image.height()) == scene.size:
         painter.drawImage(place, scene.image)
         return
@@ -103,7 +103,7 @@ def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
 
 
 def _paint_placed(painter: QPainter, scene: Scene) -> None:
-    """What has its place in the picture, in pixels of the viewport."""
+    """Paint overlays with a position in the picture, in viewport pixels."""
     ratio, (width, height) = scene.ratio, scene.size
     overlays.paint_boxes(painter, scene.picture.boxes, scene.projection, ratio=ratio)
     if scene.wipe is not None:

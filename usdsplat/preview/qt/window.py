@@ -1,4 +1,4 @@
-"""A window on one stage after another: menus, keys, dropped files, and what opens and fails to."""
+"""The main window: menus, keys, dropped files, and opening stages."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ PURPOSES = ("render", "proxy", "guide")
 ALWAYS = ("open", "new", "close", "quit", "help", "about")
 """Actions that need no stage."""
 SAID_FOR = 6000
-"""How long the status bar says that something was written [ms]."""
+"""Duration of a message in the status bar [ms]."""
 
 
 class Window(QMainWindow):
-    """One stage at a time, in a session of its own.
+    """A main window with one stage at a time, in its own session.
 
-    A file that cannot be opened leaves what is there as it is.
+    If a file cannot be opened, the current stage stays open.
 
     Args:
-        device, threads: As `Engine` takes them, for files that are opened here.
+        device, threads: As for `Engine`, for files that are opened here.
     """
 
     new_requested = Signal(object)
-    """Somebody wants another window, on a path or None."""
+    """Another window is requested, with a path or None."""
     opened = Signal(object)
     """A stage has been opened here."""
     closed = Signal()
@@ -68,7 +68,7 @@ class Window(QMainWindow):
         self._threads = threads
         self._pending: SessionProxy | None = None
         self._remarks: tuple[str, ...] = ()
-        """What was said of the stage that is being opened."""
+        """Remarks on the stage that is being opened."""
         self._path: Path | None = None
         self.workspace: Workspace | None = None
         self.saving: Saving | None = None
@@ -97,7 +97,7 @@ class Window(QMainWindow):
 
     @property
     def note(self) -> str:
-        """What the status bar says."""
+        """Message of the status bar."""
         return self._note.text()
 
     # --- opening ----------------------------------------------------------------------------
@@ -109,7 +109,7 @@ class Window(QMainWindow):
         self.open_with(opener, name=path.name)
 
     def open_with(self, opener: Opener, *, name: str = "") -> None:
-        """Open what `opener` opens, in a session of its own."""
+        """Open a document by a function, in its own session."""
         self._forget_pending()
         session = Session(lambda publish: opener(publish=publish))
         proxy = SessionProxy(session, self)
@@ -120,7 +120,7 @@ class Window(QMainWindow):
         self._say(f"Reading {name}…" if name else "Reading…")
 
     def _switch(self, proxy: SessionProxy, opened: Opened) -> None:
-        """What was being opened is there: the old stage makes way."""
+        """Replace the old stage by the newly opened one."""
         if proxy is not self._pending:
             return
         self._pending = None
@@ -172,12 +172,12 @@ class Window(QMainWindow):
             proxy.deleteLater()
 
     def _use_device(self, device: str) -> None:
-        """Open the file anew on another device."""
+        """Reopen the file on another device."""
         self._device = device
         if self._path is not None:
             self.open(self._path)
 
-    # --- what menus and keys do -------------------------------------------------------------
+    # --- actions ---------------------------------------------------------------------------
 
     def ask_open(self) -> None:
         """Ask for a file to open."""
@@ -191,11 +191,11 @@ class Window(QMainWindow):
         dialog.open()
 
     def show_help(self) -> None:
-        """Every key."""
+        """Show the help dialog."""
         HelpDialog(self).open()
 
     def about(self) -> None:
-        """What this is."""
+        """Show the about dialog."""
         words = (
             f"<b>usdsplat {__version__}</b><p>Gaussian splats as ordinary citizens of a USD "
             "pipeline.</p><p>Apache-2.0</p>"
@@ -258,7 +258,7 @@ class Window(QMainWindow):
         return action
 
     def _fill_cameras(self) -> None:
-        """Cameras of the stage and bookmarks, below what is always there."""
+        """Add cameras of the stage and bookmarks below the fixed entries."""
         for action in self._cameras:
             self._camera_menu.removeAction(action)
             action.deleteLater()
@@ -319,7 +319,7 @@ class Window(QMainWindow):
 
     def _say(self, words: str) -> None:
         self._note.setText(words)
-        self.empty_note.setText(words or "Drop a stage or a capture here, or open one by Ctrl+O")
+        self.empty_note.setText(words or "Drop a stage or a capture here, or open one with Ctrl+O")
 
     def _say_briefly(self, words: str) -> None:
         self._say(words)
@@ -338,12 +338,12 @@ class Window(QMainWindow):
         self.setWindowTitle(f"{name} — usdsplat" if name else "usdsplat")
 
     def _make_empty(self) -> QWidget:
-        """What is there before a stage is."""
+        """Create the widget shown without a stage."""
         page = QWidget()
         column = QVBoxLayout(page)
         picture = QLabel()
         picture.setPixmap(window_icon().pixmap(96, 96))
-        self.empty_note = QLabel("Drop a stage or a capture here, or open one by Ctrl+O")
+        self.empty_note = QLabel("Drop a stage or a capture here, or open one with Ctrl+O")
         self.empty_note.setProperty("role", "quiet")
         column.addStretch(1)
         for label in (picture, self.empty_note):

@@ -1,4 +1,4 @@
-"""All that belongs to one open stage: viewport, panels, timeline, and its session's end."""
+"""The widgets of an open stage: viewport, panels and timeline."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from usdsplat.preview.values import Opened, Problem
 from usdsplat.render.specs import CameraSpec
 
 LOOK_AT_FILES = 2000
-"""How often files are looked at for changes [ms]."""
+"""Interval of checks for changed files [ms]."""
 SIDES = (330, 920, 350)
-"""Widths at first: tree, viewport, panels [pixel]."""
+"""Initial widths of tree, viewport and panels [pixel]."""
 NARROWEST = (260, 240, 290)
-"""And the least ones."""
+"""Minimum widths of tree, viewport and panels [pixel]."""
 
 
 class Workspace(QWidget):
-    """The inside of a window, once a stage is open.
+    """The content of a window with an open stage.
 
     Args:
-        proxy: To the session, which ends with this.
-        opened: What the session said of the stage.
-        device: What the session draws on, as it was asked for.
+        proxy: Proxy of the session, which ends with this widget.
+        opened: Properties of the stage.
+        device: Requested device of the session.
     """
 
     device_chosen = Signal(str)
@@ -78,63 +78,63 @@ class Workspace(QWidget):
         self.tree.model.refresh()
 
     def end(self) -> None:
-        """Let go of the session, without waiting for what it is in the middle of."""
+        """Close the session without waiting for its current task."""
         self._watch.stop()
         self.proxy.close()
         threading.Thread(target=self.proxy.session.close, name="closes a session").start()
 
-    # --- what keys and menus do -------------------------------------------------------------
+    # --- actions ---------------------------------------------------------------------------
 
     def frame_selected(self) -> None:
-        """Look at the selected prims, or at everything."""
+        """Frame the selected prims, or everything."""
         self.context.viewer.frame(self.context.viewer.state.selected)
 
     def free_camera(self) -> None:
-        """See the same, but by a camera that can be moved."""
+        """Switch to a free camera with the same view."""
         viewer = self.context.viewer
         viewer.use_camera(viewer.free_camera())
 
     def toggle_compare(self) -> None:
-        """Compare with another look, or do not."""
+        """Switch the comparison on or off."""
         self.right.setCurrentWidget(self.render_panel)
         self.render_panel.set_compare(self.context.viewer.state.other is None)
 
     @property
     def shows_hud(self) -> bool:
-        """Whether the viewport shows its numbers."""
+        """Whether the heads-up display is visible."""
         return self.viewport.shows_hud
 
     def toggle_hud(self) -> None:
-        """Show the viewport's numbers, or not."""
+        """Show or hide the heads-up display."""
         self.viewport.set_hud(not self.viewport.shows_hud)
 
     def toggle_channel(self, channel: str) -> None:
-        """Show one channel alone; or all again, if it was alone."""
+        """Show a single channel, or all again if it is already shown."""
         is_on = self.context.viewer.state.display.channel == channel
         self.context.viewer.set_display(channel="rgb" if is_on else channel)
 
     def expose(self, stops: float | None) -> None:
-        """Show it brighter; None as it was rendered."""
+        """Change the display exposure; None resets it."""
         now = self.context.viewer.state.display.exposure
         exposure = 0.0 if stops is None else now + stops
         self.context.attempt(lambda: self.context.viewer.set_display(exposure=exposure))
 
     def next_aov(self, by: int) -> None:
-        """Show another AOV, in the order of the list."""
+        """Show the next AOV of the list."""
         names = list(AOVS)
         place = names.index(self.context.viewer.state.look.aov)
         self.context.viewer.set_look(aov=names[(place + by) % len(names)])
 
     def undo(self) -> None:
-        """Take the last edit back."""
+        """Undo the last edit."""
         self.context.edit(Edits.undo)
 
     def redo(self) -> None:
-        """Do it again."""
+        """Redo the last undone edit."""
         self.context.edit(Edits.redo)
 
     def reload(self) -> None:
-        """Read again what has changed on disk."""
+        """Reload files that have changed on disk."""
         self.notices.say("Reading again…")
 
         def done(names: tuple[str, ...]) -> None:
@@ -145,7 +145,7 @@ class Workspace(QWidget):
         self.proxy.ask(opening.reload, done, lambda error: self._failed(str(error)))
 
     def save_camera(self) -> None:
-        """Author the view as a camera on the session layer, and look through it."""
+        """Author the view as a camera on the session layer, and use it."""
         picture = self.context.picture
         if picture is None:
             return
@@ -158,7 +158,7 @@ class Workspace(QWidget):
         self.proxy.ask(lambda document: cameras.cameras(document.stage), made)
 
     def set_purposes(self, purpose: str, is_on: bool) -> None:
-        """Draw prims of a purpose, or not."""
+        """Set whether prims of a purpose are drawn."""
         viewer = self.context.viewer
         kept = tuple(each for each in viewer.state.purposes if each != purpose)
         viewer.set_purposes((*kept, purpose) if is_on else kept)
@@ -230,7 +230,7 @@ class Workspace(QWidget):
         self.proxy.ask(opening.changed_files, answered, lambda error: done())
 
     def _aim(self, x: float, y: float) -> None:
-        """Turn about what is under the pointer."""
+        """Centre the camera on the point under the pointer."""
 
         def found(picked: Picked | None) -> None:
             if picked is not None:
@@ -243,7 +243,7 @@ class Workspace(QWidget):
         self._of_picture = problem.sentence if problem.of_picture else ""
 
     def _take_back(self) -> None:
-        """A picture has come: what was wrong with the one before is over."""
+        """Clear the problem of the previous picture."""
         if self._of_picture and self.problems.sentence == self._of_picture:
             self.problems.clear()
         self._of_picture = ""

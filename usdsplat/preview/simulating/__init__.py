@@ -1,1 +1,1 @@
-"""Simulations that run while one looks: in threads of their own, onto a layer that can go again."""
+"""Live simulations: in their own threads, onto a removable layer."""

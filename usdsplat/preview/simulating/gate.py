@@ -1,7 +1,7 @@
-"""Pause or stop a simulation's thread, between two pieces of its work.
+"""Pause or stop a simulation's thread between units of work.
 
-A piece is a kernel, or a look at the stage. A piece that has begun is finished, and no lock is held
-while the thread waits at its gate.
+A unit is a kernel, or one access of the stage. A unit that has begun is finished, and no lock is
+held while the thread waits at its gate.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from typing import Any
 from usdsplat.kernels.device import Device
 
 _PATIENCE = 0.1
-"""How long the lock is waited for before somebody is asked whether it is needed still [s]."""
+"""Interval at which a thread that waits for the lock checks whether it is stopped [s]."""
 
 
 class Stopped(BaseException):
-    """Nobody wants the rest of the work. No error, so that nobody takes it for one."""
+    """The work is cancelled. It is no Exception, so that error handlers do not catch it."""
 
 
 class Gate:
-    """Lets work go on for some frames, for ever, or not at all."""
+    """A gate that lets work run for some frames, without limit, or not at all."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._frames = math.inf
         self._is_stopped = False
         self.held = 0.0
-        """How long work was held so far [s]."""
+        """Total time for which work was held [s]."""
 
     @property
     def is_open(self) -> bool:
-        """Whether work goes on."""
+        """Whether work may run."""
         return self._frames > 0 and not self._is_stopped
 
     def open(self, frames: float = math.inf) -> None:
-        """Let work go on until so many frames are done."""
+        """Let work run for a number of frames."""
         with self._changed:
             self._frames = frames
             self._changed.notify_all()
 
     def hold(self) -> None:
-        """Let work wait at its next piece."""
+        """Hold work at its next unit."""
         self.open(0)
 
     def stop(self) -> None:
-        """Let work end at its next piece, for good."""
+        """Stop work at its next unit, permanently."""
         with self._changed:
             self._is_stopped = True
             self._changed.notify_all()
@@ -64,7 +64,7 @@ class Gate:
         """Wait while work is held.
 
         Raises:
-            Stopped: If it is not wanted any more.
+            Stopped: If the work is stopped.
         """
         with self._changed:
             if not self.is_open:
@@ -74,26 +74,26 @@ class Gate:
         self.go_on()
 
     def go_on(self) -> None:
-        """Do not wait.
+        """Check without waiting.
 
         Raises:
-            Stopped: If the work is not wanted any more.
+            Stopped: If the work is stopped.
         """
         if self._is_stopped:
             raise Stopped
 
     def rest(self, seconds: float) -> None:
-        """Wait so long, or until work is held or stopped."""
+        """Wait for a time, or until work is held or stopped."""
         with self._changed:
             self._changed.wait_for(lambda: not self.is_open, timeout=max(0.0, seconds))
 
 
 class GatedDevice:
-    """A device whose every kernel is a piece of work; all else is the device's own.
+    """A device that passes a gate before each kernel; all else is forwarded.
 
     Args:
-        device: Computes.
-        gate: Passed before each kernel.
+        device: The device.
+        gate: Gate that is passed before each kernel.
     """
 
     def __init__(self, device: Device, gate: Gate) -> None:
@@ -104,18 +104,18 @@ class GatedDevice:
         self.move, self.publish = device.move, device.publish
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
-        """As the device's own, when the gate is open."""
+        """Run a kernel on the device when the gate is open."""
         self._gate.check()
         return self._device.run(kernel, *args)
 
 
 class StageRead(AbstractContextManager[None]):
-    """Reentrant hold of a stage's lock, for one thread that works behind a gate.
+    """Reentrant context of a stage's lock, for one thread behind a gate.
 
     Args:
-        lock: Of the stage.
-        gate: Passed before the lock is taken, never while it is held. Work that is stopped does not
-            get the lock.
+        lock: Lock of the stage.
+        gate: Gate that is passed before the lock is taken, never while it is held. Stopped work
+            does not get the lock.
     """
 
     def __init__(self, lock: threading.RLock, gate: Gate) -> None:

@@ -1,4 +1,4 @@
-"""A piece of work for a document that takes long, in a thread of its own behind a gate."""
+"""A long task for a document, in its own thread behind a gate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LOG = logging.getLogger("usdsplat")
 
 
 class Host(Protocol):
-    """What a simulation needs of a document."""
+    """A document, as needed by a simulation."""
 
     stage: Usd.Stage
     lock: threading.RLock
@@ -29,18 +29,18 @@ class Host(Protocol):
 
 
 class Job(ABC):
-    """One job; `start` it once.
+    """A job; call `start` once.
 
     Args:
-        host: Whose stage it is.
-        device: Computes.
-        changed: Called, in the job's thread, when there is something new to say.
+        host: Document of the stage.
+        device: Compute device.
+        changed: Called in the job's thread when the status changes.
     """
 
     def __init__(self, host: Host, device: Device, changed: Callable[[], None]) -> None:
         self.gate = Gate()
         self.failure = ""
-        """Why it does not go on, a sentence."""
+        """Error message if the job failed."""
         self.is_over = False
         self._host, self._tell = host, changed
         self._compiled: Callable[[], None] = lambda: None
@@ -49,16 +49,16 @@ class Job(ABC):
         self._thread = threading.Thread(target=self._run, name="usdsplat simulation", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def join(self) -> None:
-        """Wait for the end; the gate should be stopped."""
+        """Wait for the end of the thread; stop the gate before."""
         self._thread.join()
 
     @abstractmethod
     def work(self) -> None:
-        """All of it, in the job's thread."""
+        """Do the work, in the job's thread."""
 
     def _run(self) -> None:
         try:
@@ -69,13 +69,13 @@ class Job(ABC):
             return
         except UsdSplatError as error:
             self.failure = str(error)
-        except Exception:  # a bug must not take the window with it
+        except Exception:  # an unexpected exception must not end the window
             LOG.exception("a bug in a simulation")
             self.failure = "simulation: found a bug, expected none; see the terminal"
         self.is_over = True
         self._changed()
 
     def _changed(self) -> None:
-        """There is something new to say."""
+        """Report a changed status."""
         self._compiled()
         self._tell()

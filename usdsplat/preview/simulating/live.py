@@ -1,4 +1,4 @@
-"""A simulation that shows its frames on the stage as they come."""
+"""A simulation that shows its frames on the stage as they are computed."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from usdsplat.preview.simulating.watching import LiveRecipe, Watch
 from usdsplat.sim.stage.simulating import Simulation, baked_fields
 
 AHEAD = 240
-"""Frames that are looked at beforehand where a stage has no range, to see what will be needed."""
+"""Number of frames examined in advance if a stage has no range, to prepare the solver."""
 
 
 class LiveRun(Job):
-    """One run, from its beginning to its end or until it is stopped.
+    """A simulation run, from its start to its end or until it is stopped.
 
-    It shows each frame of the stage's range; where there is none it goes on from 1 without an end.
-    What begins to happen only after the first `AHEAD` frames of such a run is left out, and told.
+    It computes each frame of the stage's range, or without one runs from 1 without an end. Features
+    that are first needed after the first `AHEAD` frames of such a run are left out and reported.
 
     Args:
-        host: Whose stage is simulated.
+        host: Document of the stage.
         device: Computes.
-        changed: Called when there is something new to say.
-        budget: As `LiveLayer` takes it.
-        is_paced: Whether it goes no faster than the stage plays.
+        changed: Called when the status changes.
+        budget: As for `LiveLayer`.
+        is_paced: Whether it is limited to the stage's playback rate.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class LiveRun(Job):
     ) -> None:
         super().__init__(host, device, changed)
         self.layer: LiveLayer | None = None
-        """What is shown; for those who hold the stage's lock."""
+        """Layer of the frames; access only with the stage's lock."""
         self.frame: float | None = None
         self.frames: tuple[float, float] | None = None
         self.end: float | None = None
@@ -55,7 +55,7 @@ class LiveRun(Job):
         self._budget, self._is_paced = budget, is_paced
 
     def work(self) -> None:
-        """Implements `Job.work`."""
+        """Implement `Job.work`."""
         with self._reading:
             watch = Watch(self._host.stage, self._refused)
         try:
@@ -113,7 +113,7 @@ class LiveRun(Job):
         self.message = "the last frame is done; Run begins anew"
 
     def _refused(self, error: StageError) -> None:
-        """Wait until somebody has mended the stage, and says so by letting work go on."""
+        """Report an error and wait until work is resumed after the stage is fixed."""
         self.failure = str(error)
         self.gate.hold()
         self._changed()
@@ -123,7 +123,7 @@ class LiveRun(Job):
 
 
 def span(stage: Usd.Stage) -> tuple[float, float | None]:
-    """First frame, and the last where the stage has a range [time code].
+    """Return the first frame, and the last if the stage has a range [time code].
 
     Raises:
         StageError: If the range runs backwards.
@@ -133,5 +133,5 @@ def span(stage: Usd.Stage) -> tuple[float, float | None]:
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not last >= first:
         where = stage.GetRootLayer().GetDisplayName()
-        raise StageError(where, f"frames from {first:g} to {last:g}", "a range that runs forwards")
+        raise StageError(where, f"frames from {first:g} to {last:g}", "an ascending range")
     return first, last

@@ -1,9 +1,9 @@
-"""Frames of a simulation on a stage while it runs: an anonymous layer below the session's own.
+"""Frames of a running simulation on a stage: an anonymous sublayer of the session layer.
 
-It holds, as a bake would, only what the simulation changes, sampled at the frames' times, so that
-one can go back in time. Where that would be more than a budget the oldest frames are forgotten.
-Other than a bake it says nothing of velocities, and large harmonics are stored as half: they are
-most of the memory, and USD fills its arrays while no other thread of Python runs.
+Like a bake, it holds only attributes that the simulation changes, sampled at the frames' times, so
+that one can go back in time. If that exceeds a memory budget, the oldest frames are dropped. Unlike
+a bake it has no velocities, and large harmonics are stored as half: they take most of the memory,
+and USD fills its arrays while holding the GIL.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Array = npt.NDArray[Any]
 _Type = Sdf.ValueTypeNames
 
 BUDGET = 2_000_000_000
-"""Memory that frames may take [byte], where as much is free."""
+"""Maximum memory of frames [byte]."""
 SHARE = 0.25
-"""Of the free memory, that they may take at most."""
+"""Maximum fraction of the free memory."""
 LARGE = 64_000_000
-"""Harmonics that take more are stored as half [byte]."""
+"""Size from which harmonics are stored as half [byte]."""
 _PARAMETERS = BakeParameters(mode="dense", velocities=False)
 _HARMONICS = (tokens.SH_COEFFICIENTS, tokens.SH_COEFFICIENTS_HALF)
 _KINDS = {
@@ -53,21 +53,20 @@ class Value:
     name: str
     kind: Sdf.ValueTypeName
     value: Any
-    """Of Vt's."""
+    """Value as a Vt array."""
     bytes: int = 0
-    """That it takes, beyond what frames before it take."""
+    """Memory in addition to earlier frames [byte]."""
     elements: int = 1
-    """Of the value to a splat."""
+    """Number of array elements per splat."""
 
 
 class LiveLayer:
-    """Of all fields of a simulation.
+    """The live layer of all fields of a simulation.
 
     Args:
-        stage: Whose session layer gets the new sublayer. It is empty so far, and changes nothing.
-        fields: What is simulated.
-        budget: Memory that frames may take [byte]; None is `budget_now`. Two frames are kept in any
-            case.
+        stage: Stage whose session layer gets the new sublayer, which is empty at first.
+        fields: Simulated fields.
+        budget: Maximum memory of frames [byte]; None is `budget_now`. At least two frames are kept.
 
     Raises:
         StageError: If a field cannot be written.
@@ -96,21 +95,21 @@ class LiveLayer:
 
     @property
     def identifier(self) -> str:
-        """Of the layer."""
+        """Identifier of the layer."""
         return str(self._layer.identifier)
 
     @property
     def frames(self) -> tuple[float, float] | None:
-        """First and last that can be looked at [time code]."""
+        """First and last available frame [time code]."""
         return (self._times[0], self._times[-1]) if self._times else None
 
     @property
     def size(self) -> int:
-        """Memory that all frames take [byte]."""
+        """Memory of all frames [byte]."""
         return self._size
 
     def made(self, path: str, frame: Frame) -> list[Value]:
-        """A field's frame in USD's words; needs no lock, and takes the time."""
+        """Convert a field's frame to USD values; needs no lock, and takes most of the time."""
         said, cloud = self._plans[path], frame.cloud
         found = [
             self._value(path, name, getattr(cloud, array))
@@ -125,11 +124,11 @@ class LiveLayer:
         return found
 
     def write(self, time: float, values: Sequence[Value]) -> None:
-        """Show a frame, of all fields; needs the stage's lock.
+        """Write a frame of all fields; requires the stage's lock.
 
         Args:
-            time: Of the frame, after those that were written [time code].
-            values: What `made` gave.
+            time: Time of the frame, after the existing ones [time code].
+            values: Result of `made`.
         """
         part = SampleLayer(self._layer)
         with Sdf.ChangeBlock():
@@ -144,10 +143,10 @@ class LiveLayer:
             self._forget()
 
     def remove(self) -> None:
-        """Leave the stage as it was; needs its lock."""
+        """Remove the layer from the stage; requires its lock."""
         self._last.clear()
         while self._times:
-            self._forget()  # one by one: others want to run meanwhile
+            self._forget()  # one by one, so that other threads can run
         self._layer.Clear()
         session = self._stage.GetSessionLayer()
         if self.identifier in list(session.subLayerPaths):
@@ -156,7 +155,7 @@ class LiveLayer:
     # --- private ---------------------------------------------------------------------------
 
     def _value(self, path: str, name: str, value: Array) -> Value:
-        """A value in USD's words; that of the last frame where it is the same array still."""
+        """Convert a value to USD; reuse that of the last frame for an identical array."""
         kind, vt = _KINDS[name]
         elements = value.shape[1] if value.ndim == 3 else 1
         last = self._last.get((path, name))
@@ -170,7 +169,7 @@ class LiveLayer:
         return Value(path=path, name=name, kind=kind, value=made, bytes=size, elements=elements)
 
     def _begin(self, part: SampleLayer, values: Sequence[Value]) -> None:
-        """Say what holds for all frames, and declare what they are made of."""
+        """Write constant attributes, and declare the varying ones."""
         for path, said in self._plans.items():
             part.prim(path, said.retype)
             if said.retype:
@@ -187,12 +186,12 @@ class LiveLayer:
             if self._plans[each.path].retype and each.name == tokens.POSITIONS:
                 spec.default = Sdf.ValueBlock()  # other types' arrays have no default value
             if each.name == tokens.SH_COEFFICIENTS_HALF:
-                # An array without values is no array: those of full precision do not count.
+                # An empty array disables the full-precision attribute.
                 kind, vt = KINDS[tokens.SH_COEFFICIENTS]
                 part.attribute(each.path, tokens.SH_COEFFICIENTS, kind).default = vt()
 
     def _forget(self) -> None:
-        """Drop the oldest frame."""
+        """Remove the oldest frame."""
         time = self._times.popleft()
         self._size -= self._sizes.popleft()
         for path in sampled(self._layer):
@@ -200,13 +199,13 @@ class LiveLayer:
 
 
 def budget_now() -> float:
-    """`BUDGET`, or a part of the memory that is free where that is less."""
+    """Return `BUDGET`, or a fraction of the free memory if that is less."""
     known = free()
     return min(BUDGET, SHARE * known) if known else BUDGET
 
 
 def _plan(stage: Usd.Stage, field: BakedField) -> Plan:
-    """How a bake would write a field, but for harmonics that are large and change."""
+    """Return the plan of a bake for a field, with large varying harmonics as half."""
     found = plan(stage, field, _PARAMETERS)
     changes = "sh" in field.writes or not field.is_fixed
     if changes and "sh" in found.names and field.rest.sh.nbytes > LARGE:
@@ -215,7 +214,7 @@ def _plan(stage: Usd.Stage, field: BakedField) -> Plan:
 
 
 def _declared(part: SampleLayer, value: Value) -> Sdf.AttributeSpec:
-    """The attribute of a value."""
+    """Declare the attribute of a value."""
     spec = part.attribute(value.path, value.name, value.kind)
     if value.name in _HARMONICS and not spec.HasInfo("interpolation"):
         spec.SetInfo("elementSize", value.elements)

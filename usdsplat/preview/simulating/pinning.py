@@ -1,7 +1,7 @@
-"""What a simulation that runs takes from its stage, and what has to wait until it begins anew.
+"""Separate parameters that a running simulation accepts from those that need a restart.
 
-A solver prepares for what happens at any frame that it is told of beforehand, and reads what holds
-for all times once. Both stay as they were; what a user changes there is told by name.
+A solver prepares for the features of all frames that it knows in advance, and reads constant values
+once. Both stay fixed during a run; changes to them are reported by name.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from usdsplat.sim.uses import Uses, uses_at
 T = TypeVar("T")
 
 _LATER = ("bake",)
-"""Groups that nobody asks before a bake."""
+"""Groups that are used by bakes only."""
 _NEEDS = {"scale": "sizes", "thickness": "sizes", "opacity": "fades", "color": "colors",
           "displacement": "needs_normals"}  # fmt: skip
-"""Output of a driver -> what a simulation must have prepared for."""
+"""Output of a driver -> feature that a simulation must have prepared."""
 _CAUSES = {
     "reacts": "rd:enabled",
     "grows": "growth:rate",
@@ -36,12 +36,12 @@ _CAUSES = {
     "colors": "driver",
     "needs_normals": "driver",
 }
-"""Field of `Uses` -> the parameter that is likeliest to have asked for it, by importance."""
+"""Field of `Uses` -> the parameter that most likely requires it, by importance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Pins:
-    """How a simulation of one field began."""
+    """The initial state of a simulation of one field."""
 
     simulation: str
     """Path of the SplatSim prim."""
@@ -50,10 +50,10 @@ class Pins:
     has_skin: bool
 
     def held(self, moment: Moment) -> tuple[Moment, list[str]]:
-        """A moment that asks for nothing that was not there at the beginning.
+        """Return a moment restricted to features that were prepared at the start.
 
         Returns:
-            The moment, and the names of what it asked for besides.
+            The moment, and the names of the ignored changes.
         """
         told: list[str] = []
         parameters = self._parameters(moment.parameters, told)
@@ -116,7 +116,7 @@ class Pins:
 
 
 def _pinned(first: T, now: T, lead: str, told: list[str]) -> T:
-    """Parameters with what holds for all times as it was first; the same where it is."""
+    """Return parameters with their initial constant values; the same object if unchanged."""
     other = [name for name in _uniform(type(now)) if getattr(first, name) != getattr(now, name)]
     if not other:
         return now
@@ -125,12 +125,12 @@ def _pinned(first: T, now: T, lead: str, told: list[str]) -> T:
 
 
 def _uniform(cls: type) -> tuple[str, ...]:
-    """Names of the knobs of a group that hold for all times."""
+    """Return the names of the uniform knobs of a group."""
     return tuple(item.name for item in knobs(cls) if item.uniform)
 
 
 def _without(moment: Moment, uses: Uses) -> Moment:
-    """A moment without what was not prepared for; nothing at all where nothing was."""
+    """Return a moment without features that were not prepared."""
     p = moment.parameters
     parameters = replace(
         p,

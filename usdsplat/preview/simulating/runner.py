@@ -1,11 +1,11 @@
 """Run, pause, step, reset and record the simulations of a document.
 
 runner = Runner(document)
-runner.run()                    # frames come to the stage, and the document is woken
+runner.run()                    # writes frames to the stage, and wakes the document
 runner.pause()
 runner.step()                   # one frame
-runner.record("bake.usda")      # what `usdsplat simulate` writes, to the bit
-runner.reset()                  # the stage is as it was
+runner.record("bake.usda")      # the same bits as `usdsplat simulate`
+runner.reset()                  # restores the stage
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ State = Literal["none", "ready", "beginning", "running", "paused", "recording", 
 
 
 class Runner:
-    """The simulations of one document, in threads of their own.
+    """Runner of the simulations of a document, in their own threads.
 
     All methods return at once and are called by one thread at a time, with or without the
     document's lock. Work is held and stopped between two kernels. `document.publish` is called with
-    a `SimulationStatus` whenever something happened, in any thread.
+    a `SimulationStatus` on every change, in any thread.
 
-    A run shows every frame of the stage's range and stops there; without a range it goes on from 1.
-    Parameters and places that are edited on the stage count from the next step of the solver. What
-    a solver cannot take while it runs waits for `reset`, and the status says so: values that hold
-    for all times, prims that come or go, and kinds of work that no frame of the range asked for.
+    A run computes every frame of the stage's range and stops there; without a range it runs from 1
+    on. Edited parameters and transforms take effect at the solver's next step. Changes that a
+    running solver cannot accept wait for `reset`, and the status lists them: uniform values, added
+    or removed prims, and features that no frame of the range needed.
 
     Args:
-        document: Whose stage is simulated.
-        device, threads: As `open_device` takes them.
-        budget: Memory that frames on the stage may take [byte]; beyond it the oldest are forgotten.
-            None is 2 GB, or a quarter of what is free when a run begins, if that is less.
-        is_paced: Whether a run goes no faster than the stage plays.
+        document: Document of the stage.
+        device, threads: As for `open_device`.
+        budget: Maximum memory of frames on the stage [byte]; beyond it the oldest are dropped. None
+            is 2 GB, or a quarter of the free memory at the start of a run, if that is less.
+        is_paced: Whether a run is limited to the stage's playback rate.
 
     Raises:
         BackendError: If the device is not usable here.
@@ -72,7 +72,7 @@ class Runner:
 
     @property
     def status(self) -> SimulationStatus:
-        """Where it is."""
+        """Current status."""
         live, recording = self._live, self._recording
         shown = live.frames if live else None
         if recording is not None and not recording.is_over:
@@ -102,28 +102,28 @@ class Runner:
 
     @property
     def is_recording(self) -> bool:
-        """Whether a bake has begun and is not over, held or not."""
+        """Whether a bake is in progress, held or not."""
         return self._recording is not None and not self._recording.is_over
 
     def run(self) -> None:
-        """Begin, or go on; after the last frame or a failure begin anew."""
+        """Start or continue; after the last frame or a failure, restart."""
         self._go_on(float("inf"))
 
     def step(self) -> None:
-        """Make one frame, and pause; there is none after the last."""
+        """Compute one frame and pause; do nothing after the last."""
         job = self._current()
         if job is None or job.failure or not job.is_over:
             self._go_on(1)
 
     def pause(self) -> None:
-        """Hold what goes on, a recording before a run."""
+        """Hold the current work: the recording if there is one, else the run."""
         job = self._current()
         if job is not None:
             job.gate.hold()
         self._tell()
 
     def reset(self) -> None:
-        """End what goes on, and leave the stage as it was. What was recorded can be resumed."""
+        """End all work and restore the stage. A recording can be resumed."""
         self._end_recording()
         self._end_live()
         self._look()
@@ -139,13 +139,13 @@ class Runner:
     ) -> None:
         """Bake to a file, from the first frame on, as `usdsplat simulate` does.
 
-        A run is held meanwhile, and goes on with `run` afterwards. What the stage is now is
-        recorded, edits of the session with it; edits that are made meanwhile are not.
+        A run is held meanwhile and continues with `run` afterwards. The stage is recorded in its
+        current state, including the session's edits; later edits are not included.
 
         Args:
-            path: The layer of results, a .usda.
-            frames: Ascending, one apart [time code]; None is the stage's range.
-            existing: What becomes of a bake that is there already; "resume" goes on with it.
+            path: Result layer, a .usda.
+            frames: Ascending frames, one apart [time code]; None is the stage's range.
+            existing: What happens to an existing bake; "resume" continues it.
         """
         self._end_recording()
         if self._live is not None:
@@ -166,14 +166,14 @@ class Runner:
         self._start(recording)
 
     def look(self) -> None:
-        """See whether the stage has simulations now; its prims are other than before."""
+        """Update whether the stage has simulations, after its prims have changed."""
         before = self._exists
         self._look()
         if self._exists != before:
             self._tell()
 
     def close(self) -> None:
-        """End everything, and wait until it has ended; the stage is as it was."""
+        """End all work and wait for it; the stage is restored."""
         self._end_recording()
         self._end_live()
         for job in self._jobs:
@@ -202,7 +202,7 @@ class Runner:
             self._tell()
 
     def _current(self) -> Job | None:
-        """What `run` and `pause` are about."""
+        """Return the job that `run` and `pause` control."""
         return self._recording if self.is_recording else self._live
 
     def _start(self, job: Job) -> None:
@@ -219,7 +219,7 @@ class Runner:
             self._message = recording.stopped
 
     def _end_live(self) -> None:
-        """Stop a run and take its frames off the stage."""
+        """Stop a run and remove its frames from the stage."""
         live, self._live = self._live, None
         if live is not None:
             live.gate.stop()
@@ -232,13 +232,13 @@ class Runner:
             self._exists = bool(find_simulations(self._document.stage))
 
     def _tell(self) -> None:
-        """Publish where it is, in the order in which things happened."""
+        """Publish the status, in the order of the changes."""
         with self._telling:
             self._document.publish(self.status)
 
 
 def _state_of(live: LiveRun) -> State:
-    """What a run that has not failed does."""
+    """Return the state of a run that has not failed."""
     if live.is_over or not live.gate.is_open:
         return "paused"
     return "beginning" if live.frame is None else "running"

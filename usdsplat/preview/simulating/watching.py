@@ -1,7 +1,7 @@
-"""A stage under a simulation that runs: what users change of it, and what that comes to.
+"""Watch a stage while its simulation runs, and report changes that need a reset.
 
-Parameters and places are read anew at every step. A value that cannot be is told, and waited for:
-nothing of the simulation is lost.
+Parameters and transforms are read again at every step. An invalid value is reported, and the step
+waits for a valid one: the simulation loses nothing.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _NAMES = (f"{NAMESPACE}:", "collection:")
 
 
 def members(stage: Usd.Stage) -> dict[str, Usd.Prim]:
-    """Who takes part in a stage's simulations: names, as a user knows them, and prims.
+    """Return the prims that take part in a stage's simulations, by the names shown to users.
 
-    A name that leads to a prim has the prim's path at its end.
+    The name of a link's target ends with the target's path.
     """
     found: dict[str, Usd.Prim] = {}
     for simulation in find_simulations(stage):
@@ -51,11 +51,12 @@ def members(stage: Usd.Stage) -> dict[str, Usd.Prim]:
 
 
 class Watch:
-    """Of one run.
+    """Watches the stage for one run of its simulation.
 
     Args:
-        stage: Listened to until `close`.
-        refused: Told of what cannot be read; returns when it is to be tried again.
+        stage: The stage, observed until `close` is called.
+        refused: Called with the error of a value that cannot be read; it returns when the read
+            should be tried again.
     """
 
     def __init__(self, stage: Usd.Stage, refused: Callable[[StageError], None]) -> None:
@@ -68,11 +69,11 @@ class Watch:
         self._key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._notice, stage)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop observing the stage."""
         self._key.Revoke()
 
     def begin(self, simulation: Simulation) -> None:
-        """Remember how a simulation begins; to be called with the stage's lock.
+        """Record what takes part when a simulation begins. Call it with the stage's lock held.
 
         Raises:
             UsdSplatError: If something on the stage cannot be simulated.
@@ -88,7 +89,7 @@ class Watch:
 
     @property
     def message(self) -> str:
-        """What waits until the simulation begins anew, a sentence; "" where nothing does."""
+        """Return a sentence about the changes that take effect only after a reset; "" for none."""
         names = list(dict.fromkeys(name for told in self._told.values() for name in told))
         if not names:
             return ""
@@ -96,7 +97,8 @@ class Watch:
         return f"{names[0]}{more}: takes effect after Reset"
 
     def look(self) -> None:
-        """See who takes part now, if that may be others; to be called with the stage's lock."""
+        """Compare the members with those of the start, if they may have changed. Call it with the
+        stage's lock held."""
         if not self._is_stale:
             return
         self._is_stale = False
@@ -104,18 +106,20 @@ class Watch:
         self._told["members"] = tuple(sorted(changed))
 
     def check(self) -> None:
-        """To be called with the stage's lock, before anything is read.
+        """Check that every member still exists.
+
+        Call it with the stage's lock held, before any read.
 
         Raises:
-            StageError: If a prim is not there any more.
+            StageError: If a prim no longer exists.
         """
         for name, prim in self._members.items():
             if not prim:
                 where = name.rpartition(": ")[2]
-                raise StageError(where, "a prim that is gone", "it, or a Reset")
+                raise StageError(where, "a prim that no longer exists", "the prim, or Reset")
 
     def held(self, path: str, read: Callable[[], Moment]) -> Moment:
-        """What is so for a field now: read again and again until it can be."""
+        """Return the state of a field, retrying the read until it succeeds."""
         while True:
             try:
                 moment = read()
@@ -132,26 +136,26 @@ class Watch:
 
     def _notice(self, notice: Usd.Notice.ObjectsChanged, sender: Any) -> None:
         if threading.get_ident() == self._thread:
-            return  # our own frames
+            return  # our own authored frames
         paths = [*notice.GetResyncedPaths(), *notice.GetChangedInfoOnlyPaths()]
         self._is_stale |= any(map(_may_matter, paths))
 
 
 def _may_matter(path: Sdf.Path) -> bool:
-    """Whether a change there may be one of who takes part."""
+    """Return whether a change at this path may change who takes part."""
     return path.IsAbsoluteRootOrPrimPath() or path.name.startswith(_NAMES)
 
 
 class LiveRecipe(StageRecipe):
-    """A recipe whose stage is edited while it is used; arguments as of `StageRecipe`, and who
-    watches."""
+    """A recipe that reads a stage while it is edited. It takes the arguments of `StageRecipe`, and
+    the watch of the run."""
 
     def __init__(self, *arguments: Any, watch: Watch) -> None:
         super().__init__(*arguments)
         self._watch = watch
 
     def at(self, time: float) -> Moment:
-        """As `StageRecipe.at`, of what may be."""
+        """Return `StageRecipe.at`, retried until every value can be read."""
 
         def read() -> Moment:
             with self._reading:
@@ -161,7 +165,7 @@ class LiveRecipe(StageRecipe):
         return self._watch.held(self.path, read)
 
     def field_to_simulation(self, time: float) -> F64:
-        """As `StageRecipe.field_to_simulation`."""
+        """Return `StageRecipe.field_to_simulation`, read under the lock."""
         with self._reading:
             self._watch.check()
             return super().field_to_simulation(time)

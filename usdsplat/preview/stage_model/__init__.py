@@ -1,4 +1,4 @@
-"""What a stage holds, in rows that a window may show, and what a user may do to it.
+"""The contents of a stage as rows for a user interface, and the edits that users make.
 
-Everything here takes a stage and belongs into a task of a session; what it returns is plain.
+Every function takes a stage and runs in a task of the session; results are plain values.
 """

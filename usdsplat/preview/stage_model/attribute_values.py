@@ -1,4 +1,4 @@
-"""Values of attributes as editors hold them, and back: bool, numbers, texts, small vectors."""
+"""Convert attribute values to the values of editors and back: bool, number, text, small vector."""
 
 from __future__ import annotations
 
@@ -31,28 +31,29 @@ _REAL = {
     "double": float(np.finfo(np.float64).max),
     "timecode": float(np.finfo(np.float64).max),
 }
-"""Largest number of each."""
+"""Largest finite value of each type."""
 _TEXT = ("string", "token", "asset")
 _LETTERS = {"i": "int", "h": "half", "f": "float", "d": "double"}
 _FEW = 3
-"""Elements of an array that are shown."""
+"""Number of elements of an array that are shown."""
 _LONGEST = 200
-"""Letters of a text that are shown."""
+"""Number of characters of a text that are shown."""
 _NO_CHOICES: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """What a type of attribute holds."""
+    """The scalar type, the size and the kind of an attribute's value."""
 
     kind: Kind
     scalar: str
-    """Of its parts, such as "float"."""
+    """Scalar type of its elements, such as "float"."""
     size: int = 1
 
 
 def form_of(attribute: Usd.Attribute) -> Form | None:
-    """What an attribute holds; None where no simple editor is for it, as for arrays."""
+    """Return the form of an attribute's value; None where no simple editor exists, as for
+    arrays."""
     name = attribute.GetTypeName()
     if name.isArray or not name:
         return None
@@ -74,14 +75,14 @@ def form_of(attribute: Usd.Attribute) -> Form | None:
 
 
 def choices_of(attribute: Usd.Attribute) -> tuple[str, ...]:
-    """The tokens that an attribute may have; none if it may have any."""
+    """Return the allowed tokens of an attribute; () if any is allowed."""
     return tuple(map(str, attribute.GetMetadata("allowedTokens") or _NO_CHOICES))
 
 
 def editor_of(attribute: Usd.Attribute, time: Usd.TimeCode) -> Editor | None:
-    """How an attribute is edited; None where no simple editor is for it.
+    """Return the editor of an attribute; None where no simple editor exists.
 
-    The parameters of simulations have the editors of their knobs.
+    Parameters of simulations have the editors of their knobs.
     """
     form, item = form_of(attribute), parameter_of(attribute)
     if form is None:
@@ -105,7 +106,7 @@ def editor_of(attribute: Usd.Attribute, time: Usd.TimeCode) -> Editor | None:
 
 
 def _editor(attribute: Usd.Attribute, form: Form, held: Any, fallback: Any) -> Editor:
-    """The editor of an attribute that is no parameter of ours."""
+    """Return the editor of an attribute that is not one of our parameters."""
     is_whole = form.scalar in _WHOLE
     low, high = _WHOLE.get(form.scalar, (-math.inf, math.inf))
     span = (0.0, 1.0)
@@ -133,14 +134,14 @@ def _editor(attribute: Usd.Attribute, form: Form, held: Any, fallback: Any) -> E
 
 
 def _as_knob(item: Knob, found: Any, held: Any) -> Any:
-    """A value as a knob has it: infinite ones count, where `plain` has none for them."""
+    """Return the value for a knob. `plain` has no infinite numbers; knobs do."""
     if held is None and isinstance(item.default, float):
         return float(found.GetValue() if isinstance(found, Sdf.TimeCode) else found)
     return held
 
 
 def parameter_of(attribute: Usd.Attribute) -> Knob | None:
-    """The knob of a simulation's parameter; None for any other attribute."""
+    """Return the knob of a simulation parameter; None for any other attribute."""
     lead, _, name = attribute.GetName().partition(":")
     if lead != NAMESPACE:
         return None
@@ -151,12 +152,12 @@ def parameter_of(attribute: Usd.Attribute) -> Knob | None:
 
 
 def plain(found: Any, *, is_single: bool = False) -> Any:
-    """A value of USD's in Python's own words; vectors are tuples; None for what is not finite.
+    """Convert a USD value to plain Python; vectors become tuples, non-finite numbers None.
 
     Args:
         found: A scalar or a vector.
-        is_single: Whether numbers are of single precision or less, and so the shortest decimal
-            that they can mean.
+        is_single: Whether numbers have single precision or less. They are rounded to the shortest
+            decimal that identifies the number.
     """
     if isinstance(found, Sdf.TimeCode):
         found = found.GetValue()
@@ -174,8 +175,8 @@ def plain(found: Any, *, is_single: bool = False) -> Any:
 
 
 def text_of(found: Any) -> str:
-    """A value in few words: of an array its count and its first elements, of a long text its
-    beginning; never all of a million numbers."""
+    """Return a value as short text: the count and first elements of an array, the beginning of a
+    long text."""
     if found is None:
         return ""
     if (
@@ -186,13 +187,13 @@ def text_of(found: Any) -> str:
         few = ", ".join(text_of(found[number]) for number in range(min(len(found), _FEW)))
         dots = ", …" if len(found) > _FEW else ""
         return f"[{few}{dots}]" if len(found) <= _FEW else f"{len(found):,} × [{few}{dots}]"
-    if hasattr(found, "GetAppliedItems"):  # an edit of a list
+    if hasattr(found, "GetAppliedItems"):  # a list edit
         return ", ".join(map(str, found.GetAppliedItems()))
     if isinstance(found, dict):
         return _short("{" + ", ".join(f"{key}: {text_of(found[key])}" for key in found) + "}")
     if isinstance(found, float):
         return f"{found:.7g}"
-    if hasattr(found, "displayName"):  # of an enumeration
+    if hasattr(found, "displayName"):  # an enum value
         return str(found.displayName)
     if isinstance(found, str):
         return _short(found)
@@ -202,10 +203,10 @@ def text_of(found: Any) -> str:
 
 
 def taken(where: str, attribute: Usd.Attribute, value: Any) -> Any:
-    """What an editor holds as the attribute takes it.
+    """Convert an editor's value to the attribute's type.
 
     Args:
-        where: What the user would recognise.
+        where: Name for error messages.
 
     Raises:
         UsageError: If the attribute cannot have that value.
@@ -231,7 +232,7 @@ def _vector(where: str, attribute: Usd.Attribute, form: Form, value: Any) -> Any
 
 
 def _scalar(where: str, scalar: str, value: Any) -> Any:
-    """A checked value of a scalar type."""
+    """Return a value converted to a scalar type, checked."""
     if scalar == "bool":
         if not isinstance(value, bool):
             raise UsageError(where, repr(value), "true or false")
@@ -259,13 +260,13 @@ def _is_array(found: Any) -> bool:
 
 
 def _short(text: str) -> str:
-    """The first line of a text, or as much of it as a row has place for."""
+    """Return the first line of a text, cut to the length a row can show."""
     line = text[: _LONGEST + 1].partition("\n")[0]
     return text if line == text and len(text) <= _LONGEST else f"{line[:_LONGEST]}…"
 
 
 def _empty(form: Form) -> Any:
-    """What an editor begins with where nobody says anything."""
+    """Return the initial value of an editor where no value is authored."""
     if form.kind in ("vector", "color"):
         return (0,) * form.size
     return {"bool": False, "int": 0, "float": 0.0}.get(form.kind, "")

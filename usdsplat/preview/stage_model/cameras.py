@@ -1,4 +1,4 @@
-"""Cameras of a stage, and a new one that sees what a viewport sees."""
+"""List a stage's cameras, and author one that matches a viewport's view."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from usdsplat.preview.stage_model.placing import code_of
 from usdsplat.render.specs import CameraSpec
 
 FOCAL_LENGTH = 50.0
-"""Of every camera made here: a view says what it sees, not by which lens [tenth of a unit]."""
+"""Focal length of every authored camera [tenth of a unit]; a view does not specify a lens."""
 UNIT = 0.1
-"""Apertures and focal lengths are authored in tenths of a scene unit."""
+"""Unit of apertures and focal lengths, in scene units."""
 
 
 def cameras(stage: Usd.Stage) -> tuple[str, ...]:
-    """Paths of the stage's cameras, those in instances too, in the order of the stage."""
+    """Return the paths of the stage's cameras, including those in instances, in stage order."""
     everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
     return tuple(str(prim.GetPath()) for prim in everything if prim.IsA(UsdGeom.Camera))
 
@@ -27,24 +27,25 @@ def cameras(stage: Usd.Stage) -> tuple[str, ...]:
 def save_camera(
     edits: Edits, spec: CameraSpec, *, name: str = "Camera", time: float | None = None
 ) -> str:
-    """Author a camera that sees what `spec` sees, on the session layer; returns its path.
+    """Author a camera with the view of `spec` on the session layer and return its path.
 
     Args:
-        edits: Of the stage.
-        spec: Such as `Picture.camera`.
-        name: Of the prim, a root of the stage; or its whole path, such as "/World/Cameras/Shot",
-            in whose parent it then moves along. A number is added where it is taken.
-        time: When it sees that, if its parent moves.
+        edits: Edits of the stage.
+        spec: The view, such as `Picture.camera`.
+        name: Name of the prim, a root of the stage; or its whole path, such as
+            "/World/Cameras/Shot", which moves with its parent. A number is appended if the name is
+            taken.
+        time: Time at which the view is matched, if the parent moves.
 
     Raises:
-        UsageError: If it is no name of a prim, or `spec` is no camera.
+        UsageError: If it is not a valid prim name, or `spec` is not a camera.
         StageError: If no prim can be made there.
     """
     check_camera(spec)
     path = _free(edits.stage, camera_path(name))
     above = [edits.stage.GetPrimAtPath(each) for each in path.GetPrefixes()[:-1]]
     made = [str(prim.GetPath()) for prim in above if prim and not prim.IsDefined()]
-    with edits.step(f"Save {path.name}", *made, str(path)):  # to define one defines those above
+    with edits.step(f"Save {path.name}", *made, str(path)):  # defining one defines its parents
         author_camera(edits.stage, path, spec, time=time)
     return str(path)
 
@@ -52,7 +53,7 @@ def save_camera(
 def author_camera(
     stage: Usd.Stage, path: Sdf.Path, spec: CameraSpec, *, time: float | None = None
 ) -> UsdGeom.Camera:
-    """Author a camera on the edit target; see `save_camera`."""
+    """Author a camera on the edit target, as `save_camera` does."""
     camera = UsdGeom.Camera.Define(stage, path)
     left, bottom, right, top = spec.window
     scale = 1.0 / UNIT if spec.orthographic else FOCAL_LENGTH
@@ -77,17 +78,17 @@ def author_camera(
 
 
 def check_camera(spec: CameraSpec) -> None:
-    """Refuse what no camera of a stage can be.
+    """Check that `spec` can be authored as a camera.
 
     Raises:
-        UsageError: If a number is not finite, or nothing can be seen by it.
+        UsageError: If a number is not finite, or the frustum is empty.
     """
     left, bottom, right, top = spec.window
     near, far = spec.clipping_range
     numbers = (*spec.world_to_camera, *spec.window, near, far, spec.exposure, spec.lens_radius)
     is_camera = len(spec.world_to_camera) == 16 and all(map(math.isfinite, numbers))
     if not (is_camera and left < right and bottom < top and near < far and spec.exposure > 0):
-        raise UsageError("camera", "a view of nothing", "one with an aperture and a depth")
+        raise UsageError("camera", "an empty view", "an aperture and a depth range above 0")
 
 
 def _camera_to_world(spec: CameraSpec) -> Gf.Matrix4d:
@@ -96,10 +97,10 @@ def _camera_to_world(spec: CameraSpec) -> Gf.Matrix4d:
 
 
 def camera_path(name: str) -> Sdf.Path:
-    """Where a camera of that name goes.
+    """Return the prim path for a camera's name.
 
     Raises:
-        UsageError: If it is no name of a prim.
+        UsageError: If it is not a valid prim name.
     """
     text = name if name.startswith("/") else f"/{name}"
     path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
@@ -110,7 +111,7 @@ def camera_path(name: str) -> Sdf.Path:
 
 
 def _free(stage: Usd.Stage, path: Sdf.Path) -> Sdf.Path:
-    """The path, with the first number that makes it nobody's."""
+    """Return the path, with the first number appended that makes it unused."""
     free, number = path, 1
     while stage.GetPrimAtPath(free):
         free, number = path.ReplaceName(f"{path.name}{number}"), number + 1

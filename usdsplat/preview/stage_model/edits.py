@@ -1,11 +1,11 @@
-"""What a user does to a stage: opinions on its session layer, each step with a way back.
+"""Author a user's edits of a stage as opinions on its session layer, with undo and redo.
 
     edits = Edits(stage)
     edits.set_value("/World/Ball.radius", 2.0)
     edits.undo()                                     # "Set radius"
 
-No file is touched. A step that fails leaves nothing behind. Steps in a row with the same `merge`
-key become one, so that a drag is undone at once.
+No file is changed. A step that fails leaves no opinions behind. Consecutive steps with the same
+`merge` key become one, so that one undo takes back a whole drag.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.authoring import declare, usd_value
 
 _MOST_SAMPLES = 10_000
-"""Samples of weaker layers that are taken over when one is set beside them."""
+"""Most time samples of weaker layers that are copied when a sample is set beside them."""
 
 
 class Edits:
-    """The edits of one stage, and how to take them back."""
+    """The edits of one stage, which can be undone and redone."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.stage = stage
@@ -39,38 +39,38 @@ class Edits:
 
     @property
     def undoable(self) -> str | None:
-        """What `undo` would take back; None for nothing."""
+        """Name of the step that `undo` would take back; None for none."""
         return self._history.undoable
 
     @property
     def redoable(self) -> str | None:
-        """What `redo` would do again; None for nothing."""
+        """Name of the step that `redo` would repeat; None for none."""
         return self._history.redoable
 
     def undo(self) -> str | None:
-        """Take the last step back; returns its name, None if there is none."""
+        """Undo the last step and return its name; None if there is none."""
         return self._history.undo()
 
     def redo(self) -> str | None:
-        """Do what was taken back last again; returns its name, None if there is none."""
+        """Redo the last undone step and return its name; None if there is none."""
         return self._history.redo()
 
     def close(self) -> None:
-        """Forget how to take things back; what was edited stays."""
+        """Forget all steps; the edits stay."""
         self._history.clear()
 
     @contextmanager
     def step(self, name: str, *paths: str, merge: str | None = None) -> Iterator[None]:
-        """Whatever is authored inside, on the session layer, becomes one step.
+        """Make everything authored inside, on the session layer, one step.
 
         Args:
-            name: What it is, such as "Set radius".
-            paths: Of all prims and properties that may be authored, those to be made among them.
-            merge: Steps in a row with the same one are one.
+            name: Name of the step, such as "Set radius".
+            paths: Paths of all prims and properties that may be authored, including new ones.
+            merge: Consecutive steps with the same key become one.
 
         Raises:
-            StageError: If one of them cannot be edited: it is in an instance, or no path; or USD
-                refuses what is authored.
+            StageError: If one of them cannot be edited, because it is in an instance or is not a
+                path; or if USD rejects what is authored.
         """
         before = Snapshot(self.layer, [self._editable(path) for path in paths])
         try:
@@ -79,7 +79,7 @@ class Edits:
         except Tf.ErrorException as error:
             before.restore(self.layer)
             said = " ".join(error.args[0].commentary.split()) if error.args else "an error"
-            raise StageError(name, said, "what USD can author") from None
+            raise StageError(name, said, "an opinion that USD can author") from None
         except BaseException:
             before.restore(self.layer)
             raise
@@ -88,18 +88,18 @@ class Edits:
     def set_value(
         self, path: str, value: Any, *, time: float | None = None, merge: str | None = None
     ) -> None:
-        """Give an attribute a value.
+        """Set an attribute's value.
 
         Args:
-            path: Of the attribute, such as "/World/Ball.radius".
-            value: As the attribute's editor has it: bool, number, str, or a sequence of numbers.
-            time: Time code of a sample, which joins the samples that there are; None is one value
-                for all times, whatever samples there are.
+            path: Path of the attribute, such as "/World/Ball.radius".
+            value: Value of the attribute's editor: bool, number, str, or a sequence of numbers.
+            time: Time code of a sample, added to the existing samples; None sets one value for all
+                times, in place of any samples.
             merge: As for `step`.
 
         Raises:
             StageError: If there is no such attribute, or it cannot be edited.
-            UsageError: If it cannot have that value.
+            UsageError: If the value is invalid.
         """
         attribute = self._attribute(path)
         item = parameter_of(attribute)
@@ -121,17 +121,17 @@ class Edits:
         time: float | None = None,
         merge: str | None = None,
     ) -> None:
-        """Give a simulation's parameter a value, and apply the schema that it belongs to.
+        """Set a simulation's parameter, and apply the schema that it belongs to.
 
         Args:
             prim: A SplatSim prim or an affector of the stage.
-            name: Such as "rd:patternScale".
-            value: As its knob has it.
+            name: Name of the parameter, such as "rd:patternScale".
+            value: Value of its knob.
             time, merge: As for `set_value`.
 
         Raises:
             StageError: If it cannot be edited.
-            UsageError: If it cannot have that value.
+            UsageError: If the value is invalid.
         """
         checked = usd_value(name, value)
         path = f"{prim.GetPath()}.{NAMESPACE}:{name}"
@@ -139,29 +139,27 @@ class Edits:
             self._author(declare(prim, name), checked, time)
 
     def clear(self, path: str) -> None:
-        """Take back whatever the session layer says of a property; other layers stay.
+        """Remove the session layer's opinions on a property; other layers stay.
 
         Raises:
-            StageError: If it says nothing of it.
+            StageError: If the session layer has none.
         """
         spec = self.layer.GetPropertyAtPath(path) if Sdf.Path.IsValidPathString(path) else None
         if spec is None:
-            raise StageError(
-                path, "no edit", "a property of which the session layer says something"
-            )
+            raise StageError(path, "no edit", "a property with an opinion on the session layer")
         with self.step(f"Clear {spec.name}", path):
             self.layer.GetPrimAtPath(spec.path.GetPrimPath()).RemoveProperty(spec)
 
     def set_visible(self, path: str, is_visible: bool, *, time: float | None = None) -> None:
         """Show or hide a prim at all times.
 
-        What is shown is shown whatever hid it above, where only what lies on the way is shown too,
-        as in usdview.
+        A prim that is shown becomes visible even if ancestors were hidden. Their other children
+        stay hidden, as in usdview.
 
         Args:
-            path: Of the prim.
-            is_visible: Whether it is to be seen.
-            time: When what hides it is looked for.
+            path: Path of the prim.
+            is_visible: Whether the prim should be visible.
+            time: Time at which the hiding opinions are looked up.
 
         Raises:
             StageError: If there is no such prim, or it cannot be hidden.
@@ -169,7 +167,7 @@ class Edits:
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Imageable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "an imageable prim"
             )
         tokens = {path: UsdGeom.Tokens.inherited if is_visible else UsdGeom.Tokens.invisible}
         if is_visible:
@@ -181,7 +179,7 @@ class Edits:
                 self._author(shown.CreateVisibilityAttr(), token, None)
 
     def set_active(self, path: str, is_active: bool) -> None:
-        """Take a prim, and all below it, off the stage, or bring it back.
+        """Activate or deactivate a prim and its descendants.
 
         Raises:
             StageError: If there is no such prim.
@@ -192,16 +190,16 @@ class Edits:
             prim.SetActive(is_active)
 
     def set_purpose(self, path: str, purpose: str) -> None:
-        """Give a prim a purpose: default, render, proxy or guide.
+        """Set a prim's purpose: default, render, proxy or guide.
 
         Raises:
             StageError: If there is no such prim, or it cannot have one.
-            UsageError: If it is no purpose.
+            UsageError: If the purpose is unknown.
         """
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Imageable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is seen"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "an imageable prim"
             )
         known = UsdGeom.Imageable.GetOrderedPurposeTokens()
         if purpose not in known:
@@ -210,7 +208,7 @@ class Edits:
             UsdGeom.Imageable(prim).CreatePurposeAttr().Set(purpose)
 
     def set_variant(self, path: str, variant_set: str, variant: str) -> None:
-        """Select a variant; "" takes a selection of the session layer back.
+        """Select a variant; "" removes the session layer's selection.
 
         Raises:
             StageError: If there is no such prim or set.
@@ -239,24 +237,25 @@ class Edits:
         is_keyed: bool = False,
         merge: str | None = None,
     ) -> None:
-        """Put a prim somewhere, by an op on top of its own: see `placing`.
+        """Move a prim with an op on top of its own ones, described in `placing`.
 
         Args:
-            path: Of the prim.
-            matrix: Local to world, 16 numbers, row-major, for column vectors: `placing.transform`
-                and a drag on top.
-            time: When the prim is to be there; what is animated goes on moving, from there.
-            is_keyed: Whether that holds at this time alone, as a time sample, rather than always.
+            path: Path of the prim.
+            matrix: Local to world, 16 numbers, row-major, for column vectors: the result of
+                `placing.transform` with the drag applied.
+            time: Time at which the prim reaches the matrix; animated prims keep moving from there.
+            is_keyed: Whether a time sample is authored at this time alone, rather than one value
+                for all times.
             merge: As for `step`.
 
         Raises:
             StageError: If there is no such prim, or it cannot be moved.
-            UsageError: If the matrix is none that can be undone.
+            UsageError: If the matrix has no inverse.
         """
         prim = self._prim(path)
         if not prim.IsA(UsdGeom.Xformable):
             raise StageError(
-                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim that is somewhere"
+                path, f"a {prim.GetTypeName() or 'prim without a type'}", "a prim with a transform"
             )
         value = edit_of(prim, matrix, code_of(time))
         paths = (f"{path}.{EDIT}", f"{path}.xformOpOrder")
@@ -267,7 +266,7 @@ class Edits:
     # --- private ---------------------------------------------------------------------------
 
     def _author(self, attribute: Usd.Attribute, value: Any, time: float | None) -> None:
-        """Author a value on the edit target; see `set_value` for what the time does."""
+        """Author a value on the edit target; `set_value` explains `time`."""
         spec = self.layer.GetAttributeAtPath(attribute.GetPath())
         if time is None:
             if spec is not None:
@@ -295,7 +294,7 @@ class Edits:
         return attribute
 
     def _editable(self, text: str) -> Sdf.Path:
-        """A path at which the session layer may say something."""
+        """Return the path, checked: the session layer can have opinions there."""
         path = Sdf.Path(text) if Sdf.Path.IsValidPathString(text) else Sdf.Path()
         if not path.IsAbsolutePath() or not (path.IsPrimPath() or path.IsPrimPropertyPath()):
             raise StageError(text, "no path of a prim or a property", "one")
@@ -309,7 +308,7 @@ class Edits:
 
 
 def _way_out(prim: Usd.Prim, code: Usd.TimeCode) -> dict[str, str]:
-    """What makes a prim visible: path -> visibility, of all that has to change."""
+    """Return the visibility of each path that must change to make a prim visible."""
     inherited, invisible = UsdGeom.Tokens.inherited, UsdGeom.Tokens.invisible
     tokens = {str(prim.GetPath()): inherited}
     child, parent = prim, prim.GetParent()

@@ -1,7 +1,7 @@
-"""What a layer says at some paths, kept so that it can say it again: undo and redo.
+"""Record and restore a layer's opinions at some paths, for undo and redo.
 
-Only what a step touches is kept, as specs of Sdf: values of any type come back as they were, time
-samples and all. What came into being with a step, the prims above it among them, goes with it.
+Only the paths of a step are kept, as Sdf specs, so values of any type return exactly, including
+time samples. Prims created by a step, and their new parents, are removed with it.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any
 from pxr import Sdf
 
 _MOST = 500
-"""Steps that can be taken back."""
+"""Most steps that can be undone."""
 
 
 class Snapshot:
-    """What a layer says at some paths, and whether it says anything of prims above them.
+    """The opinions of a layer at some paths, and whether the layer has specs above them.
 
     Args:
-        layer: Is not changed.
-        paths: Of prims and properties that may be changed.
-        whole: Those of which everything beneath is kept as well.
+        layer: The layer; it is not changed.
+        paths: Paths of prims and properties that may be changed.
+        whole: Paths whose whole subtree is kept.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class Snapshot:
     ) -> None:
         self.paths = frozenset(paths)
         self.absent: list[Sdf.Path] = []
-        """The topmost ones that it does not say anything about."""
+        """The topmost paths that have no spec in the layer."""
         self._fields: dict[Sdf.Path, dict[str, Any]] = {}
         self._copied: list[Sdf.Path] = []
         self._stash = Sdf.Layer.CreateAnonymous("undo")
@@ -52,7 +52,7 @@ class Snapshot:
         self._copied = _in_order(layer, self._copied)
 
     def restore(self, layer: Sdf.Layer) -> None:
-        """Make the layer say at the paths what it said then, and nothing else."""
+        """Restore the layer's opinions at the paths, and remove newer ones."""
         with Sdf.ChangeBlock():
             for path in self.absent:
                 _remove(layer, path)
@@ -64,17 +64,17 @@ class Snapshot:
 
 @dataclass(slots=True, kw_only=True)
 class Step:
-    """One thing that was done."""
+    """One edit that can be undone."""
 
     name: str
     merge: str | None
     before: Snapshot
     after: Snapshot | None = None
-    """Once it was taken back."""
+    """The opinions after the step, once it was undone."""
 
 
 class History:
-    """The steps that were done on one layer, and those that were taken back."""
+    """The done and the undone steps of one layer."""
 
     def __init__(self, layer: Sdf.Layer) -> None:
         self._layer = layer
@@ -88,11 +88,11 @@ class History:
 
     @property
     def redoable(self) -> str | None:
-        """Name of the step that `redo` does again."""
+        """Name of the step that `redo` repeats."""
         return self._undone[-1].name if self._undone else None
 
     def add(self, step: Step) -> None:
-        """Remember a step that was done; what was taken back is forgotten."""
+        """Record a done step and forget the undone ones."""
         if self._done and not self._undone and _continues(step, self._done[-1]):
             return
         self._undone.clear()
@@ -100,7 +100,7 @@ class History:
         del self._done[:-_MOST]
 
     def undo(self) -> str | None:
-        """Take the last step back."""
+        """Undo the last step."""
         if not self._done:
             return None
         step = self._done.pop()
@@ -110,36 +110,36 @@ class History:
         return step.name
 
     def redo(self) -> str | None:
-        """Do the step again that was taken back last."""
+        """Redo the last undone step."""
         if not self._undone:
             return None
         step = self._undone.pop()
         if step.after is not None:
             step.after.restore(self._layer)
-        step.merge = None  # what is done next is another thing
+        step.merge = None  # the next step must not merge into it
         self._done.append(step)
         return step.name
 
     def clear(self) -> None:
-        """Forget all steps; what they did stays."""
+        """Forget all steps; their opinions stay."""
         self._done.clear()
         self._undone.clear()
 
 
 def _continues(step: Step, last: Step) -> bool:
-    """Whether a step is one with the last: taking that back takes this back too."""
+    """Return whether a step merges into the last, so that one undo takes back both."""
     is_same = step.merge is not None and step.merge == last.merge
     return is_same and step.before.paths <= last.before.paths
 
 
 def _with_ancestors(paths: Iterable[Sdf.Path]) -> list[Sdf.Path]:
-    """The paths and those of the prims above them, the higher ones first."""
+    """Return the paths and their ancestors, the higher ones first."""
     found = {prefix for path in paths for prefix in path.GetPrefixes()}
     return sorted(found, key=lambda path: (path.pathElementCount, path))
 
 
 def _in_order(layer: Sdf.Layer, paths: list[Sdf.Path]) -> list[Sdf.Path]:
-    """Paths of specs as the layer has them among their siblings, so that they come back so."""
+    """Return paths of specs in the layer's sibling order, so that restoring keeps the order."""
     places: dict[Sdf.Path, dict[str, int]] = {}
 
     def place(path: Sdf.Path) -> int:
@@ -157,7 +157,7 @@ def _fields(spec: Sdf.PrimSpec) -> dict[str, Any]:
 
 
 def _set_fields(spec: Sdf.PrimSpec, fields: dict[str, Any]) -> None:
-    """Make a prim's own fields these."""
+    """Replace a prim spec's own fields."""
     for key in spec.ListInfoKeys():
         if key not in fields:
             spec.ClearInfo(key)

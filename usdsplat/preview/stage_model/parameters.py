@@ -1,4 +1,4 @@
-"""The parameters of a stage's simulations and affectors, as a panel shows and changes them."""
+"""List and set the parameters of a stage's simulations and affectors, for panels."""
 
 from __future__ import annotations
 
@@ -36,34 +36,34 @@ _HEADINGS = {
     "driver": "Driver",
 }
 _ALWAYS = ("sim", "neighbors")
-"""Groups that a simulation has without a schema applied."""
+"""Parameter groups that need no applied schema."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterPrim:
-    """One prim with parameters."""
+    """A prim with parameters."""
 
     path: str
     type_name: str
-    """ "SplatSim", or the shape of an affector."""
+    """ "SplatSim", or the affector's shape."""
     is_simulation: bool
     editors: tuple[Editor, ...]
-    """Named as on command lines, such as "rd:patternScale"; of applied groups only."""
+    """One per parameter, named as on the command line, such as "rd:patternScale"; of applied groups
+    only."""
 
 
 def editors(
     stage: Usd.Stage, *, time: float | None = None, paths: Iterable[str] | None = None
 ) -> tuple[ParameterPrim, ...]:
-    """Every simulation and every affector of a stage, in its order.
+    """Return every simulation and affector of a stage, in stage order.
 
-    A value that its parameter cannot have is shown as the default, with its `problem`. Those in
-    instances are read only.
+    An invalid value is shown as the default, with its `problem`. Prims in instances are read-only.
 
     Args:
-        stage: Whose.
-        time: Time code at which animated parameters are shown; None is USD's default time.
-        paths: Of the only ones to look at, in any order: looking for them among ten thousand prims
-            takes a tenth of a second. Those that are gone, or are none, are left out.
+        stage: The stage.
+        time: Time code of animated parameters; None is USD's default time.
+        paths: Prims to read, in any order; finding them among ten thousand prims takes a tenth of a
+            second. Missing prims and prims without parameters are left out.
     """
     code = code_of(time)
     found = []
@@ -93,20 +93,20 @@ def set_parameter(
     time: float | None = None,
     merge: str | None = None,
 ) -> None:
-    """Change a parameter, also while its simulation runs.
+    """Set a parameter, even while its simulation runs.
 
     Args:
-        edits: Of the stage.
-        path: Of the SplatSim prim or the affector.
-        name: Such as "rd:patternScale" or "deform:bend:angle".
-        value: As its editor has it.
-        time: Time code of a sample, which joins those that there are; None sets it for all times,
-            whatever samples there are.
+        edits: Edits of the stage.
+        path: Path of the SplatSim prim or the affector.
+        name: Name of the parameter, such as "rd:patternScale" or "deform:bend:angle".
+        value: Value of its editor.
+        time: Time code of a sample, added to the existing samples; None sets one value for all
+            times, in place of any samples.
         merge: As for `Edits.step`.
 
     Raises:
         StageError: If there is no such prim, or no such deformer or driver on it.
-        UsageError: If there is no such parameter, or it cannot have that value.
+        UsageError: If there is no such parameter, or the value is invalid.
     """
     group, instance, item = find(name)
     prim = edits.stage.GetPrimAtPath(path) if path.startswith("/") else None
@@ -125,7 +125,7 @@ def set_parameter(
 
 
 def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
-    """Of all groups that are applied to a prim, or that it says something of."""
+    """Yield the editors of all groups that are applied to a prim or have authored attributes."""
     if prim.GetTypeName() == SIMULATION_TYPE:
         for group, cls in GROUPS.items():
             if _has(prim, group):
@@ -139,7 +139,7 @@ def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
 
 
 def _has(prim: Usd.Prim, group: str) -> bool:
-    """Whether a group is applied to a simulation, or one of its attributes is authored."""
+    """Return whether a group is applied to a simulation, or has authored attributes."""
     applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     if group in _ALWAYS or SINGLE_APIS[group] in applied:
         return True

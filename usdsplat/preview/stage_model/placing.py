@@ -1,9 +1,9 @@
-"""Where prims are, and the one transform op that moves them by hand.
+"""Read the transforms of prims, and move prims with one transform op.
 
-What a user drags gets the op `xformOp:transform:edit`, the first of its order, on top of whatever
-ops it has: those stay as they are, so that what is animated goes on moving, from where it was put,
-and what was dragged goes back where it came from when the op goes. It acts in the space of the
-parent, as the edit operators of other packages do. Later drags change the same op.
+A dragged prim gets the op `xformOp:transform:edit` as the first of its order, on top of its
+existing ops. Those stay unchanged: animation continues from the new place, and removing the op
+restores the old place. The op acts in the parent's space, as the edit operators of other packages
+do. Later drags change the same op.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from usdsplat.render.specs import Matrix
 EDIT = "xformOp:transform:edit"
 _SUFFIX = "edit"
 _SINGULAR = 1e-12
-"""A determinant this small, as a part of what its rows' lengths allow, has no inverse."""
+"""A matrix is singular if its determinant is at most this fraction of the product of its row
+lengths."""
 
 
 def transform(stage: Usd.Stage, path: str, *, time: float | None = None) -> Matrix:
-    """Where a prim is: local to world, 16 numbers, row-major, for column vectors.
+    """Return a prim's local-to-world matrix: 16 numbers, row-major, for column vectors.
 
     Raises:
         StageError: If there is no such prim.
@@ -37,16 +38,16 @@ def transform(stage: Usd.Stage, path: str, *, time: float | None = None) -> Matr
 
 
 def edit_of(prim: Usd.Prim, matrix: Matrix, code: Usd.TimeCode) -> Gf.Matrix4d:
-    """The value of the op that puts a prim somewhere.
+    """Return the op's value that moves a prim to a matrix.
 
     Args:
-        prim: One that can be moved.
+        prim: The prim, an `Xformable`.
         matrix: Local to world, as `transform` gives it.
-        code: When it is to be there.
+        code: Time at which the prim reaches the matrix.
 
     Raises:
-        StageError: If no op could put it there, because it has no size, or its parent.
-        UsageError: If the matrix is none that can be undone.
+        StageError: If no op can, because the prim or its parent has a singular transform.
+        UsageError: If the matrix has no inverse.
     """
     where = str(prim.GetPath())
     asked = _checked(where, matrix)
@@ -59,13 +60,13 @@ def edit_of(prim: Usd.Prim, matrix: Matrix, code: Usd.TimeCode) -> Gf.Matrix4d:
 
 
 def ops_below(xformable: UsdGeom.Xformable) -> list[UsdGeom.XformOp]:
-    """The ops of a prim but the first, if that is the one of edits."""
+    """Return the prim's ops without the edit op."""
     ops = xformable.GetOrderedXformOps()
     return ops[1:] if ops and ops[0].GetOpName() == EDIT else ops
 
 
 def author_edit(prim: Usd.Prim) -> Usd.Attribute:
-    """The op of edits, made the first of its prim's on the edit target.
+    """Return the edit op's attribute, made the first op on the edit target.
 
     Raises:
         StageError: If the prim has an op of that name in another place.
@@ -83,12 +84,12 @@ def author_edit(prim: Usd.Prim) -> Usd.Attribute:
 
 
 def code_of(time: float | None) -> Usd.TimeCode:
-    """A time code of USD's; None is the default time."""
+    """Return a `Usd.TimeCode`; None is the default time."""
     return Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
 
 
 def _product(ops: Iterable[UsdGeom.XformOp], code: Usd.TimeCode) -> Gf.Matrix4d:
-    """What ops do together; Gf's vectors are rows, and the first op acts last."""
+    """Return the product of ops. Gf vectors are rows, so the first op acts last."""
     result = Gf.Matrix4d(1.0)
     for op in ops:
         result = op.GetOpTransform(code) * result
@@ -98,17 +99,17 @@ def _product(ops: Iterable[UsdGeom.XformOp], code: Usd.TimeCode) -> Gf.Matrix4d:
 def _inverse(where: str, matrix: Gf.Matrix4d) -> Gf.Matrix4d:
     array = np.array(matrix)
     if not np.isfinite(array).all() or _is_singular(array):
-        raise StageError(where, "a transform without an inverse", "one that can be undone")
+        raise StageError(where, "a transform without an inverse", "an invertible transform")
     return matrix.GetInverse()
 
 
 def _checked(where: str, matrix: Matrix) -> Gf.Matrix4d:
-    """The 16 numbers as Gf has them."""
+    """Return the 16 numbers as a Gf matrix, checked."""
     is_matrix = len(matrix) == 16 and all(math.isfinite(number) for number in matrix)
     array = np.reshape(matrix, (4, 4)) if is_matrix else np.zeros((4, 4))
     if not is_matrix or tuple(array[3]) != (0.0, 0.0, 0.0, 1.0) or _is_singular(array):
-        expected = "16 finite numbers of a transform that can be undone"
-        raise UsageError(where, "a matrix that is none of a place", expected)
+        expected = "16 finite numbers of an invertible transform"
+        raise UsageError(where, "an invalid transform matrix", expected)
     return Gf.Matrix4d(array.T.tolist())
 
 

@@ -1,4 +1,4 @@
-"""Prims as a tree shows them: one row each, the children when somebody opens their parent."""
+"""List prims as rows of a tree, whose children are read when a parent is expanded."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ _EVERYTHING = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrimRow:
-    """One prim in the tree."""
+    """A prim in the tree."""
 
     path: str
     name: str
     type_name: str
-    """Such as "Mesh"; "" for a prim without one."""
+    """Type of the prim, such as "Mesh"; "" for none."""
     purpose: str
-    """As it is in effect, inherited or not: default, render, proxy or guide; "" without any."""
+    """Computed purpose, inherited or not: default, render, proxy or guide; "" for none."""
     is_visible: bool
-    """Whether it can be seen at the time: neither itself nor an ancestor is invisible."""
+    """Whether it is visible at the time: neither it nor an ancestor is invisible."""
     is_hidden_itself: bool
-    """Whether it is invisible by its own word, not an ancestor's."""
+    """Whether its own visibility is "invisible"."""
     is_imageable: bool
-    """Whether it has a visibility at all."""
+    """Whether it has a visibility attribute."""
     is_active: bool
     is_loaded: bool
     is_instance: bool
     is_in_instance: bool
-    """Whether it is part of an instance, and so cannot be edited."""
+    """Whether it is in an instance and cannot be edited."""
     is_abstract: bool
-    """Whether it is a class."""
+    """Whether it is an abstract class prim."""
     is_defined: bool
-    """Whether it is more than opinions over nothing."""
+    """Whether it is defined, rather than only overrides."""
     kind: str
-    """Such as "component"; "" for none."""
+    """Kind, such as "component"; "" for none."""
     variants: tuple[tuple[str, str, tuple[str, ...]], ...]
-    """Set, selection, and what it can be."""
+    """Variant set, selection and choices."""
     has_children: bool
     is_splats: bool
     is_camera: bool
@@ -65,18 +65,18 @@ def children(
     first: int = 0,
     most: int | None = None,
 ) -> tuple[PrimRow, ...]:
-    """The children of a prim, in their order.
+    """Return the children of a prim, in stage order.
 
-    Ten thousand take about a second: ask for them in pages where there may be as many.
+    Ten thousand children take about a second: ask for pages where that is possible.
 
     Args:
         stage: Whose.
-        path: Of the prim; "/" for the roots.
+        path: Path of the prim; "/" for the roots.
         time: Time code; None is USD's default time.
-        undefined: Whether prims that are only opinions over nothing are shown.
-        abstract: Whether classes are shown.
-        first: Number of the first that is wanted.
-        most: How many are wanted at most; None for all.
+        undefined: Whether prims that only have overrides are listed.
+        abstract: Whether class prims are listed.
+        first: Index of the first child.
+        most: Most children; None for all.
 
     Raises:
         StageError: If there is no such prim.
@@ -89,25 +89,25 @@ def children(
 
 
 def row(stage: Usd.Stage, path: str, *, time: float | None = None) -> PrimRow:
-    """One prim.
+    """Return the row of one prim.
 
     Raises:
         StageError: If there is no such prim.
     """
     prim = _prim(stage, path)
     if prim.IsPseudoRoot():
-        raise StageError(path, "the root of all prims", "a prim")
+        raise StageError(path, "the pseudo-root", "a prim")
     return _Reader(prim.GetParent(), time).row(prim)
 
 
 def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
-    """Paths of the prims whose name, path or type has a text in it, in the order of the stage.
+    """Return the paths of prims whose name, path or type contains a text, in stage order.
 
     Args:
-        stage: Where to look; classes and what is only opinions over nothing are left out.
-        text: In upper or lower case; "*" stands for anything and "?" for any letter, and then the
-            whole name, path or type must match. A text with "/" in it is looked for in paths.
-        most: How many are found at most.
+        stage: The stage; class prims and prims with only overrides are left out.
+        text: Ignoring case; "*" matches any text and "?" any character, and then the whole name,
+            path or type must match. A text with "/" is matched with paths.
+        most: Most results.
     """
     text = text.strip()
     if not text:
@@ -132,14 +132,15 @@ def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
 
 
 def ancestors(path: str) -> tuple[str, ...]:
-    """Paths of the prims above one, from the root down: what a tree opens to show it."""
+    """Return the paths of a prim's ancestors, from the root down; a tree expands them to show
+    it."""
     if not Sdf.Path.IsValidPathString(path):
         return ()
     return tuple(str(each) for each in Sdf.Path(path).GetPrimPath().GetPrefixes()[:-1])
 
 
 class _Reader:
-    """What the children of one prim have in common, found once."""
+    """Reads rows of the children of one prim, with the shared state computed once."""
 
     def __init__(self, parent: Usd.Prim, time: float | None) -> None:
         self._code = code_of(time)
@@ -195,7 +196,7 @@ def _variants(prim: Usd.Prim) -> Iterator[tuple[str, str, tuple[str, ...]]]:
 
 
 def _shown(*, undefined: bool = False, abstract: bool = False) -> Any:
-    """A predicate: which prims are there to a tree; inactive ones too, and those in instances."""
+    """Return the predicate of listed prims; inactive ones and those in instances are included."""
     if undefined and abstract:
         return _EVERYTHING
     flags = [] if undefined else [Usd.PrimIsDefined]
@@ -204,7 +205,7 @@ def _shown(*, undefined: bool = False, abstract: bool = False) -> Any:
 
 
 def _matcher(text: str) -> Callable[[str], object]:
-    """A test of a text, in upper or lower case; it is true where it matches."""
+    """Return a function that tests whether a text matches, ignoring case."""
     if "*" in text or "?" in text:
         return re.compile(fnmatch.translate(text), re.IGNORECASE).match
     wanted = text.lower()

@@ -1,4 +1,4 @@
-"""What one prim says, in rows: properties at a time, metadata, and where it all comes from."""
+"""List the properties of one prim at a time, its metadata, and the sources of both."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ Source = Literal["none", "fallback", "default", "time samples", "value clips", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PropertyRow:
-    """One property, or something that is computed of a prim."""
+    """A property, or a value computed from a prim."""
 
     name: str
     kind: PropertyKind
     type_name: str
-    """Such as "point3f[]"; "" for what has none."""
+    """Type of the value, such as "point3f[]"; "" for none."""
     text: str
-    """The value at the time; of an array its count and its first elements."""
+    """The value at the time; of an array, its count and first elements."""
     source: Source
     samples: int = 0
-    """Time samples that are authored."""
+    """Number of authored time samples."""
     layer: str = ""
-    """Name of the layer with the strongest opinion; "" where there is none."""
+    """Name of the layer with the strongest opinion; "" for none."""
     is_custom: bool = False
     is_edited: bool = False
-    """Whether the session layer has an opinion of it."""
+    """Whether the session layer has an opinion on it."""
     editor: Editor | None = None
-    """How it may be changed; None for what `Edits.set_value` is not for."""
+    """Editor of the value; None where `Edits.set_value` does not apply."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetadataRow:
-    """One field of a prim itself."""
+    """A metadata field of a prim."""
 
     name: str
     text: str
@@ -52,28 +52,28 @@ class MetadataRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArcRow:
-    """One opinion about a prim, the strongest first."""
+    """A source of opinions on a prim."""
 
     kind: str
-    """How it comes in: "root", "reference", "payload", "variant", "inherit", ..."""
+    """Composition arc: "root", "reference", "payload", "variant", "inherit", ..."""
     path: str
-    """Of the prim spec in its layer."""
+    """Path of the prim spec in its layer."""
     layer: str
     """Name of the layer."""
     identifier: str
-    """The whole name of the layer, a file where it has one."""
+    """Identifier of the layer, a file path where it has one."""
     has_specs: bool
-    """Whether the layer says anything there."""
+    """Whether the layer has a prim spec there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerRow:
-    """One layer of the stage's stack, the strongest first."""
+    """A layer of the stage's layer stack."""
 
     name: str
     identifier: str
     depth: int
-    """Below how many layers it is stacked."""
+    """Depth in the sublayer hierarchy."""
     is_muted: bool
     is_dirty: bool
     is_session: bool
@@ -87,17 +87,17 @@ _SOURCES: dict[Any, Source] = {
     Usd.ResolveInfoSourceValueClips: "value clips",
 }
 _PROPERTY_FIELDS = ("primChildren", "properties", "propertyChildren")
-"""Fields of a prim that are not about itself."""
+"""Fields of a prim spec that list children, not metadata."""
 
 
 def properties(
     stage: Usd.Stage, path: str, *, time: float | None = None
 ) -> tuple[PropertyRow, ...]:
-    """Everything that a prim says at a time: what is computed first, then properties by name.
+    """Return a prim's properties at a time: computed ones first, then the others by name.
 
     Args:
         stage: Whose.
-        path: Of the prim; of an inactive one there is only metadata.
+        path: Path of the prim; an inactive one has only metadata.
         time: Time code; None is USD's default time.
 
     Raises:
@@ -115,7 +115,7 @@ def properties(
 
 
 def metadata(stage: Usd.Stage, path: str) -> tuple[MetadataRow, ...]:
-    """The fields of a prim, by name.
+    """Return the metadata fields of a prim, by name.
 
     Raises:
         StageError: If there is no such prim.
@@ -129,7 +129,7 @@ def metadata(stage: Usd.Stage, path: str) -> tuple[MetadataRow, ...]:
 
 
 def composition(stage: Usd.Stage, path: str) -> tuple[ArcRow, ...]:
-    """Where a prim's opinions come from, the strongest first.
+    """Return the sources of a prim's opinions, the strongest first.
 
     Raises:
         StageError: If there is no such prim.
@@ -153,13 +153,13 @@ def composition(stage: Usd.Stage, path: str) -> tuple[ArcRow, ...]:
 
 
 def layer_stack(stage: Usd.Stage) -> tuple[LayerRow, ...]:
-    """The stage's own layers, the strongest first; muted ones too."""
+    """Return the layers of the stage's layer stack, the strongest first, including muted ones."""
     muted = set(stage.GetMutedLayers())
     session = stage.GetSessionLayer()
     rows: list[LayerRow] = []
 
     def add(layer: Sdf.Layer, depth: int, above: tuple[str, ...], is_session: bool) -> None:
-        if layer.identifier in above:  # a layer that is below itself
+        if layer.identifier in above:  # a layer that is its own sublayer
             return
         rows.append(
             LayerRow(
@@ -183,7 +183,7 @@ def layer_stack(stage: Usd.Stage) -> tuple[LayerRow, ...]:
 
 
 def _computed(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[PropertyRow]:
-    """What usdview computes of a prim, and what splats are."""
+    """Yield the computed values that usdview shows, and facts about splats."""
     if not prim.IsActive() or prim.IsPseudoRoot():
         return
     if schema.is_splat_field(prim):
@@ -204,7 +204,7 @@ def _computed(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[PropertyRow]:
 
 
 def _splats(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[tuple[str, str]]:
-    """How many, of which degree and in which form; nothing that needs their numbers."""
+    """Yield the count, SH degree and form of splats, without reading their arrays."""
     is_packed = schema.is_packed(prim)
     names = ("positions",) if is_packed else ("positions", "positionsh")
     arrays = (value_of(prim.GetAttribute(name), code) for name in names)
@@ -221,11 +221,11 @@ def _splats(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[tuple[str, str]]:
 
 
 def _attribute(attribute: Usd.Attribute, code: Usd.TimeCode) -> Iterator[PropertyRow]:
-    """The attribute, and what it is connected to."""
+    """Yield the attribute, and its connections."""
     info = attribute.GetResolveInfo(code)
     source = _SOURCES.get(info.GetSource(), "none")
     if source in ("none", "fallback") and code.IsDefault() and attribute.GetNumTimeSamples():
-        source = "time samples"  # the first of them is shown
+        source = "time samples"  # the first sample is shown
     stack = attribute.GetPropertyStack(code)
     yield PropertyRow(
         name=attribute.GetName(),
@@ -275,7 +275,7 @@ def _is_edited(item: Usd.Property) -> bool:
 
 
 def _nodes(node: Pcp.NodeRef) -> Iterator[Pcp.NodeRef]:
-    """The nodes of a prim index, the strongest first; those that say nothing are left out."""
+    """Yield the nodes of a prim index that have opinions, the strongest first."""
     if not node.isInert or node.arcType == Pcp.ArcTypeRoot:
         yield node
     for child in node.children:

@@ -1,4 +1,4 @@
-"""What a user made of a stage, written to files of its own; never over those of the stage."""
+"""Write the user's edits of a stage to files, never over the stage's own files."""
 
 from __future__ import annotations
 
@@ -24,23 +24,25 @@ _FRAME = (
 
 
 def save_session(stage: Usd.Stage, target: Path, *, over_stage: bool = False) -> None:
-    """Write the user's edits as a layer; what a running simulation made stays out.
+    """Write the user's edits as a layer, without what a running simulation made.
 
     Args:
-        stage: Is not changed.
-        target: An older file there is replaced.
-        over_stage: Whether the stage is made a sublayer, so that the file shows all of it; else the
-            file is to be stacked over it.
+        stage: The stage; it is not changed.
+        target: File to write, replacing an older one.
+        over_stage: Whether the stage becomes a sublayer, so that the file shows all of it; else the
+            file is meant to be stacked over the stage.
 
     Raises:
-        UnknownFormatError: If the suffix is none of USD's.
-        OutputError: If it cannot be written, or the stage is made of that file.
-        StageError: If the stage has no file and should be a sublayer.
+        UnknownFormatError: If the suffix is not a USD suffix.
+        OutputError: If it cannot be written, or is a file of the stage.
+        StageError: If the stage has no file and would have to be a sublayer.
     """
     _check(stage, target)
     root = stage.GetRootLayer()
     if over_stage and not root.realPath:
-        raise StageError(str(target), "edits of a stage without a file", "a stage that is a file")
+        raise StageError(
+            str(target), "a stage without a file", "a stage that was opened from a file"
+        )
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(stage.GetSessionLayer())
     for number in reversed(range(len(layer.subLayerPaths))):
@@ -55,18 +57,18 @@ def save_session(stage: Usd.Stage, target: Path, *, over_stage: bool = False) ->
 def save_camera_layer(
     stage: Usd.Stage, spec: CameraSpec, target: Path, *, name: str = "Camera"
 ) -> str:
-    """Write a layer with nothing but a camera, to stack over the stage; returns its path there.
+    """Write a layer with only a camera, to stack over the stage, and return the camera's path.
 
     Args:
-        stage: Says its up axis and its unit; is not changed.
-        spec: Such as `Picture.camera`.
-        target: An older file there is replaced.
-        name: Of the prim, a root of the layer.
+        stage: Source of up axis and unit; it is not changed.
+        spec: The view, such as `Picture.camera`.
+        target: File to write, replacing an older one.
+        name: Name of the prim, a root of the layer.
 
     Raises:
-        UsageError: If `name` is no name of a prim, or `spec` is no camera.
-        UnknownFormatError: If the suffix is none of USD's.
-        OutputError: If it cannot be written, or the stage is made of that file.
+        UsageError: If `name` is not a valid prim name, or `spec` is not a camera.
+        UnknownFormatError: If the suffix is not a USD suffix.
+        OutputError: If it cannot be written, or is a file of the stage.
     """
     _check(stage, target)
     check_camera(spec)
@@ -85,7 +87,7 @@ def _check(stage: Usd.Stage, target: Path) -> None:
 
 
 def _copy_frame(source: Sdf.Layer, target: Sdf.Layer) -> None:
-    """Let a layer say what its stage's coordinates and times mean, and where it begins."""
+    """Copy the stage's metadata about coordinates, times and start to a layer."""
     root, ours = source.pseudoRoot, target.pseudoRoot
     for key in _FRAME:
         if root.HasInfo(key) and not ours.HasInfo(key):
@@ -93,7 +95,7 @@ def _copy_frame(source: Sdf.Layer, target: Sdf.Layer) -> None:
 
 
 def _from(target: Path, path: str) -> str:
-    """How the target calls a file: from its own folder, so that both can be moved together."""
+    """Return a file's path relative to the target's folder, so that both can be moved together."""
     try:
         relative = Path(os.path.relpath(path, target.resolve().parent)).as_posix()
     except ValueError:  # another drive

@@ -1,6 +1,7 @@
-"""What usdview loads: a menu. Everything else waits until somebody chooses from it.
+"""The plug-in that usdview loads: a menu. Everything else is imported when a command is chosen.
 
-usdview calls the two methods below at its start, so nothing here may fail or take time, whatever
+usdview calls the two methods below at its start, so they must be fast and must not fail, whatever
+Qt is used and whatever is not installed.
 Qt it has and whatever is not installed.
 """
 
@@ -18,19 +19,19 @@ from usdsplat.core.errors import UsdSplatError
 MENU = "usdsplat"
 COMMANDS = {
     "viewport": ("Splat Viewport", "The stage with its splats, drawn by usdsplat"),
-    "simulation": ("Simulation", "Run the simulation of the stage, and turn its knobs"),
-    "settings": ("Render Settings", "How splats are drawn and shown"),
-    "probe": ("Probe", "The numbers of pixels and of what is picked"),
-    "camera": ("Follow usdview's Camera", "Look through whatever camera usdview looks through"),
+    "simulation": ("Simulation", "Run the simulation of the stage and set its parameters"),
+    "settings": ("Render Settings", "How splats are rendered and displayed"),
+    "probe": ("Probe", "The values of pixels and picked splats"),
+    "camera": ("Follow usdview's Camera", "Look through usdview's current camera"),
 }
-"""Name -> what the menu says, and what it says when somebody waits there."""
+"""Name -> menu text and tool tip."""
 
 
 class UsdSplatContainer(PluginContainer):
-    """Our commands, as usdview wants them."""
+    """Registers our commands with usdview."""
 
     def registerPlugins(self, plugRegistry: Any, usdviewApi: Any) -> None:
-        """Tell usdview of every command."""
+        """Register every command with usdview."""
         self._commands = [
             plugRegistry.registerCommandPlugin(
                 f"UsdSplatContainer.{name}", title, _command(name), text
@@ -39,14 +40,14 @@ class UsdSplatContainer(PluginContainer):
         ]
 
     def configureView(self, plugRegistry: Any, plugUIBuilder: Any) -> None:
-        """Put every command into a menu of ours."""
+        """Add every command to our menu."""
         menu = plugUIBuilder.findOrCreateMenu(MENU)
         for command in self._commands:
             menu.addItem(command)
 
 
 def _command(name: str) -> Callable[[Any], None]:
-    """What usdview calls when the command is chosen."""
+    """Return the function that usdview calls when the command is chosen."""
 
     def run(usdviewApi: Any) -> None:
         from usdsplat.preview.usdview.requirements import check

@@ -1,8 +1,7 @@
-"""What usdview shows, for our viewport to show it too: the frame, the selection, the camera.
+"""Copy the frame, the selection and the camera of usdview to our viewport.
 
-usdview tells of a selection, but neither of frames nor of moves of its camera, so whoever has a
-clock asks. Only what has become another is passed on: what a user does in our viewport stays until
-usdview itself moves.
+usdview reports selections, but neither frames nor camera moves, so a timer polls it. Only changes
+are copied: what a user does in our viewport stays until usdview itself changes.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from usdsplat.preview.viewer import Viewer
 
 
 class Following:
-    """Between a usdview and one of our viewers.
+    """Copies the state of a usdview to one of our viewers.
 
     Args:
-        api: What usdview hands to its plug-ins.
-        viewer: Of the stage that usdview has now.
+        api: The API object that usdview gives its plug-ins.
+        viewer: Viewer of usdview's current stage.
     """
 
     def __init__(self, api: Any, viewer: Viewer) -> None:
@@ -30,7 +29,7 @@ class Following:
         self._seen: dict[str, Any] = {}
 
     def update(self, *, with_camera: bool) -> None:
-        """Pass on what is other than at the last call; at the first, everything."""
+        """Copy what changed since the last call; the first call copies everything."""
         self._follow_time()
         self._follow_selection()
         if with_camera:
@@ -39,7 +38,7 @@ class Following:
             self._seen.pop("camera", None)
 
     def _follow_time(self) -> None:
-        """The frame; pictures need not be good while usdview plays."""
+        """Copy the frame; pictures may be coarse while usdview plays."""
         frame = self._api.frame
         is_playing = bool(self._api.dataModel.playing)
         if self._is_new("time", frame) and not frame.IsDefault():
@@ -48,7 +47,7 @@ class Following:
             self._viewer.end_move()
 
     def _follow_selection(self) -> None:
-        """Both ways: what is picked in our viewport is selected in usdview too."""
+        """Synchronise the selection both ways: a pick in our viewport selects in usdview too."""
         theirs = tuple(str(path) for path in self._api.selectedPaths if str(path) != "/")
         if self._is_new("selection", theirs):
             self._viewer.select(theirs)
@@ -58,12 +57,12 @@ class Following:
             selection.clearPrims()
             for prim in filter(None, map(self._api.stage.GetPrimAtPath, ours)):
                 if selection.getPrimPaths() == [Sdf.Path.absoluteRootPath]:
-                    selection.setPrim(prim)  # the root stands for nothing, and goes
+                    selection.setPrim(prim)  # drops the root, which stands for an empty selection
                 else:
                     selection.addPrim(prim)
 
     def _follow_camera(self) -> None:
-        """Coarse while it moves; when it has not moved for a turn the picture may take its time."""
+        """Copy the camera: pictures are coarse while it moves, and full quality one turn later."""
         camera = self._camera()
         if camera is None:
             return
@@ -79,7 +78,7 @@ class Following:
         return is_new
 
     def _camera(self) -> FreeCamera | str | None:
-        """A prim's path, or where usdview's own camera is; None before it has drawn anything."""
+        """Return the camera's path, or usdview's free camera; None before usdview has drawn."""
         prim = self._api.cameraPrim
         if prim:
             return str(prim.GetPath())
@@ -90,7 +89,7 @@ class Following:
 
 
 def free_camera(camera: Gf.Camera, *, up_axis: Any) -> FreeCamera:
-    """One of ours that sees what a camera of usdview's sees in a viewport of the same shape."""
+    """Return our free camera with the view of a usdview camera in a viewport of the same shape."""
     frustum = camera.frustum
     eye = frustum.position
     distance = camera.focusDistance or 1.0

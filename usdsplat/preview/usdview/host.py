@@ -1,8 +1,8 @@
-"""Our docks in one usdview: the window's viewport and panels, on the stage that usdview has.
+"""Our docks in one usdview: viewport and panels of the window, on usdview's stage.
 
-usdview owns its stage and the thread that touches it, so the session has no thread of its own: a
-timer takes its turns. A simulation has one, and touches the stage only while we let it: the
-document's lock is ours but for a moment of every turn.
+usdview owns its stage and the thread that uses it, so the session has no thread: a timer calls it.
+A simulation has a thread, and may use the stage only while the document's lock is released, for a
+moment of every turn.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ TITLES = {
     "probe": "Splat Probe",
 }
 IDLE = 20
-"""Between two looks at what usdview shows [ms]."""
+"""Interval at which usdview is polled [ms]."""
 MOMENT = 0.001
-"""For which a simulation is let at the stage; it keeps it until it is done [s]."""
+"""Time per turn in which a simulation may take the lock; it keeps it until it is done [s]."""
 
 PANEL = 340
-"""Width that panels are given first, where there is room [pixel]."""
+"""Initial width of panels, where there is room [pixel]."""
 PLAIN = f"QWidget {{ color: {style.TEXT.name()}; background: {style.GROUND.name()}; }}"
 TITLE = f"QDockWidget::title {{ background: {style.GROUND.name()}; padding: 4px; }}"
 SHEET = PLAIN + TITLE + style.sheet()
-"""usdview's palette is its own, so that what else takes it from there is said here."""
+"""usdview has its own palette; this sets the colours our widgets would take from it."""
 
 LOG = logging.getLogger("usdsplat")
 
 
 @dataclass(slots=True, kw_only=True)
 class View:
-    """What there is for as long as usdview has a stage and somebody looks at it."""
+    """Our objects for one stage of usdview."""
 
     session: Session
     proxy: SessionProxy
@@ -58,7 +58,7 @@ class View:
     following: Following | None = None
 
     def panel(self, name: str) -> QWidget:
-        """What belongs into a dock; empty until the stage has been read."""
+        """Return the widget of a dock; empty until the stage has been read."""
         if self.workspace is None:
             return QWidget()
         return {
@@ -70,7 +70,7 @@ class View:
 
 
 class Host(QObject):
-    """Everything of ours in one main window of usdview. It goes with the window."""
+    """Our docks and session in one main window of usdview, owned by that window."""
 
     def __init__(self, api: Any) -> None:
         super().__init__(api.qMainWindow)
@@ -89,12 +89,12 @@ class Host(QObject):
 
     @classmethod
     def of(cls, api: Any) -> Host:
-        """The one of a usdview's main window."""
+        """Return the host of usdview's main window, made on first use."""
         there = (child for child in api.qMainWindow.children() if isinstance(child, cls))
         return next(there, None) or cls(api)
 
     def show(self, name: str) -> None:
-        """Do what a command of the menu is for: open the dock of that name, or follow."""
+        """Run a menu command: open the dock of that name, or follow the camera."""
         if name == "camera":
             self._follows_camera = not self._follows_camera
             word = "follows" if self._follows_camera else "no longer follows"
@@ -137,11 +137,11 @@ class Host(QObject):
 
     @property
     def _is_open(self) -> bool:
-        """Whether there is a dock that has not been closed."""
+        """Return whether any dock is open."""
         return any(dock.toggleViewAction().isChecked() for dock in self._docks.values())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Let the viewport have its letters, which are shortcuts of usdview's elsewhere."""
+        """Pass plain letters to the viewport; elsewhere they are shortcuts of usdview."""
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
             is_plain = not event.modifiers() & ~Qt.KeyboardModifier.ShiftModifier
             if is_plain and Qt.Key.Key_A <= event.key() <= Qt.Key.Key_Z:
@@ -151,7 +151,7 @@ class Host(QObject):
     # --- a stage ---------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Show what usdview has now, in place of what it had before."""
+        """Open a session for usdview's current stage, in place of the previous one."""
         self._end()
         stage = self._api.stage
         if stage is None or not self._is_open:
@@ -163,7 +163,7 @@ class Host(QObject):
         self._timer.start(0)
 
     def _read(self, stage: Any, publish: Callable[[Event], None]) -> Document:
-        """A document of usdview's stage, whose lock we have from now on."""
+        """Return a document of usdview's stage, with its lock taken by this thread."""
         assert self._view is not None
         document = document_of(stage, device=self._device, publish=publish)
         document.lock.acquire()
@@ -171,7 +171,7 @@ class Host(QObject):
         return document
 
     def _opened(self, event: Opened) -> None:
-        """Fill the docks, and begin to show what usdview shows."""
+        """Fill the docks, and start following usdview."""
         view = self._view
         if view is None:
             return
@@ -183,14 +183,14 @@ class Host(QObject):
             self._fill(name, view.panel(name))
 
     def _end(self) -> None:
-        """Let go of the stage, and of everything that was drawn of it."""
+        """Close the session and release the stage."""
         self._timer.stop()
         view, self._view = self._view, None
         if view is None:
             return
         view.proxy.close()
         if view.document is not None:
-            view.document.lock.release()  # a simulation that waits for it could not end
+            view.document.lock.release()  # else a simulation waiting for it never ends
         view.session.close()
         for dock in self._docks.values():
             old = dock.widget()
@@ -210,7 +210,7 @@ class Host(QObject):
             view.following.update(with_camera=self._follows_camera)
         try:
             is_busy = view.session.has_work and view.session.turn()
-        except Exception:  # a bug of ours must not take usdview with it, nor come back every turn
+        except Exception:  # a bug of ours must not end usdview, nor repeat every turn
             LOG.exception("a bug in usdsplat's docks")
             self._say("found a bug, expected none; see the terminal")
             self._end()
@@ -222,7 +222,7 @@ class Host(QObject):
         self._timer.setInterval(0 if is_busy else IDLE)
 
     def _wake(self) -> None:
-        """Somebody has edited the stage."""
+        """Wake the session after an edit of the stage."""
         if self._view is not None:
             self._view.session.wake()
 
@@ -233,6 +233,6 @@ class Host(QObject):
             self._say(event.what)
 
     def _say(self, sentence: str) -> None:
-        """In usdview's status bar, at once, for what follows may take long."""
+        """Show a sentence in usdview's status bar at once, as the following work may take long."""
         self._api.PrintStatus(f"usdsplat: {sentence}")
         self._api.qMainWindow.statusBar().repaint()

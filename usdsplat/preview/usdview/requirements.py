@@ -1,4 +1,4 @@
-"""Whether the usdview that we are in has what our docks need; asked before any Qt is loaded."""
+"""Check that the running usdview has what our docks need, before any Qt is imported."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from usdsplat.core.errors import BackendError
 
 WHERE = "usdview"
 NEEDED = ("numba", "OpenImageIO", "PIL")
-"""Modules that are missing where usdsplat is merely on a path."""
+"""Modules that are missing where usdsplat is only on the path, not installed."""
 
 
 def check(window: object) -> None:
-    """Refuse a main window that our widgets cannot live in.
+    """Raise an error if our widgets cannot run in this main window.
 
     Args:
-        window: usdview's.
+        window: Main window of usdview.
 
     Raises:
-        BackendError: With what to do about it.
+        BackendError: If they cannot; the text says what to do.
     """
     modules = (cls.__module__.partition(".")[0] for cls in type(window).__mro__)
     binding = next((name for name in modules if name.startswith("PySide")), "another Qt")
     if binding != "PySide6":
-        # Two Qts in one process end it.
+        # Two Qt libraries in one process crash it.
         raise BackendError(WHERE, f"a usdview with {binding}", "one that was built with PySide6")
     for module in NEEDED:
         if importlib.util.find_spec(module) is None:

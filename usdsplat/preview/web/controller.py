@@ -41,7 +41,7 @@ GLIDE = 0.25
 TICK = 1 / 60
 """Interval of the timer during playback and camera moves [s]."""
 FOR_FILES = ("multipart", "deep_error")
-"""Render settings that only say how files are written."""
+"""Render settings that only affect how files are written."""
 
 
 class WebController:
@@ -74,13 +74,13 @@ class WebController:
         self._problem = ""
         self._clock: asyncio.Task[None] | None = None
         self._first_camera, self._first_time = camera, time
-        # what was told before anybody listened is asked for
+        # events sent before this listener was added are requested
         self._proxy.ask(_beginning, self._begin)
 
     # --- for the server --------------------------------------------------------------------
 
     def welcome(self, width: int, height: int) -> None:
-        """Tell a page that got the view everything, and fit the pictures to it."""
+        """Send everything to a page that got the view, and fit the pictures to it."""
         self._tell("welcome", None)
         self._tell_opened()
         self._settings_told = ()
@@ -94,21 +94,21 @@ class WebController:
         self._viewer.resize(width, height)
 
     def rest(self) -> None:
-        """Nobody looks any more: nothing shall go on by itself, but for a simulation."""
+        """Stop playback and moves when no page is left; a simulation goes on."""
         self._viewer.play(False)
         self._viewer.end_move()
 
     def close(self) -> None:
-        """Hear of nothing any more."""
+        """Stop listening and ticking."""
         if self._clock is not None:
             self._clock.cancel()
         self._proxy.close()
 
     def do(self, message: m.Message) -> None:
-        """What a page asks.
+        """Handle a page's message.
 
         Raises:
-            UsageError: If it asks for what is not there, or too much at once.
+            UsageError: If it refers to something that does not exist, or asks for too much at once.
         """
         viewer = self._viewer
         match message:
@@ -157,7 +157,7 @@ class WebController:
 
     def _ask_for(self, message: m.Message) -> None:
         if self._proxy.is_overrun:
-            raise UsageError("message", "more questions than can be answered", "fewer at a time")
+            raise UsageError("message", "too many open requests", "fewer at a time")
         match message:
             case m.Frame(everything=everything):
                 self._viewer.frame(() if everything else self._viewer.state.selected)
@@ -191,9 +191,9 @@ class WebController:
 
         def refused(error: UsdSplatError) -> None:
             self._heard(Problem(sentence=str(error)))
-            self._ask_parameters()  # the page shows what was refused
+            self._ask_parameters()  # the page shows the rejected value
 
-        # done, the stage has changed, of which the page hears
+        # on success the stage has changed, and the page is notified
         self._proxy.ask(task, failed=refused, key=f"set {path} {name}")
 
     def _edit(self, task: Callable[[Document], str | None], word: str) -> None:
@@ -273,7 +273,7 @@ class WebController:
             self._heard(status)
 
     def _look_first(self) -> None:
-        """See the first stage as it was asked for."""
+        """Apply the camera and time that were given at the start."""
         camera, self._first_camera = self._first_camera, None
         time, self._first_time = self._first_time, None
         if camera is not None:
@@ -282,7 +282,7 @@ class WebController:
             self._viewer.set_time(time)
 
     def _changed(self) -> None:
-        """Something of the viewer is other than before."""
+        """Send the viewer's state to the page after a change."""
         viewer = self._viewer
         state, timeline = viewer.state, viewer.timeline
         if self._opened is not None:
@@ -342,14 +342,14 @@ class WebController:
 
 
 def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
-    """What a session tells first."""
+    """Return the first events of a session."""
     simulation = document.simulation
     status = SimulationStatus(state="none") if simulation is None else simulation.status
     return document.opened(), status
 
 
 def _check_names_no_file(settings: RenderSettings) -> None:
-    """Refuse to read what a page chooses from this machine's disks."""
+    """Raise an error for settings that would read a file of this machine's disks."""
     config = settings.ocio_config
     if config and not config.startswith("ocio://"):
         raise UsageError("ocio_config", repr(config), "an ocio:// name; files are for $OCIO")
@@ -360,13 +360,13 @@ def _editors(instance: Any) -> Any:
 
 
 def _status(document: Document) -> SimulationStatus:
-    """Where the simulation is; runs in the session's thread."""
+    """Return the simulation's status; runs in the session's thread."""
     simulation = document.simulation
     return SimulationStatus(state="none") if simulation is None else simulation.status
 
 
 def _simulate(document: Document, action: str) -> None:
-    """Runs in the session's thread."""
+    """Control the simulation; runs in the session's thread."""
     if document.simulation is None:
         raise StageError("simulation", "none on the stage", "a SplatSim prim")
     getattr(document.simulation, action)()

@@ -1,4 +1,4 @@
-"""The files of the page: a fixed table, read once; no request's path ever reaches a file system."""
+"""The files of the page: a fixed table, read once; no request's path reaches a file system."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class File:
-    """What is answered with."""
+    """A file to answer with."""
 
     content_type: str
     body: bytes
@@ -24,7 +24,7 @@ class File:
 
 @cache
 def files() -> dict[str, File]:
-    """Each file by the name that it is asked for; "" is the page itself."""
+    """Return the files by their name in the URL; "" is the page itself."""
     folder = resources.files("usdsplat.preview.web") / "static"
     found = {
         each.name: File(content_type=_TYPES[each.name.rpartition(".")[2]], body=each.read_bytes())

@@ -1,8 +1,8 @@
-"""A picture on its way to a page: the length of its header, the header as JSON, the encoded image.
+"""Encode a picture for a page: header length, header as JSON, encoded image.
 
-4 bytes   length of the header, unsigned, big end first
-header    UTF-8 JSON: what `header` says
-image     JPEG while something better follows, else PNG: what is final is exact
+4 bytes   length of the header, unsigned, big-endian
+header    UTF-8 JSON: the result of `header`
+image     JPEG while a better picture follows, else PNG: final pictures are exact
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from typing import Any
 from usdsplat.preview.values import Picture
 
 QUALITY = 85
-"""Of the JPEG, at 4:4:4: splats are made of small coloured things."""
-_PNG_LEVEL = 1  # loopback has room; the time it takes is what is felt
+"""JPEG quality at 4:4:4: splats are small coloured details."""
+_PNG_LEVEL = 1  # low compression: loopback has bandwidth, latency matters
 
 
 def frame(picture: Picture) -> bytes:
-    """All of a picture, for a socket."""
+    """Return the message of a picture for a socket."""
     image = encoded(picture)
     head = json.dumps(header(picture), allow_nan=False, separators=(",", ":")).encode()
     return struct.pack(">I", len(head)) + head + image
 
 
 def encoded(picture: Picture) -> bytes:
-    """The image: PNG if it is final, else JPEG."""
+    """Return the encoded image: PNG if it is final, else JPEG."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -40,7 +40,7 @@ def encoded(picture: Picture) -> bytes:
 
 
 def header(picture: Picture) -> dict[str, Any]:
-    """What a page has to know of a picture besides its pixels."""
+    """Return a picture's metadata for a page."""
     height, width = picture.image.shape[:2]
     return {
         "number": picture.number,

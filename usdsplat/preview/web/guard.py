@@ -1,18 +1,18 @@
-"""Who is let in: a request has to know the token, and to be meant for this server.
+"""Access control: a request must have the token, and must be addressed to this server.
 
-The token is the first part of every path (`http://127.0.0.1:8000/TOKEN/`), so that a page's
-relative links carry it, no cookie lies about for the other servers of this machine to read, and
-nothing has to be parsed before it is compared.
+The token is the first part of every path (`http://127.0.0.1:8000/TOKEN/`). A page's relative links
+therefore contain it, no cookie exists that other servers of this machine could read, and nothing
+needs parsing before the comparison.
 
-What is refused, in this order:
+Rejected, in this order:
 
-- another Host than this machine's own: a name that somebody else's DNS points here (rebinding);
+- another Host than this machine's own: a name resolved here by someone else's DNS (DNS rebinding);
 - another method than GET;
 - a path without the token, compared in constant time;
 - an Origin other than the page's own, and for the socket also none at all;
 - a path that is not in the table of files. Paths are never looked up in a file system.
 
-The port in Host may be another one than ours: it is, when it comes through an SSH tunnel.
+The port in Host may differ from ours: it does behind an SSH tunnel.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from http import HTTPStatus
 from typing import Protocol
 
 SOCKET = "socket"
-"""What the page's socket is called among the files."""
+"""Name of the page's socket among the files."""
 
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[0-9a-z.-]+)(?P<port>:[0-9]{1,5})?", re.ASCII)
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
@@ -46,32 +46,32 @@ HEADERS = (
     ("Cross-Origin-Opener-Policy", "same-origin"),
     ("Cache-Control", "no-store"),
 )
-"""Of every answer: nothing from elsewhere, in no frame, kept nowhere, and no token in a Referer."""
+"""Headers of every answer: no foreign content, no framing, no caching, no token in a Referer."""
 
 
 class Headers(Protocol):
-    """What is asked of a request's headers."""
+    """The part of a request's headers that is used."""
 
     def get_all(self, key: str, /) -> Iterable[str]:
-        """Each value that a name has."""
+        """Return every value of a header."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """Why somebody is not let in."""
+    """The reason why a request is rejected."""
 
     status: HTTPStatus
     sentence: str
 
 
 class Guard:
-    """Judges requests.
+    """Checks requests.
 
     Args:
-        token: What the URL has to hold.
-        host: What the server listens on. Behind any but a loopback address, this machine's names
-            and every numeric address are its own as well: rebinding needs a name.
-        files: What may be asked for, besides the socket.
+        token: Token that the URL must contain.
+        host: Address that the server listens on. Unless it is a loopback address, this machine's
+            names and every numeric address count as own too: rebinding needs a name.
+        files: Names that may be requested, besides the socket.
     """
 
     def __init__(self, *, token: str, host: str, files: Collection[str]) -> None:
@@ -84,7 +84,7 @@ class Guard:
         self._names = names
 
     def judge(self, *, method: str, path: str, headers: Headers) -> str | Refusal:
-        """The file that is asked for, or `SOCKET`, or why there is no answer."""
+        """Return the name of the requested file, or `SOCKET`, or why the request is rejected."""
         hosts = list(headers.get_all("Host"))
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return _refused("Host: found another machine's, expected this one's")
@@ -106,7 +106,7 @@ class Guard:
         return name
 
     def _is_own(self, host: str) -> bool:
-        """Whether a Host header names this machine."""
+        """Return whether a Host header names this machine."""
         found = _HOST.fullmatch(host.lower())
         if found is None:
             return False
@@ -115,7 +115,7 @@ class Guard:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nothing outside this machine can reach what listens there."""
+    """Return whether only this machine can reach an address."""
     if host in _ANY:
         return False
     try:
@@ -125,7 +125,7 @@ def is_loopback(host: str) -> bool:
 
 
 def spoken(host: str) -> str:
-    """A host as a URL has it; one that stands for every address becomes this machine's name."""
+    """Return a host as written in a URL; the any-address becomes this machine's name."""
     return socket.gethostname() if host in _ANY else _bracketed(host)
 
 

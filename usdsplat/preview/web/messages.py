@@ -1,8 +1,8 @@
-"""What a page may ask for: one frozen value each, read from JSON and checked.
+"""The messages of a page: one frozen class each, read from JSON and checked.
 
     {"type": "orbit", "right": 0.1, "down": 0.0}  ->  Orbit(right=0.1, down=0.0)
 
-Drags are in parts of the viewport's height, places in pixels of the viewport from its upper left.
+Drags are in fractions of the viewport's height, places in viewport pixels from the upper left.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import checked, knob, knobs
 
 MAX_BYTES = 16384
-"""Of a message; nothing that a page says comes near."""
+"""Largest message; every valid one is far smaller."""
 MAX_SIDE = 4096
-"""Of a viewport [pixel]."""
-_LONG = 1024  # characters of a name, path or text; a path this long is nobody's
+"""Largest side of a viewport [pixel]."""
+_LONG = 1024  # characters of a name, path or text; no real path is longer
 _DRAG = (-100.0, 100.0)
 _SPEED = (-8.0, 8.0)
 _PLACE = (0.0, float(MAX_SIDE))
@@ -27,7 +27,7 @@ _PLACE = (0.0, float(MAX_SIDE))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Size:
-    """How large the viewport is."""
+    """The size of the viewport."""
 
     width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
     height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
@@ -35,7 +35,7 @@ class _Size:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Drag:
-    """How far a pointer has moved."""
+    """The distance that a pointer has moved."""
 
     right: float = knob(0.0, "of the drag", range=_DRAG)
     down: float = knob(0.0, "of the drag", range=_DRAG)
@@ -45,39 +45,39 @@ class _Drag:
 class Hello(_Size):
     """The first message of a page."""
 
-    page: str = knob(MISSING, "made up by the page: one that comes again is let in at once")
+    page: str = knob(MISSING, "name chosen by the page; a known one is let in at once")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TakeOver(_Size):
-    """Have the view that another page has."""
+    """Take over the view that another page has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledge:
-    """A frame is on the screen; the next one may come."""
+    """A frame was shown; the next one may be sent."""
 
     number: int = knob(MISSING, "of the picture", range=(0, 2**53))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resize(_Size):
-    """The viewport has another size."""
+    """The viewport was resized."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orbit(_Drag):
-    """Turn about the target."""
+    """Orbit the target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pan(_Drag):
-    """Move with a drag."""
+    """Pan with a drag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dolly:
-    """Go nearer to the target, or away from it."""
+    """Move towards the target, or away from it."""
 
     factor: float = knob(MISSING, "of the distance", range=(0.01, 100.0))
 
@@ -89,7 +89,7 @@ class LookAround(_Drag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fly:
-    """Fly from now on, until another one says otherwise or the move ends."""
+    """Set the flight direction, until the next message of this type or the end of the move."""
 
     right: float = knob(0.0, "of the speed", range=_SPEED)
     up: float = knob(0.0, "of the speed", range=_SPEED)
@@ -98,48 +98,48 @@ class Fly:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndMove:
-    """The pointer or the keys have been let go: a good picture is wanted."""
+    """The pointer or keys were released: a picture of full quality is wanted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Look at all of what is selected, or at everything."""
+    """Frame the selection, or everything."""
 
-    everything: bool = knob(False, "whatever is selected")
+    everything: bool = knob(False, "whether everything is framed, whatever is selected")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UseCamera:
     """Look through a camera of the stage."""
 
-    path: str | None = knob(MISSING, "None for one that frames everything")
+    path: str | None = knob(MISSING, "of the camera; None frames everything")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Play:
-    """Start or stop the timeline."""
+    """Start or stop playback."""
 
-    is_playing: bool = knob(MISSING, "whether it shall")
+    is_playing: bool = knob(MISSING, "whether it plays")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advance:
-    """Go on by frames, or back, and stop."""
+    """Move by frames, and stop playback."""
 
-    frames: int = knob(MISSING, "that are gone", range=(-1000, 1000))
+    frames: int = knob(MISSING, "number of frames", range=(-1000, 1000))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetTime:
-    """Go to a time."""
+    """Show a time."""
 
     time: float = knob(MISSING, "time code", range=(-1e9, 1e9))
-    is_scrubbing: bool = knob(False, "whether others follow soon, until the move ends")
+    is_scrubbing: bool = knob(False, "whether more follow soon, until the move ends")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetRange:
-    """Play only a part."""
+    """Set the range of playback."""
 
     start: float = knob(MISSING, "first time code", range=(-1e9, 1e9))
     end: float = knob(MISSING, "last time code", range=(-1e9, 1e9))
@@ -147,21 +147,21 @@ class SetRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetLoops:
-    """Begin again at the end, or stop there."""
+    """Set whether playback loops."""
 
-    loops: bool = knob(MISSING, "whether it begins again")
+    loops: bool = knob(MISSING, "whether playback loops")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetAov:
     """Show another AOV."""
 
-    name: str = knob(MISSING, "as files have it")
+    name: str = knob(MISSING, "as in files")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetSetting:
-    """Turn a knob of the render settings."""
+    """Set a render setting."""
 
     name: str = knob(MISSING, "of the knob")
     value: object = knob(MISSING, "of the knob's own type")
@@ -169,7 +169,7 @@ class SetSetting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetDisplay:
-    """Turn a knob of the display."""
+    """Set a display setting."""
 
     name: str = knob(MISSING, "of the knob")
     value: object = knob(MISSING, "of the knob's own type")
@@ -177,43 +177,43 @@ class SetDisplay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetParameter:
-    """Turn a knob of the simulation, on the stage."""
+    """Set a simulation parameter on the stage."""
 
     path: str = knob(MISSING, "of the prim")
     name: str = knob(MISSING, "of the knob")
     value: object = knob(MISSING, "of the knob's own type")
-    drag: int = knob(0, "which all changes of one drag share; 0 for a change alone")
+    drag: int = knob(0, "number shared by all changes of one drag; 0 for a single change")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
-    """Drive the simulation."""
+    """Control the simulation."""
 
-    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "what it shall do")
+    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "of the simulation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pick:
-    """Say what is at a place, and select its prim."""
+    """Pick a pixel, and select its prim."""
 
     x: float = knob(MISSING, "from the left", unit="pixel", range=_PLACE)
     y: float = knob(MISSING, "from the top", unit="pixel", range=_PLACE)
-    is_target: bool = knob(False, "whether the camera shall turn about it from now on")
+    is_target: bool = knob(False, "whether the camera orbits it from now on")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Undo:
-    """Take back the last edit of the stage."""
+    """Undo the last edit of the stage."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Redo:
-    """Make the edit again that was taken back last."""
+    """Redo the last undone edit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reload:
-    """Read the files again."""
+    """Reload the files."""
 
 
 Message = (
@@ -224,20 +224,20 @@ Message = (
 
 
 def _name(cls: type) -> str:
-    """TakeOver -> take_over."""
+    """Convert a class name to a message type, such as TakeOver -> take_over."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
 
 MESSAGES: dict[str, type[Message]] = {_name(cls): cls for cls in Message.__args__}
-"""Each kind of message by the `type` that JSON has."""
+"""Message classes by the `type` of their JSON."""
 
 
 def read(data: str | bytes) -> Message:
-    """The message that a page sent.
+    """Parse a page's message.
 
     Raises:
-        UsageError: If it is no JSON object, of an unknown type, or has other members or values
-            than its type declares.
+        UsageError: If it is not a JSON object, has an unknown type, or has members or values that
+            its type does not declare.
     """
     if isinstance(data, bytes):
         raise UsageError("message", f"{len(data)} bytes", "JSON as text")
@@ -263,10 +263,10 @@ def read(data: str | bytes) -> Message:
 
 
 def _refuse_constant(constant: str) -> NoReturn:
-    """NaN and Infinity are not JSON, whatever Python's reader thinks."""
+    """Reject NaN and Infinity, which Python's reader accepts but JSON does not have."""
     raise ValueError(constant)
 
 
 def written(kind: str, content: Any) -> str:
-    """A message to a page, of plain values."""
+    """Return a message to a page as JSON, from plain values."""
     return json.dumps({"type": kind, "content": content}, allow_nan=False, separators=(",", ":"))

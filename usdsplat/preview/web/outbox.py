@@ -1,7 +1,7 @@
-"""What waits to be told to one page: the latest of each kind, and never more.
+"""Queue messages for one page, keeping only the latest of each kind.
 
-A page that is slow, or that does not answer, makes nothing grow: newer news take the place of older
-ones, and a frame is sent only after the last one was acknowledged.
+A page that is slow or silent makes nothing grow: newer messages replace older ones of their kind,
+and a frame is sent only after the last one was acknowledged.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from usdsplat.preview.web.messages import written
 
 
 class Outbox:
-    """For one page, in the server's thread."""
+    """Messages and a picture for one page, used in the server's thread."""
 
     def __init__(self) -> None:
         self._news: dict[str, str] = {}
@@ -23,23 +23,23 @@ class Outbox:
         self._changed = asyncio.Event()
 
     def tell(self, kind: str, content: Any) -> None:
-        """Have the page told; what it was not told yet of this kind, it never will."""
+        """Queue a message, replacing an unsent one of the same kind."""
         self._news[kind] = written(kind, content)
         self._changed.set()
 
     def show(self, picture: Picture) -> None:
-        """Have the page shown a picture, as soon as it has the one before."""
+        """Queue a picture; it is sent when the previous one was acknowledged."""
         self._picture = picture
         self._changed.set()
 
     def acknowledged(self, number: int) -> None:
-        """Note that a picture has arrived; others than the one that was sent do not count."""
+        """Record that a picture was shown; numbers other than the last sent one are ignored."""
         if number == self._sent:
             self._sent = None
             self._changed.set()
 
     async def taken(self) -> tuple[tuple[str, ...], Picture | None]:
-        """What is to be sent now, news first; waits until there is something."""
+        """Return what to send now, messages first, waiting until there is something."""
         while not (self._news or self._is_due()):
             self._changed.clear()
             await self._changed.wait()

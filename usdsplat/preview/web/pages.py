@@ -1,8 +1,8 @@
-"""The pages that are open, and the one of them that has the view.
+"""Track the open pages, and which of them has the view.
 
 A session shows one view, so one page holds it. Another page is told that the view is in use and may
-take it over; the page that had it is told the same then, and may take it back. A page whose
-connection broke comes again under its own name and is let in at once.
+take it over; then the previous holder is told the same and may take it back. A page that lost its
+connection reconnects under its own name and is let in at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class Page:
     def __init__(self) -> None:
         self.outbox = Outbox()
         self.name: str | None = None
-        """What it calls itself; None until it has said hello."""
+        """Name given by the page; None until it has said hello."""
 
 
 class Pages:
@@ -25,17 +25,17 @@ class Pages:
     def __init__(self) -> None:
         self._open: list[Page] = []
         self.holder: Page | None = None
-        """Who has the view."""
+        """The page that has the view."""
 
     def __len__(self) -> int:
         return len(self._open)
 
     def enter(self, page: Page) -> None:
-        """Note that somebody has come, who may not do anything yet."""
+        """Add a page, which may not do anything yet."""
         self._open.append(page)
 
     def greet(self, page: Page, name: str) -> bool:
-        """Let a page that said its name have the view, if it is free or was its own."""
+        """Give the view to a page that said its name, if the view is free or was its own."""
         page.name = name
         if self.holder is None or self.holder.name == name:
             self.take_over(page)
@@ -44,13 +44,13 @@ class Pages:
         return self.holder is page
 
     def take_over(self, page: Page) -> None:
-        """Let a page have the view, whoever had it."""
+        """Give the view to a page, whoever had it."""
         loser, self.holder = self.holder, page
         if loser is not None and loser is not page:
             loser.outbox.tell("in_use", None)
 
     def leave(self, page: Page) -> bool:
-        """Forget a page; whether the view is free now, because it had it."""
+        """Remove a page and return whether it had the view, which is now free."""
         self._open.remove(page)
         if self.holder is not page:
             return False

@@ -1,10 +1,10 @@
-"""Serves a preview to a browser on this machine: the page, and the socket that it talks to.
+"""Serve a preview to a browser on this machine: the page, and its socket.
 
     server = serve(session, ready=print)     # prints the URL, once it can be opened
     server.wait()
     server.close()
 
-The server has a thread and an event loop of its own; the session and what draws never wait for it.
+The server has its own thread and event loop; the session and the renderer never wait for it.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from usdsplat.preview.web.messages import MAX_BYTES, Acknowledge, Hello, TakeOve
 from usdsplat.preview.web.pages import Page, Pages
 
 MOST_PAGES = 8
-"""That may be connected at a time."""
-_HANDSHAKE = 5.0  # s; who takes longer to say what they want gets no answer
+"""Most connections at a time."""
+_HANDSHAKE = 5.0  # s; a slower handshake gets no answer
 _GOODBYE = 1.0  # s
 
 LOG = logging.getLogger("usdsplat")
 
 
 class Server:
-    """What listens; made by `serve`."""
+    """A running server, made by `serve`."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class Server:
         time: float | None,
     ) -> None:
         self.url = ""
-        """What to open in a browser; whoever knows it may do what the page can."""
+        """URL to open in a browser; whoever knows it can do whatever the page can."""
         self._session = session
         self._host, self._port, self._token = host, port, token
         self._camera, self._time = camera, time
@@ -69,11 +69,11 @@ class Server:
         self._started.result()
 
     def wait(self, timeout: float | None = None) -> None:
-        """Return when the server has been closed, or after `timeout` [s]."""
+        """Wait until the server has been closed, or for `timeout` [s]."""
         self._thread.join(timeout)
 
     def close(self) -> None:
-        """Let go of every page and of the port. The session goes on."""
+        """Close every page and the port. The session goes on."""
         if self._loop is not None and self._thread.is_alive():
             with contextlib.suppress(RuntimeError):  # it ended by itself meanwhile
                 self._loop.call_soon_threadsafe(self._stop.set)
@@ -91,7 +91,7 @@ class Server:
                 UsageError(
                     f"address {self._host} port {self._port}",
                     error.strerror or str(error),
-                    "one that this machine has and nobody listens on",
+                    "a free port on an address of this machine",
                 )
             )
 
@@ -102,7 +102,7 @@ class Server:
         try:
             async with listen(
                 lambda socket: self._talk(socket, controller),
-                # one name may be several addresses, and port 0 another one on each
+                # a name may have several addresses; port 0 would differ on each
                 "127.0.0.1" if self._host == "localhost" else self._host,
                 self._port,
                 process_request=lambda socket, request: _answer(guard, request),
@@ -111,7 +111,7 @@ class Server:
                 open_timeout=_HANDSHAKE,
                 close_timeout=_GOODBYE,
                 server_header=None,
-                # it writes tracebacks about every port scan
+                # it would log tracebacks for every port scan
                 logger=logging.Logger("usdsplat.web", logging.CRITICAL),
             ) as server:
                 port = next(iter(server.sockets)).getsockname()[1]
@@ -122,7 +122,7 @@ class Server:
             controller.close()
 
     async def _talk(self, socket: ServerConnection, controller: WebController) -> None:
-        """Everything with one page."""
+        """Handle one page's connection."""
         if len(self._pages) >= MOST_PAGES:
             await socket.close(1013, "too many pages")
             return
@@ -140,7 +140,8 @@ class Server:
                 controller.rest()
 
     def _hear(self, page: Page, data: str | bytes, controller: WebController) -> None:
-        """One message; whatever it is, the page gets a sentence, and the terminal no traceback."""
+        """Handle one message. On any error, the page gets a sentence and the terminal no
+        traceback."""
         try:
             message = read(data)
             if isinstance(message, Acknowledge):
@@ -149,7 +150,7 @@ class Server:
                 if self._pages.greet(page, message.page):
                     controller.welcome(message.width, message.height)
             elif page.name is None:
-                raise UsageError("message", "another one", "hello first")
+                raise UsageError("message", "another message", "hello first")
             elif isinstance(message, TakeOver):
                 self._pages.take_over(page)
                 controller.welcome(message.width, message.height)
@@ -178,26 +179,26 @@ def serve(
     """Serve a session to browsers.
 
     Args:
-        session: What is looked at; the caller closes it.
+        session: The session; the caller closes it.
         host: The address to listen on.
-        port: 0 for any that is free.
-        token: What has to be in the URL; made up if None.
-        allow_remote: Whether `host` may be one that other machines can reach. They talk to it
-            unencrypted: who can listen on the network can see the pictures and the token, and with
-            it do what the page can. An SSH tunnel to a loopback address is the better way.
-        camera: Path of the camera to look through first; None frames everything.
-        time: Time code to begin at; None is the first.
-        ready: Told the URL, once it can be opened.
+        port: Port; 0 chooses a free one.
+        token: Token of the URL; None generates one.
+        allow_remote: Whether `host` may be reachable from other machines. The connection is not
+            encrypted: whoever can listen on the network can see the pictures and the token, and
+            with it do whatever the page can. An SSH tunnel to a loopback address is better.
+        camera: Path of the first camera; None frames everything.
+        time: First time code; None is the first of the stage.
+        ready: Called with the URL once it can be opened.
 
     Raises:
-        UsageError: If the address cannot be listened on, or is not a loopback address and
-            `allow_remote` is false.
+        UsageError: If the server cannot listen on the address, or the address is not a loopback
+            address and `allow_remote` is false.
     """
     if not allow_remote and not is_loopback(host):
         raise UsageError(
             "host",
             f"{host or 'every address'!s}, which other machines can reach without encryption",
-            "a loopback address and an SSH tunnel, or word that this is wanted",
+            "a loopback address and an SSH tunnel, or allow_remote",
         )
     server = Server(
         session,
@@ -216,7 +217,7 @@ def serve(
 
 
 def _answer(guard: Guard, request: Request) -> Response | None:
-    """A file or a refusal; None lets the socket open."""
+    """Return a file or a refusal; None accepts the socket."""
     name = guard.judge(method=request.method, path=request.path, headers=request.headers)
     if isinstance(name, Refusal):
         body = (name.sentence + "\n").encode()
@@ -240,7 +241,7 @@ def _response(status: HTTPStatus, file: File) -> Response:
 
 
 async def _write(socket: ServerConnection, page: Page) -> None:
-    """Tell a page what waits for it, for as long as it is there."""
+    """Send a page its queued messages and pictures until it disconnects."""
     try:
         while True:
             news, picture = await page.outbox.taken()
@@ -251,6 +252,6 @@ async def _write(socket: ServerConnection, page: Page) -> None:
                 await socket.send(await asyncio.to_thread(frame, picture))
     except ConnectionClosed:
         pass
-    except Exception:  # a page that is told nothing any more had better come again
+    except Exception:  # the page must reconnect
         LOG.exception("a bug in the web view")
         await socket.close(1011)

@@ -44,11 +44,11 @@ class SessionProxy:
 
     @property
     def is_overrun(self) -> bool:
-        """Whether so much was asked that more had better not be."""
+        """Whether too many requests wait for answers."""
         return self._asked >= MOST
 
     def look(self, state: ViewState) -> None:
-        """Say what shall be seen."""
+        """Request a view from the session."""
         self._session.look(state)
 
     def ask(
@@ -59,13 +59,13 @@ class SessionProxy:
         *,
         key: str | None = None,
     ) -> None:
-        """Have something done with the document; `done` or `failed` is called in this thread.
+        """Run a task on the document; `done` or `failed` is called in this thread.
 
         Args:
-            task: What is done, in the session's thread.
-            done: Given its result.
-            failed: Given its error; without it, the error is heard as a `Problem`.
-            key: Of questions where only the latest matters.
+            task: Task, run in the session's thread.
+            done: Called with the task's result.
+            failed: Called with its error; by default the error is reported as a `Problem`.
+            key: Key of requests of which only the latest matters.
         """
         if key is not None:
             self._keys = {name: each for name, each in self._keys.items() if each.is_busy}
@@ -79,11 +79,11 @@ class SessionProxy:
         )
 
     def complain(self, error: UsdSplatError) -> None:
-        """Have an error heard as a `Problem`."""
+        """Report an error as a `Problem`."""
         self._heard(Problem(sentence=str(error)))
 
     def close(self) -> None:
-        """Let nothing arrive any more. The session itself goes on."""
+        """Stop all deliveries. The session itself goes on."""
         with self._lock:
             self._is_closed = True
         self._stop_listening()

@@ -1,8 +1,8 @@
-// The socket: JSON both ways, frames as binary, and a new try when it breaks.
+// The socket: JSON both ways, frames as binary, and reconnection when it breaks.
 
-const PATIENCE = [250, 500, 1000, 2000, 4000]; // ms until the next try; the last one again and again
+const PATIENCE = [250, 500, 1000, 2000, 4000]; // ms until the next attempt; the last one repeats
 
-/** A name by which the server knows this page again; lasts as long as its tab. */
+/** A name by which the server recognises this page; it lasts as long as the tab. */
 function pageName() {
   const bytes = crypto.getRandomValues(new Uint8Array(12));
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -25,7 +25,7 @@ export class Connection {
     return this.socket.readyState === WebSocket.OPEN;
   }
 
-  /** Say something; what is said while there is no connection is lost. */
+  /** Send a message; without a connection it is lost. */
   send(type, members = {}) {
     if (this.isOpen) this.socket.send(JSON.stringify({ type, ...members }));
   }

@@ -1,13 +1,13 @@
-// Controls built from what the server says of each knob: kind, value, limits, words.
+// Controls built from the server's description of each knob: kind, value, limits, texts.
 
 const EMPTY = "—";
-const MOST_OPEN = 3; // groups that need no folding
+const MOST_OPEN = 3; // groups that are not folded
 let drags = 0;
 
-/** A list of knobs under their headings, kept in step with the server. */
+/** A list of knobs under their headings, synchronised with the server. */
 export class Knobs {
   /** @param {(name: string, value: any, drag: number) => void} turn
-   *   Called when a person turns one; all changes of one drag share a number, which else is 0. */
+   *   Called for each change by the user; changes of one drag share a number, else it is 0. */
   constructor(element, turn) {
     this.element = element;
     this.turn = turn;
@@ -42,7 +42,7 @@ function grouped(title, isOpen) {
   return group;
 }
 
-/** One knob: its label, its control and a way back to its default. */
+/** One knob: its label, its control and a reset to its default. */
 class Row {
   constructor(editor, id, turn) {
     this.turn = (value, drag = 0) => turn(editor.name, value, drag);
@@ -66,7 +66,7 @@ class Row {
     const isDefault = JSON.stringify(editor.value) === JSON.stringify(editor.default);
     this.reset.hidden = isDefault || editor.is_read_only;
     for (const part of this.control.parts) part.disabled = editor.is_read_only;
-    // what a person is typing into is theirs
+    // keep a field that the user is typing in
     if (!this.control.parts.some((part) => part === document.activeElement && part.dataset.dirty)) {
       this.control.show(editor.value);
     }
@@ -101,7 +101,7 @@ function number(editor, id, turn) {
   const read = (input) => (input.value === "" && editor.none_label ? null : Number(input.value));
   const field = typed(limited(made("input", { type: "number", id }), editor, isWhole), () => turn(read(field)));
   const show = (value) => { field.value = value === null ? "" : short(value); };
-  if (editor.none_label) { // empty means something, which no place on a slider does
+  if (editor.none_label) { // an empty field has a meaning that a slider cannot show
     field.placeholder = editor.none_label;
     return { parts: [field], show };
   }
@@ -133,7 +133,7 @@ function vector(editor, id, turn) {
   return { parts: fields, show };
 }
 
-/** A field whose value counts when it is left or Enter is pressed; Escape takes it back. */
+/** A field whose value is sent on blur or Enter; Escape restores the old one. */
 function typed(field, commit) {
   let before = "";
   field.addEventListener("focus", () => { before = field.value; });
@@ -160,7 +160,7 @@ function limited(field, editor, isWhole) {
   return field;
 }
 
-/** A number as short as it can be without another one being meant on the screen. */
+/** The shortest text of a number that is exact at the displayed precision. */
 export function short(value) {
   if (typeof value !== "number") return value === null || value === undefined ? EMPTY : String(value);
   return Number.isInteger(value) ? String(value) : String(Number(value.toPrecision(6)));

@@ -1,4 +1,4 @@
-// Puts the page together: what the server says goes to its place, what a person does to the server.
+// Assembles the page: passes server messages to the controls, and user actions to the server.
 
 import { Connection } from "./connection.js";
 import { Knobs, made, short } from "./knobs.js";
@@ -25,7 +25,7 @@ const heard = {
     at("camera").replaceChildren(
       new Option(ALL, ""), ...cameras.map((path) => new Option(path, path)), new Option(FREE, FREE),
     );
-    at("camera").lastChild.disabled = true; // one gets there by moving
+    at("camera").lastChild.disabled = true; // selected by moving the camera
     at("aov").replaceChildren(...aovs.map((aov) => {
       const option = new Option(aov.name, aov.name);
       option.title = aov.meaning;
@@ -146,10 +146,10 @@ function showPicked(picked) {
   at("picked").replaceChildren(list);
 }
 
-/** Names and values of nested plain values, those that are None left out. */
+/** Names and values of nested plain values, without nulls. */
 function flat(object) {
   return Object.entries(object).flatMap(([name, value]) => {
-    if (name === "type" || value === null || value === "") return []; // type: of the value, for us
+    if (name === "type" || value === null || value === "") return []; // type: internal tag of the value
     if (Array.isArray(value)) return [[name, value.map(short).join(", ")]];
     return typeof value === "object" ? flat(value) : [[name, short(value)]];
   });
@@ -179,7 +179,7 @@ document.addEventListener("keydown", (event) => {
   if (isMenu && event.code === "KeyZ") send(event.shiftKey ? "redo" : "undo");
   else if (isMenu || event.altKey) return;
   else if (event.code === "KeyF") send("frame", { everything: event.shiftKey });
-  else if (isControl) return; // they have these keys themselves
+  else if (isControl) return; // controls handle these keys themselves
   else if (event.code === "Space") timeline.toggle();
   else if (event.code === "ArrowLeft") send("advance", { frames: -1 });
   else if (event.code === "ArrowRight") send("advance", { frames: 1 });

@@ -1,4 +1,4 @@
-// The timeline: play, step, scrub, range, and which frames a simulation has made.
+// The timeline: play, step, scrub, range, and the simulated frames.
 
 const at = (id) => document.getElementById(id);
 
@@ -47,7 +47,7 @@ export class Timeline {
     at("rate").textContent = `${state.rate} fps`;
   }
 
-  /** Mark the frames that can be looked at. */
+  /** Mark the frames that can be shown. */
   mark(frames) {
     const { start, end } = this.state;
     const part = (time) => Math.min(Math.max((time - start) / (end - start), 0), 1) * 100;

@@ -1,10 +1,10 @@
-// The picture, and how one moves about in it by mouse, trackpad, touch and keys.
+// The picture, and navigation by mouse, trackpad, touch and keys.
 
-const MOST_RATIO = 2; // pixels of the device to one of CSS that are worth their time
+const MOST_RATIO = 2; // most device pixels per CSS pixel that are worth their time
 const MOST_PIXELS = 2560 * 1600;
-const CLICK = 4; // CSS pixels that a click may move
-const REST = 180; // ms after the last turn of a wheel
-const FAST = 4; // with Shift
+const CLICK = 4; // CSS pixels that the pointer may move during a click
+const REST = 180; // ms after the last wheel event
+const FAST = 4; // speed factor with Shift
 const FLIGHT = {
   KeyW: ["forward", 1], KeyS: ["forward", -1], KeyD: ["right", 1], KeyA: ["right", -1],
   KeyE: ["up", 1], KeyQ: ["up", -1],
@@ -29,7 +29,7 @@ export class Viewport {
   // --- pictures ---
 
   async show(header, image) {
-    // as it is: its values are the display's already
+    // unconverted: its values are already display values
     const bitmap = await createImageBitmap(image, { colorSpaceConversion: "none" });
     if (this.canvas.width !== header.width) this.canvas.width = header.width;
     if (this.canvas.height !== header.height) this.canvas.height = header.height;
@@ -41,7 +41,7 @@ export class Viewport {
     this.times = [...this.times.filter((time) => now - time < 1000), now];
   }
 
-  /** Pictures a second, while there are several; 0 at rest. */
+  /** Pictures per second during a move; 0 at rest. */
   get rate() {
     const [first, last] = [this.times[0], this.times.at(-1)];
     return this.times.length > 2 ? (1000 * (this.times.length - 1)) / (last - first) : 0;
@@ -65,7 +65,7 @@ export class Viewport {
     this.send("resize", size);
   }
 
-  // --- moves, one message of a kind for each frame of the screen ---
+  // --- moves: at most one message of a kind per screen frame ---
 
   move(type, members) {
     if (this.pending.size === 0) requestAnimationFrame(() => this.flush());
@@ -95,7 +95,7 @@ export class Viewport {
     this.move("dolly", { factor: Math.min(Math.max(Math.exp(amount), 0.05), 20) });
   }
 
-  /** Where a pointer is, in pixels of the viewport from its upper left. */
+  /** Position of a pointer, in viewport pixels from the upper left. */
   place(event) {
     const box = this.element.getBoundingClientRect();
     const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
@@ -127,7 +127,7 @@ export class Viewport {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (this.pointers.size > 1) {
-      this.hasMoved = true; // two fingers never click
+      this.hasMoved = true; // two fingers are no click
       return;
     }
     this.start = { x: event.clientX, y: event.clientY };
@@ -171,7 +171,7 @@ export class Viewport {
   wheeled(event) {
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 30 : 1;
-    const pinch = event.ctrlKey ? 8 : 1; // how a trackpad's pinch arrives
+    const pinch = event.ctrlKey ? 8 : 1; // a trackpad's pinch arrives as Ctrl and wheel
     this.dolly(0.0012 * lines * pinch * event.deltaY);
     clearTimeout(this.resting);
     this.resting = setTimeout(() => this.rest(), REST);
@@ -191,7 +191,7 @@ export class Viewport {
     else this.rest();
   }
 
-  /** The server flies, from tick to tick, until it hears otherwise. */
+  /** Set the flight direction; the server flies until the next message. */
   fly(speed) {
     const way = { right: 0, up: 0, forward: 0 };
     for (const code of this.held) way[FLIGHT[code][0]] += FLIGHT[code][1] * speed;
@@ -199,7 +199,7 @@ export class Viewport {
   }
 }
 
-/** What a drag does: as usdview has it with Alt, and without it what laptops can do. */
+/** Return the action of a drag: usdview's with Alt, and one suited to laptops without. */
 function wayOf(event) {
   if (event.button === 1 || event.shiftKey) return "pan";
   if (event.button === 2) return event.altKey ? "dolly" : "look_around";
