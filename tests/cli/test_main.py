@@ -13,8 +13,8 @@ import pytest
 
 import usdsplat
 from usdsplat.cli import main as main_module
+from usdsplat.cli.arguments import flag_names
 from usdsplat.cli.main import COMMANDS, main
-from usdsplat.cli.parsing import flag_names
 
 
 def shell(*argv, **options):

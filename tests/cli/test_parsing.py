@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import pytest
 
-from usdsplat.cli.parsing import flags_of, given, parse, positional
+from usdsplat.cli.arguments import flags_of, given, positional
+from usdsplat.cli.parsing import parse
 from usdsplat.core.knobs import checked, knob, knobs
 
 
@@ -54,21 +55,6 @@ def test_what_is_on_or_off_can_be_said_either_way(capsys):
     assert parse(Options, "try", "Try.", ["x", "--strict", "--no-strict"]) == 2
     said = "usdsplat: try: found --strict and --no-strict, expected one of them; see "
     assert capsys.readouterr().err.startswith(said)
-
-
-def test_flags_may_be_some_of_the_knobs_and_have_others_beside_them():
-    """Oracle: the names that are asked for; what is no knob is not given."""
-    some: Any = flags_of(Settings, ("size", "strict"))
-
-    @dataclass(frozen=True, kw_only=True)
-    class More(some):
-        """With a flag of another kind."""
-
-        other: bool = False
-        """something else"""
-
-    assert [item.name for item in fields(some)] == ["size", "strict"]
-    assert given(More(size=2.0, strict=False, other=True)) == {"size": 2.0, "strict": False}
 
 
 def test_help_comes_from_the_knobs(capsys):

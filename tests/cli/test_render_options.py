@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from usdsplat.cli.parsing import KNOB
+from usdsplat.cli.arguments import KNOB
 from usdsplat.cli.render_options import ColorFlags, DrawingFlags, FileOptions, SamplingFlags
 from usdsplat.core.knobs import knobs
 from usdsplat.render.settings import RenderSettings

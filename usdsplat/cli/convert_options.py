@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.edit_flags import EditFlags
-from usdsplat.cli.parsing import option, positional
 from usdsplat.core.errors import UsageError
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, positional
+from usdsplat.cli.arguments import option, positional
 
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 

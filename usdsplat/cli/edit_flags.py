@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import fields, make_dataclass
 from typing import Annotated, Any
 
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option
 from usdsplat.core.edits import KINDS, Edit, Kind, parsed
 
 _NUMBERS = re.compile(r"[-+\d.,eE%]+")

@@ -124,7 +124,7 @@ def _flags_of(arguments: list[str]) -> set[str]:
     command = sys.modules.get(_module(arguments[0])) if arguments else None
     if command is None:
         return set()
-    from usdsplat.cli.parsing import flag_names
+    from usdsplat.cli.arguments import flag_names
 
     return flag_names(command.Options)
 

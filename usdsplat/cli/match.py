@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, positional
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError

@@ -1,78 +1,22 @@
-"""Arguments of a command, from the dataclass that describes them, by argparse."""
+"""Read the arguments of a command into its options, by argparse."""
 
 from __future__ import annotations
 
 import argparse
-import ast
 import difflib
 import inspect
-import itertools
 import sys
-import textwrap
-import types
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, NoReturn, TypeVar, get_type_hints
 
-from usdsplat.cli.flag_names import spelled
-from usdsplat.core.knobs import Knob, knobs
+from usdsplat.cli.arguments import Argument, arguments_of
 
 T = TypeVar("T")
 
-KNOB = "knob"
-"""What the fields of flags say they are for."""
-
 _KINDS = {float: "a number", int: "a whole number"}
 _METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Shown:
-    """How an argument is typed and explained."""
-
-    metavar: str | None = None
-    name: str | None = None
-    short: str = ""
-    text: str | None = None
-    excludes: str = ""
-    is_positional: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Argument:
-    """One argument of a command: a field of its options, or of a group within them."""
-
-    owner: str
-    """Name of the group's field; empty for the options themselves."""
-    name: str
-    """Name of the field."""
-    kind: type
-    """Of one value."""
-    is_pair: bool
-    """Whether it can be turned on and off, and is neither by default."""
-    is_many: bool
-    """Whether it takes any number of values."""
-    is_required: bool
-    shown: _Shown
-    text: str
-
-    @property
-    def dest(self) -> str:
-        """Key among the parsed values."""
-        return f"{self.owner}.{self.name}"
-
-    @property
-    def flag(self) -> str:
-        """What is typed, with dashes; the placeholder of one that goes by its place."""
-        if self.shown.is_positional:
-            return self.shown.metavar or self.name.upper()
-        return f"--{self.shown.name or self.name.replace('_', '-')}"
-
-    @property
-    def takes_value(self) -> bool:
-        """Whether a value follows the flag."""
-        return self.kind is not bool
 
 
 class _Mistake(Exception):
@@ -117,7 +61,7 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
         An instance, or the exit status when there is nothing to run: 0 after help, 2 after a
         mistake, which was explained on stderr in a sentence.
     """
-    known = list(_arguments(options))
+    known = list(arguments_of(options))
     try:
         parser = _parser(known, options, command, text)
         words = _normalized(arguments, known)
@@ -137,125 +81,8 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
     return 2
 
 
-def option(
-    metavar: str | None = None,
-    *,
-    name: str | None = None,
-    short: str = "",
-    text: str | None = None,
-    excludes: str = "",
-) -> Any:
-    """Say how a field is typed and explained; put it in Annotated.
-
-    Args:
-        metavar: Placeholder of its value.
-        name: Another name than the field's.
-        short: A short form, such as "-o".
-        text: Help, in place of the string below the field.
-        excludes: A flag that cannot be typed beside it.
-    """
-    return _Shown(metavar=metavar, name=name, short=short, text=text, excludes=excludes)
-
-
-def positional(metavar: str) -> Any:
-    """Say that a field goes by its place, and what stands for it in help; put it in Annotated."""
-    return _Shown(metavar=metavar, is_positional=True)
-
-
-def flag_names(options: type) -> set[str]:
-    """Return the names of all flags of a command, without dashes."""
-    return {each.flag[2:] for each in _arguments(options) if not each.shown.is_positional}
-
-
-def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") -> type:
-    """Make a dataclass with an optional flag for each knob of `cls`; None is "not given".
-
-    A knob that is on or off can be typed as `--name` and as `--no-name`.
-
-    Args:
-        names: Only these knobs, in this order; None for all.
-        about: What they have in common, shown above them.
-    """
-    known = {knob.name: knob for knob in knobs(cls)}
-    made = make_dataclass(
-        f"{cls.__name__}Flags",
-        [
-            (name, _flag(known[name]), field(default=None, metadata={KNOB: name}))
-            for name in (known if names is None else names)
-        ],
-        frozen=True,
-        kw_only=True,
-    )
-    made.__doc__ = about
-    return made
-
-
-def given(flags: Any) -> dict[str, Any]:
-    """Return the values that were typed, of what `flags_of` made or of what inherits from it."""
-    values = {item.metadata.get(KNOB): getattr(flags, item.name) for item in fields(flags)}
-    return {knob: value for knob, value in values.items() if knob and value is not None}
-
-
-def _flag(knob: Knob) -> Any:
-    """Return the annotation of a flag; `core.knobs.checked` refuses values that are not legal."""
-    kind, metavar = knob.type, None
-    if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
-        kind, metavar = str, "|".join(knob.choices)
-    elif kind is str:
-        metavar = "NAME"
-    limits = "" if knob.range is None else f"{knob.range[0]:g} to {knob.range[1]:g}"
-    numbers = " ".join(filter(None, (limits, knob.unit)))
-    text = f"{knob.text} [{numbers}]" if numbers else knob.text
-    return Annotated[kind | None, option(metavar, name=spelled(knob.name), text=text)]
-
-
-# --- from a dataclass to a parser ----------------------------------------------------------
-
-
-def _arguments(options: type, owner: str = "") -> Iterator[_Argument]:
-    """Yield the arguments that a dataclass describes, those of its groups among them."""
-    hints = get_type_hints(options, include_extras=True)
-    texts = _texts(options)
-    for item in fields(options):
-        hint = hints[item.name]
-        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        if isinstance(kind, type) and is_dataclass(kind):
-            yield from _arguments(kind, item.name)
-            continue
-        shown = next((mark for mark in marks if isinstance(mark, _Shown)), _Shown())
-        is_many = get_origin(kind) is tuple
-        several = get_args(kind) if is_many or isinstance(kind, types.UnionType) else (kind,)
-        yield _Argument(
-            owner=owner,
-            name=item.name,
-            kind=several[0],
-            is_pair=several[0] is bool and item.default is None,
-            is_many=is_many,
-            is_required=item.default is MISSING and item.default_factory is MISSING,
-            shown=shown,
-            text=shown.text or texts.get(item.name, ""),
-        )
-
-
-def _texts(options: type) -> dict[str, str]:
-    """Return the string below each field of a dataclass and of its bases."""
-    found: dict[str, str] = {}
-    for cls in reversed(options.__mro__):
-        try:
-            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
-        except (OSError, TypeError):  # built in, or made by `flags_of`
-            continue
-        body = tree.body if isinstance(tree, ast.ClassDef) else []
-        for item, below in itertools.pairwise(body):
-            if not (isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)):
-                continue
-            if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-                found[item.target.id] = " ".join(str(below.value.value).split())
-    return found
-
-
 def _parser(
-    known: Sequence[_Argument], options: type, command: str, text: str
+    known: Sequence[Argument], options: type, command: str, text: str
 ) -> argparse.ArgumentParser:
     """Make the parser of a command."""
     places = " ".join(each.flag for each in known if each.shown.is_positional)
@@ -279,7 +106,7 @@ def _parser(
     return parser
 
 
-def _add(parser: Any, argument: _Argument) -> None:
+def _add(parser: Any, argument: Argument) -> None:
     """Add one argument to a parser or to one of its groups."""
     shown, text = argument.shown, argument.text.replace("%", "%%")
     metavar = shown.metavar or _METAVARS.get(argument.kind)
@@ -296,10 +123,7 @@ def _add(parser: Any, argument: _Argument) -> None:
     parser.add_argument(*names, argument.flag, dest=argument.dest, help=text, **how)
 
 
-# --- from words to an instance -------------------------------------------------------------
-
-
-def _normalized(words: Sequence[str], known: Sequence[_Argument]) -> list[str]:
+def _normalized(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
     """Return the words as argparse reads them without a guess: those that go by place first, and
     every value joined to its flag, so that it may begin with a minus.
 
@@ -329,7 +153,7 @@ def _normalized(words: Sequence[str], known: Sequence[_Argument]) -> list[str]:
     return plain + options
 
 
-def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[_Argument]) -> None:
+def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument]) -> None:
     """Refuse words that nothing takes, what is missing, and flags that exclude each other.
 
     Raises:
@@ -352,7 +176,7 @@ def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[_Argumen
             raise _Mistake(f"{each.flag} and {each.shown.excludes}", "one of them")
 
 
-def _converted(argument: _Argument, value: Any) -> Any:
+def _converted(argument: Argument, value: Any) -> Any:
     """Return a value, or several, as the field holds them.
 
     Raises:

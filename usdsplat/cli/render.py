@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from usdsplat import images
 from usdsplat.cli import console
-from usdsplat.cli.parsing import given, option, positional
+from usdsplat.cli.arguments import given, option, positional
 from usdsplat.cli.render_options import (
     ColorFlags,
     DrawingFlags,

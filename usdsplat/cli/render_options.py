@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from usdsplat.cli.parsing import flags_of, option
+from usdsplat.cli.arguments import flags_of, option
 from usdsplat.render.settings import RenderSettings
 
 FILE_KNOBS = ("multipart", "deep_error")

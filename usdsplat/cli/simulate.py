@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, positional
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frames import LIMIT, parse_frames

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option, positional
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.wording import counted
