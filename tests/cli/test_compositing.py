@@ -214,7 +214,10 @@ def test_too_little_memory_is_refused_with_the_number(run, shot, tmp_path):
         (["--filter-width", "99"], "--filter-width: found 99.0, expected 0 to 16 [pixel]"),
         (["--refinement", "9"], "--refinement: found 9, expected 0 to 5"),
         (["--blend-space", "x"], "--blend-space: found 'x', expected one of auto, linear"),
-        (["--multipart", "--no-multipart"], "--multipart: found --no-multipart too, expected one"),
+        (
+            ["--multipart", "--no-multipart"],
+            "render: found --multipart and --no-multipart, expected",
+        ),
     ],
 )
 def test_what_cannot_be_asked_for_is_one_sentence(run, shot, monkeypatch, argv, sentence):

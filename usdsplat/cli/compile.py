@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.core.wording import counted
 from usdsplat.kernels.cuda.support import Capability

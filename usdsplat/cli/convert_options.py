@@ -7,22 +7,19 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import Positional, create_mutex_group
-
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.edit_flags import EditFlags
-from usdsplat.cli.parsing import option
 from usdsplat.core.errors import UsageError
-
-FORM = create_mutex_group(required=False, title="form")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageWritten:
     """How a stage is written."""
 
-    packed: Annotated[bool, FORM, option()] = False
-    """store fields in our compact type: 28 bytes a splat at degree 0, 76 at degree 3"""
-    half: Annotated[bool, FORM, option()] = False
+    packed: Annotated[bool, option(excludes="--half")] = False
+    """store fields in our compact type: 28 bytes a splat at degree 0, 76 at degree 3; not with
+    --half"""
+    half: Annotated[bool, option()] = False
     """store fields as stock half floats, centres as floats: 124 bytes a splat at degree 3"""
     up_axis: Annotated[str | None, option("Y|Z")] = None
     """of a stage made from a capture; default: Y"""
@@ -76,9 +73,9 @@ class Captures:
 class Options:
     """Arguments of `usdsplat convert`."""
 
-    source: Annotated[Positional[str], option("IN")]
+    source: Annotated[str, positional("IN")]
     """capture or USD file to read"""
-    others: Annotated[Positional[tuple[str, ...]], option("[IN ...] OUT")]
+    others: Annotated[tuple[str, ...], positional("[IN ...] OUT")]
     """more to read into the same output, and the file to write; its suffix says what it becomes"""
     prim: Annotated[str | None, option("/PRIM")] = None
     """the field to write to or read from; default: one named as the file, or the whole stage"""

@@ -18,10 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional
-
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 
@@ -30,7 +28,7 @@ COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 class Options:
     """Arguments of `usdsplat demo`."""
 
-    capture: Annotated[Positional[Path | None], option("[CAPTURE]")] = None
+    capture: Annotated[Path | None, positional("[CAPTURE]")] = None
     """capture to use; default: one that is modelled for the occasion"""
     output: Annotated[Path, option("DIR", short="-o")] = Path("demo")
     """folder to fill, made if it is missing; default: demo"""

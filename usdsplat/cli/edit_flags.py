@@ -7,9 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import fields, make_dataclass
 from typing import Annotated, Any
 
-from tyro.conf import UseAppendAction
-
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option
 from usdsplat.core.edits import KINDS, Edit, Kind, parsed
 
 _NUMBERS = re.compile(r"[-+\d.,eE%]+")
@@ -25,7 +23,7 @@ def _flags() -> type:
     made = [
         (
             name.replace("-", "_"),
-            Annotated[UseAppendAction[tuple[str, ...]], option(_placeholder(kind), text=kind.text)],
+            Annotated[tuple[str, ...], option(_placeholder(kind), text=kind.text)],
             (),
         )
         for name, kind in KINDS.items()

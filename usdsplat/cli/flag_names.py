@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 
 SPELLINGS = {
     "ocio_config": "config",
@@ -13,57 +14,6 @@ SPELLINGS = {
 }
 """Name in the library -> option, where it is another word."""
 
-FLAGS = (
-    "aovs",
-    "axes",
-    "blend-space",
-    "camera",
-    "color-mode",
-    "config",
-    "crop-box",
-    "crop-sphere",
-    "decimate",
-    "deep-error",
-    "depth-of-field",
-    "device",
-    "display",
-    "drop-nan",
-    "drop-outliers",
-    "filter-width",
-    "frame",
-    "frames",
-    "inverse-max",
-    "look",
-    "max-opacity",
-    "max-size",
-    "meters-per-unit",
-    "min-opacity",
-    "min-size",
-    "morton",
-    "motion-blur",
-    "multipart",
-    "pixel-filter",
-    "prim",
-    "purposes",
-    "rasterize-mode",
-    "refinement",
-    "resolution",
-    "rotate",
-    "samples",
-    "scale",
-    "settings",
-    "sh-degree",
-    "sorting",
-    "split",
-    "threads",
-    "translate",
-    "up-axis",
-    "view",
-    "working-space",
-)
-"""Options whose values the library checks, and names in its own words."""
-
-
 _OWNER = re.compile("^(?:render (?:settings )?|edit )")
 """What errors name before the option."""
 
@@ -73,7 +23,7 @@ def spelled(name: str) -> str:
     return SPELLINGS.get(name, name).replace("_", "-")
 
 
-def as_typed(where: str) -> str:
-    """An option as it is spelled on the command line, if that is what a usage error is about."""
+def as_typed(where: str, flags: Collection[str]) -> str:
+    """Return what a usage error is about as it is typed, if that is one of `flags`."""
     name = spelled(_OWNER.sub("", where, count=1))
-    return f"--{name}" if name in FLAGS else where
+    return f"--{name}" if name in flags else where

@@ -19,10 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, arg
-
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
@@ -35,7 +33,7 @@ if TYPE_CHECKING:
 class Options:
     """Arguments of `usdsplat info`."""
 
-    file: Annotated[Positional[Path], option("FILE")]
+    file: Annotated[Path, positional("FILE")]
     """capture or stage to look at"""
     frame: Annotated[float | None, option("FRAME")] = None
     """time code at which a stage is read; default: default values, or the first samples"""
@@ -43,7 +41,7 @@ class Options:
     """print one JSON object"""
     plot: Annotated[Path | None, option("FILE")] = None
     """draw it too, from the front, the right and above, with histograms: .png or .html"""
-    opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
+    opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

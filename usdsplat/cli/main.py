@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 141
     except UsdSplatError as error:
         is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
-        where = as_typed(error.where) if is_ours else error.where
+        where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where
         return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
     except OSError as error:
         if error.filename is None:  # nothing else is written to without a name
@@ -107,7 +107,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
-    command: Command = importlib.import_module(f"usdsplat.cli.{name.replace('-', '_')}")
+    command: Command = importlib.import_module(_module(name))
     from usdsplat.cli.parsing import parse
     from usdsplat.cli.renamed_flags import renamed
 
@@ -117,6 +117,21 @@ def _run(arguments: list[str]) -> int:
     if isinstance(options, int):
         return options
     return command.run(options)
+
+
+def _flags_of(arguments: list[str]) -> set[str]:
+    """Return the flags of the command that was run, without dashes."""
+    command = sys.modules.get(_module(arguments[0])) if arguments else None
+    if command is None:
+        return set()
+    from usdsplat.cli.arguments import flag_names
+
+    return flag_names(command.Options)
+
+
+def _module(name: str) -> str:
+    """Return the module of a command."""
+    return f"usdsplat.cli.{name.replace('-', '_')}"
 
 
 def _say_what_is_not_kept() -> None:

@@ -23,10 +23,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
-
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
 class Options:
     """Arguments of `usdsplat match`."""
 
-    stage: Annotated[Positional[Path], option("STAGE")]
+    stage: Annotated[Path, positional("STAGE")]
     """stage with the splats to grade"""
     output: Annotated[Path, option("FILE", short="-o")]
     """layer to write, .usda, .usdc or .usd"""
@@ -56,7 +54,7 @@ class Options:
     """path or name; default: the stage's only one"""
     resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
     """of the picture in which the patches are; default: 1920x1080"""
-    prim: Annotated[UseAppendAction[tuple[str, ...]], option("/PRIM")] = ()
+    prim: Annotated[tuple[str, ...], option("/PRIM")] = ()
     """grade only this field, or those beneath this prim; may be repeated; default: all that show"""
     fit: Annotated[str, option("PARTS")] = "exposure,whiteBalance,matrix"
     """what may change, commas between; default: exposure,whiteBalance,matrix"""
@@ -68,7 +66,7 @@ class Options:
     """how many to use; default: all"""
     json: Annotated[bool, option()] = False
     """print one JSON object about what was found"""
-    opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
+    opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

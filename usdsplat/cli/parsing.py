@@ -1,40 +1,58 @@
-"""Arguments of a command, from the dataclass that describes them, by tyro."""
+"""Read the arguments of a command into its options, by argparse."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import re
+import argparse
+import difflib
+import inspect
 import sys
-import textwrap
-from collections.abc import Iterable
-from dataclasses import field, fields, make_dataclass
-from typing import Annotated, Any, TypeVar
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar, get_type_hints
 
-import tyro
-from tyro.conf import arg
-
-from usdsplat.cli.flag_names import spelled
-from usdsplat.core.errors import UsageError
-from usdsplat.core.knobs import Knob, knobs
+from usdsplat.cli.arguments import Argument, arguments_of
 
 T = TypeVar("T")
 
-_FRAME = re.compile(r"^[│╭╰|+][─-]*\s?|[─-]*\s*[│╮╯|+]$")
-
-NO = "no_"
-"""What the name of a flag that turns its knob off begins with."""
-KNOB = "knob"
-"""What the fields of flags say they are for."""
-
-_KINDS = {"FLOAT": "a number", "INT": "a whole number"}
+_KINDS = {float: "a number", int: "a whole number"}
+_METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
 
 
-def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T | int:
+class _Mistake(Exception):
+    """Arguments that cannot be read: what was found, and what was expected."""
+
+    def __init__(self, found: str, expected: str) -> None:
+        super().__init__(found, expected)
+        self.found, self.expected = found, expected
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse's own, which leaves it to `parse` to explain a mistake."""
+
+    def print_help(self, file: Any = None) -> None:
+        print(self.format_help(), end="", file=file)  # argparse would swallow a closed pipe
+
+    def error(self, message: str) -> NoReturn:
+        raise _Mistake(repr(message), "other arguments")
+
+
+class _Pair(argparse.BooleanOptionalAction):
+    """`--name` and `--no-name`, of which only one may be typed."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        before = getattr(namespace, self.dest, None)
+        super().__call__(parser, namespace, values, option_string)
+        if before not in (None, getattr(namespace, self.dest)):
+            raise _Mistake(" and ".join(self.option_strings), "one of them")
+
+
+def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -> T | int:
     """Read `arguments` as `options`.
 
     Args:
-        options: A dataclass; each field is an argument with the string below it for help.
+        options: A dataclass; each field is an argument with the string below it for help, and a
+            field that is a dataclass itself is a group of arguments.
         command: Name of the command.
         text: What it does, with examples; shown before the arguments.
         arguments: What the user typed after the command's name.
@@ -43,130 +61,145 @@ def parse(options: type[T], command: str, text: str, arguments: list[str]) -> T 
         An instance, or the exit status when there is nothing to run: 0 after help, 2 after a
         mistake, which was explained on stderr in a sentence.
     """
-    complaint = io.StringIO()
+    known = list(arguments_of(options))
     try:
-        with contextlib.redirect_stderr(complaint):
-            return tyro.cli(
-                options,
-                prog=f"usdsplat {command}",
-                description=text.strip(),
-                args=arguments,
-                config=(
-                    tyro.conf.FlagCreatePairsOff,
-                    tyro.conf.OmitArgPrefixes,
-                    tyro.conf.DisallowNone,
-                ),
-            )
-    except SystemExit as end:
-        if not end.code:
-            return 0
-        print(f"usdsplat: {_sentence(complaint.getvalue(), command)}", file=sys.stderr)
-        return 2
+        parser = _parser(known, options, command, text)
+        words = _normalized(arguments, known)
+        namespace, extra = parser.parse_known_args(words)
+        given = vars(namespace)
+        _check(given, extra, known)
+        typed = [each for each in known if each.dest in given]
+        return _made(options, {each.dest: _converted(each, given[each.dest]) for each in typed})
+    except SystemExit:  # after the help
+        return 0
+    except argparse.ArgumentError as error:
+        mistake = _Mistake(f"a value for {error.argument_name}", "none")
+    except _Mistake as error:
+        mistake = error
+    sentence = f"{command}: found {mistake.found}, expected {mistake.expected}"
+    print(f"usdsplat: {sentence}; see 'usdsplat {command} --help'", file=sys.stderr)
+    return 2
 
 
-def option(
-    metavar: str | None = None,
-    *,
-    name: str | None = None,
-    short: str = "",
-    text: str | None = None,
-) -> Any:
-    """How a field is shown: its placeholder, another name, a short form; put it in Annotated.
-
-    The string below a field, or `text`, says what its default means, so tyro's own remark is left
-    out.
-    """
-    return arg(
-        metavar=metavar,
-        name=name,
-        aliases=(short,) if short else None,
-        help=text,
-        help_behavior_hint="",
+def _parser(
+    known: Sequence[Argument], options: type, command: str, text: str
+) -> argparse.ArgumentParser:
+    """Make the parser of a command."""
+    places = " ".join(each.flag for each in known if each.shown.is_positional)
+    parser = _Parser(
+        prog=f"usdsplat {command}",
+        usage=f"usdsplat {command} [-h] [OPTIONS] {places}".rstrip(),
+        description=text.strip(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        exit_on_error=False,
+        argument_default=argparse.SUPPRESS,
     )
+    hints = get_type_hints(options)
+    groups: dict[str, Any] = {"": parser}
+    for each in known:
+        if each.owner not in groups:
+            about = inspect.cleandoc(hints[each.owner].__doc__ or "")
+            title = f"{each.owner.replace('_', ' ')} options"
+            groups[each.owner] = parser.add_argument_group(title, about)
+        _add(groups[each.owner], each)
+    return parser
 
 
-def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") -> type:
-    """Make a dataclass with an optional flag for each knob of `cls`; None is "not given".
-
-    A knob that is on or off gets two, `--name` and `--no-name`.
-
-    Args:
-        names: Only these knobs, in this order; None for all.
-        about: What they have in common, shown above them.
-    """
-    known = {knob.name: knob for knob in knobs(cls)}
-    flags: list[tuple[str, Any, Any]] = []
-    for name in known if names is None else names:
-        knob = known[name]
-        flags.append((name, _flag(knob), _not_given(knob)))
-        if knob.type is bool:
-            against = option(name=f"no-{spelled(name)}", text="the opposite")
-            flags.append((f"{NO}{name}", Annotated[bool, against], _not_given(knob)))
-    made = make_dataclass(f"{cls.__name__}Flags", flags, frozen=True, kw_only=True)
-    made.__doc__ = about
-    return made
+def _add(parser: Any, argument: Argument) -> None:
+    """Add one argument to a parser or to one of its groups."""
+    shown, text = argument.shown, argument.text.replace("%", "%%")
+    metavar = shown.metavar or _METAVARS.get(argument.kind)
+    if shown.is_positional:
+        nargs = "*" if argument.is_many else "?"
+        parser.add_argument(argument.dest, metavar=metavar, nargs=nargs, help=text)
+        return
+    names = [shown.short] if shown.short else []
+    how: dict[str, Any] = {"metavar": metavar, "action": "append" if argument.is_many else "store"}
+    if argument.is_pair:
+        how = {"action": _Pair}
+    elif not argument.takes_value:
+        how = {"action": "store_true"}
+    parser.add_argument(*names, argument.flag, dest=argument.dest, help=text, **how)
 
 
-def given(flags: Any) -> dict[str, Any]:
-    """The values that were given, of an instance of what `flags_of` made, or of what inherits it.
+def _normalized(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
+    """Return the words as argparse reads them without a guess: those that go by place first, and
+    every value joined to its flag, so that it may begin with a minus.
 
     Raises:
-        UsageError: If something is to be both on and off.
+        _Mistake: If a flag is without its value.
     """
-    found: dict[str, Any] = {}
-    for item in fields(flags):
-        value, knob = getattr(flags, item.name), item.metadata.get(KNOB)
-        if knob is None or value is None or value is False:
+    flags = {name: each for each in known for name in (each.flag, each.shown.short) if name}
+    plain: list[str] = []
+    options: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if not word.startswith("-") or word == "-":
+            plain.append(word)
             continue
-        if knob in found:
-            flag = spelled(knob)
-            raise UsageError(f"--{flag}", f"--no-{flag} too", "one of them")
-        found[knob] = value if item.name == knob else False
-    return found
+        typed, joined, value = word.partition("=")
+        typed = typed.replace("_", "-")
+        argument = flags.get(typed)
+        if argument is None or not argument.takes_value:
+            options.append(f"{typed}{joined}{value}")
+            continue
+        if not joined:
+            if not rest or rest[0].startswith("--") or rest[0] in flags or rest[0] == "-h":
+                raise _Mistake(f"{typed} without a value", "one")
+            value = rest.pop(0)
+        options.append(f"{argument.flag}={value}")
+    return plain + options
 
 
-def _not_given(knob: Knob) -> Any:
-    """The default of a flag; a knob that is on or off has none that means it."""
-    return field(default=False if knob.type is bool else None, metadata={KNOB: knob.name})
+def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument]) -> None:
+    """Refuse words that nothing takes, what is missing, and flags that exclude each other.
+
+    Raises:
+        _Mistake: If there is one of these.
+    """
+    unknown = [word.partition("=")[0] for word in extra if word.startswith("-")]
+    if unknown:
+        flags = [each.flag for each in known if not each.shown.is_positional]
+        similar = difflib.get_close_matches(unknown[0], flags, n=1)
+        raise _Mistake(unknown[0], similar[0] if similar else "a known option")
+    if extra:
+        raise _Mistake(extra[0], "nothing more")
+    lacking = [each for each in known if each.is_required and not given.get(each.dest)]
+    missing = [each.flag.split()[-1] for each in lacking]  # of "[IN ...] OUT" what there must be
+    if missing:
+        raise _Mistake(f"no {' and no '.join(missing)}", "one")
+    typed = [each for each in known if each.dest in given]
+    for each in typed:
+        if each.shown.excludes in [other.flag for other in typed]:
+            raise _Mistake(f"{each.flag} and {each.shown.excludes}", "one of them")
 
 
-def _flag(knob: Knob) -> Any:
-    """The annotation of a flag; `core.knobs.checked` says whether its value is a legal one."""
-    kind, metavar = knob.type, None
-    if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
-        kind, metavar = str, "|".join(knob.choices)
-    elif kind is str:
-        metavar = "NAME"
-    limits = "" if knob.range is None else f"{knob.range[0]:g} to {knob.range[1]:g}"
-    numbers = " ".join(filter(None, (limits, knob.unit)))
-    text = f"{knob.text} [{numbers}]" if numbers else knob.text
-    shown = option(metavar, name=spelled(knob.name), text=text)
-    return Annotated[kind if kind is bool else kind | None, shown]
+def _converted(argument: Argument, value: Any) -> Any:
+    """Return a value, or several, as the field holds them.
+
+    Raises:
+        _Mistake: If a text is no number.
+    """
+    if isinstance(value, bool):
+        return value
+    if argument.is_many:
+        return tuple(argument.kind(each) for each in value)
+    try:
+        return argument.kind(value)
+    except ValueError:
+        expected = _KINDS.get(argument.kind, "another value")
+        raise _Mistake(f"{argument.flag} {value!r}", expected) from None
 
 
-def _sentence(complaint: str, command: str) -> str:
-    """tyro's complaint, which is many lines in a box, as one line of our shape."""
-    lines = [_FRAME.sub("", line).rstrip() for line in complaint.splitlines()[1:]]
-    said = textwrap.dedent("\n".join(line for line in lines if line.strip(" ─-")))
-    said = said.partition("For full helptext")[0].strip()
-    found, expected = _found_and_expected(said)
-    return f"{command}: found {found}, expected {expected}; see 'usdsplat {command} --help'"
-
-
-def _found_and_expected(said: str) -> tuple[str, str]:
-    """What tyro says in its own words; what it may say some day is passed on as it is."""
-    flat = " ".join(said.split())
-    if match := re.match(r"Unrecognized options: ([^ ,]+)", flat):
-        meant = re.search(r"Perhaps you meant: (--\S+)", flat)
-        is_flag = match[1].startswith("-")
-        return match[1], meant[1] if meant else "a known option" if is_flag else "nothing more"
-    if flat.startswith("Missing from"):
-        names = re.findall(r"^ {4}(\S+)$", said, re.MULTILINE)
-        return f"no {' and no '.join(names)}", "one"
-    if match := re.match(r"Missing value for argument '(\S+)'", flat):
-        return f"{match[1]} without a value", "one"
-    if match := re.match(r"Arguments (.+) are not allowed together", flat):
-        return match[1], "one of them"
-    if match := re.match(r"Error parsing (\S+): no type matching (\S+) .*?from \[(.*?)\]", flat):
-        return f"{match[1]} {match[3]}", _KINDS.get(match[2], match[2])
-    return repr(flat), "other arguments"
+def _made(options: type[T], values: dict[str, Any], owner: str = "") -> T:
+    """Make an instance of the options, its groups with it; what was not typed has its default."""
+    hints = get_type_hints(options)
+    found = {}
+    for item in fields(options):  # type: ignore[arg-type]
+        if is_dataclass(hints[item.name]):
+            found[item.name] = _made(hints[item.name], values, item.name)
+        elif f"{owner}.{item.name}" in values:
+            found[item.name] = values[f"{owner}.{item.name}"]
+    return options(**found)

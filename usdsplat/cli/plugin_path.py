@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option
 
 VARIABLE = "PXR_PLUGINPATH_NAME"
 

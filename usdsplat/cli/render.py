@@ -32,11 +32,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
-
 from usdsplat import images
 from usdsplat.cli import console
-from usdsplat.cli.parsing import given, option
+from usdsplat.cli.arguments import given, option, positional
 from usdsplat.cli.render_options import (
     ColorFlags,
     DrawingFlags,
@@ -59,7 +57,7 @@ AOV_HELP = f"all, or of {', '.join(AOVS)}, commas between; default: the product'
 class Options:
     """Arguments of `usdsplat render`."""
 
-    stage: Annotated[Positional[Path], option("STAGE")]
+    stage: Annotated[Path, positional("STAGE")]
     """stage or capture to draw"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
     """file to write, .exr or .png, #### or %04d for the frame; default: the products' names"""
@@ -87,9 +85,7 @@ class Options:
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
     color: ColorFlags = field(default_factory=ColorFlags)
     file: FileOptions = field(default_factory=FileOptions)
-    stage_opening: Annotated[StageOptions, arg(name="opening")] = field(
-        default_factory=StageOptions
-    )
+    stage_opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

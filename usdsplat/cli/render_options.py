@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tyro.conf import create_mutex_group
-
-from usdsplat.cli.parsing import flags_of, option
+from usdsplat.cli.arguments import flags_of, option
 from usdsplat.render.settings import RenderSettings
-
-EXR_PIXELS = create_mutex_group(required=False, title="precision")
 
 FILE_KNOBS = ("multipart", "deep_error")
 
@@ -66,9 +62,9 @@ class FramingOptions:
 class FileOptions(FileFlags):
     """What the file holds."""
 
-    half: Annotated[bool, EXR_PIXELS, option()] = False
-    """EXR colour in half precision, as is the default"""
-    float_: Annotated[bool, EXR_PIXELS, option(name="float")] = False
+    half: Annotated[bool, option(excludes="--float")] = False
+    """EXR colour in half precision, as is the default; not with --float"""
+    float_: Annotated[bool, option(name="float")] = False
     """EXR colour in full precision"""
     bake_view: Annotated[bool, option()] = False
     """write what the view shows, as a PNG always has it"""

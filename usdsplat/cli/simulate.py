@@ -25,10 +25,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
-
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frames import LIMIT, parse_frames
@@ -43,7 +41,7 @@ if TYPE_CHECKING:
 class Options:
     """Arguments of `usdsplat simulate`."""
 
-    stage: Annotated[Positional[Path | None], option("STAGE|CAPTURE")] = None
+    stage: Annotated[Path | None, positional("STAGE|CAPTURE")] = None
     """stage with a SplatSim prim to simulate; with --preset the capture to make one for"""
     output: Annotated[Path | None, option("FILE", short="-o")] = None
     """layer of results to write, a .usda; with --preset the stage to make"""
@@ -51,9 +49,7 @@ class Options:
     """such as 1:100; default: the stage's range"""
     preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
     """make a stage that is ready to be simulated, and stop"""
-    overrides: Annotated[
-        UseAppendAction[tuple[str, ...]], option("[/PRIM.]NAME=VALUE", name="set")
-    ] = ()
+    overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """a parameter's value in place of the stage's, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
     """print every parameter and stop"""
@@ -69,9 +65,7 @@ class Options:
     """how many to use; default: all"""
     json: Annotated[bool, option()] = False
     """print one JSON object about the bake, or of the parameters"""
-    stage_opening: Annotated[StageOptions, arg(name="opening")] = field(
-        default_factory=StageOptions
-    )
+    stage_opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

@@ -19,10 +19,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
-
 from usdsplat.cli import console
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.wording import counted
@@ -32,13 +30,13 @@ from usdsplat.core.wording import counted
 class Options:
     """Arguments of `usdsplat validate`."""
 
-    stage: Annotated[Positional[Path], option("STAGE")]
+    stage: Annotated[Path, positional("STAGE")]
     """stage to check"""
     frame: Annotated[float | None, option("FRAME")] = None
     """check only this time code; default: every sample there is"""
     json: Annotated[bool, option()] = False
     """print one JSON list of findings"""
-    opening: Annotated[StageOptions, arg(name="")] = field(default_factory=StageOptions)
+    opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

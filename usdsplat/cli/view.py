@@ -34,9 +34,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
-
-from usdsplat.cli.parsing import option
+from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import BackendError, StageError, UnknownFormatError, UsageError
@@ -71,7 +69,7 @@ class WebOptions:
 class Options:
     """Arguments of `usdsplat view`."""
 
-    file: Annotated[Positional[Path | None], option("[STAGE|CAPTURE]")] = None
+    file: Annotated[Path | None, positional("[STAGE|CAPTURE]")] = None
     """stage or capture to look at; default: none yet, drop one on the window"""
     camera: Annotated[str | None, option("/PRIM")] = None
     """camera to begin with; default: one that frames everything"""
@@ -83,8 +81,8 @@ class Options:
     """what draws, auto, cpu or cuda; default: auto, the fastest here"""
     threads: Annotated[int | None, option("N")] = None
     """how many to use; default: all"""
-    browser: Annotated[WebOptions, arg(name="browser")] = field(default_factory=WebOptions)
-    opening: Annotated[StageOptions, arg(name="opening")] = field(default_factory=StageOptions)
+    browser: WebOptions = field(default_factory=WebOptions)
+    opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:

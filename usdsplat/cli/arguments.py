@@ -1,0 +1,180 @@
+"""Arguments of a command, as the fields of a dataclass describe them."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import itertools
+import textwrap
+import types
+from collections.abc import Iterable, Iterator
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from usdsplat.cli.flag_names import spelled
+from usdsplat.core.knobs import Knob, knobs
+
+KNOB = "knob"
+"""What the fields of flags say they are for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """How an argument is typed and explained."""
+
+    metavar: str | None = None
+    name: str | None = None
+    short: str = ""
+    text: str | None = None
+    excludes: str = ""
+    is_positional: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Argument:
+    """One argument of a command: a field of its options, or of a group within them."""
+
+    owner: str
+    """Name of the group's field; empty for the options themselves."""
+    name: str
+    """Name of the field."""
+    kind: type
+    """Of one value."""
+    is_pair: bool
+    """Whether it can be turned on and off, and is neither by default."""
+    is_many: bool
+    """Whether it takes any number of values."""
+    is_required: bool
+    shown: Shown
+    text: str
+
+    @property
+    def dest(self) -> str:
+        """Key among the parsed values."""
+        return f"{self.owner}.{self.name}"
+
+    @property
+    def flag(self) -> str:
+        """What is typed, with dashes; the placeholder of one that goes by its place."""
+        if self.shown.is_positional:
+            return self.shown.metavar or self.name.upper()
+        return f"--{self.shown.name or self.name.replace('_', '-')}"
+
+    @property
+    def takes_value(self) -> bool:
+        """Whether a value follows the flag."""
+        return self.kind is not bool
+
+
+def option(
+    metavar: str | None = None,
+    *,
+    name: str | None = None,
+    short: str = "",
+    text: str | None = None,
+    excludes: str = "",
+) -> Any:
+    """Say how a field is typed and explained; put it in Annotated.
+
+    Args:
+        metavar: Placeholder of its value.
+        name: Another name than the field's.
+        short: A short form, such as "-o".
+        text: Help, in place of the string below the field.
+        excludes: A flag that cannot be typed beside it.
+    """
+    return Shown(metavar=metavar, name=name, short=short, text=text, excludes=excludes)
+
+
+def positional(metavar: str) -> Any:
+    """Say that a field goes by its place, and what stands for it in help; put it in Annotated."""
+    return Shown(metavar=metavar, is_positional=True)
+
+
+def flag_names(options: type) -> set[str]:
+    """Return the names of all flags of a command, without dashes."""
+    return {each.flag[2:] for each in arguments_of(options) if not each.shown.is_positional}
+
+
+def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") -> type:
+    """Make a dataclass with an optional flag for each knob of `cls`; None is "not given".
+
+    A knob that is on or off can be typed as `--name` and as `--no-name`.
+
+    Args:
+        names: Only these knobs, in this order; None for all.
+        about: What they have in common, shown above them.
+    """
+    known = {knob.name: knob for knob in knobs(cls)}
+    made = make_dataclass(
+        f"{cls.__name__}Flags",
+        [
+            (name, _flag(known[name]), field(default=None, metadata={KNOB: name}))
+            for name in (known if names is None else names)
+        ],
+        frozen=True,
+        kw_only=True,
+    )
+    made.__doc__ = about
+    return made
+
+
+def given(flags: Any) -> dict[str, Any]:
+    """Return the values that were typed, of what `flags_of` made or of what inherits from it."""
+    values = {item.metadata.get(KNOB): getattr(flags, item.name) for item in fields(flags)}
+    return {knob: value for knob, value in values.items() if knob and value is not None}
+
+
+def _flag(knob: Knob) -> Any:
+    """Return the annotation of a flag; `core.knobs.checked` refuses values that are not legal."""
+    kind, metavar = knob.type, None
+    if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
+        kind, metavar = str, "|".join(knob.choices)
+    elif kind is str:
+        metavar = "NAME"
+    limits = "" if knob.range is None else f"{knob.range[0]:g} to {knob.range[1]:g}"
+    numbers = " ".join(filter(None, (limits, knob.unit)))
+    text = f"{knob.text} [{numbers}]" if numbers else knob.text
+    return Annotated[kind | None, option(metavar, name=spelled(knob.name), text=text)]
+
+
+def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
+    """Yield the arguments that a dataclass describes, those of its groups among them."""
+    hints = get_type_hints(options, include_extras=True)
+    texts = _texts(options)
+    for item in fields(options):
+        hint = hints[item.name]
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if isinstance(kind, type) and is_dataclass(kind):
+            yield from arguments_of(kind, item.name)
+            continue
+        shown = next((mark for mark in marks if isinstance(mark, Shown)), Shown())
+        is_many = get_origin(kind) is tuple
+        several = get_args(kind) if is_many or isinstance(kind, types.UnionType) else (kind,)
+        yield Argument(
+            owner=owner,
+            name=item.name,
+            kind=several[0],
+            is_pair=several[0] is bool and item.default is None,
+            is_many=is_many,
+            is_required=item.default is MISSING and item.default_factory is MISSING,
+            shown=shown,
+            text=shown.text or texts.get(item.name, ""),
+        )
+
+
+def _texts(options: type) -> dict[str, str]:
+    """Return the string below each field of a dataclass and of its bases."""
+    found: dict[str, str] = {}
+    for cls in reversed(options.__mro__):
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+        except (OSError, TypeError):  # built in, or made by `flags_of`
+            continue
+        body = tree.body if isinstance(tree, ast.ClassDef) else []
+        for item, below in itertools.pairwise(body):
+            if not (isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)):
+                continue
+            if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+                found[item.target.id] = " ".join(str(below.value.value).split())
+    return found
