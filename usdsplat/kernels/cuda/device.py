@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
 from numba import cuda
 
 from usdsplat.core.errors import BackendError, UsdSplatError
