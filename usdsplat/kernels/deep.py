@@ -30,26 +30,26 @@ SEEN, RUN = np.uint64(TILE), np.uint64(2 * TILE)
 
 
 @scalar
-def deep_row(through, seen, run, alpha, error):
-    """Apply what `walk` does with a contribution to a deep pixel, but for writing the sample.
+def merge(seen, run, weight, error):
+    """Put a contribution into the samples of 16 deep pixels.
+
+    Args:
+        seen: Transmittance of the samples so far; run: weight of the run that is merged.
+        weight: Of the contribution, 0 where it does not count.
+        error: By how much merging may change the opacity in front of any depth.
 
     Returns:
-        (through, seen, run) behind the contribution; its opacity behind what is in front, 0 where
-        it does not count; whether a sample begins with it, 1 or 0.
+        (seen, run) behind the contribution; its opacity behind what is in front, 0 where it does
+        not count; whether a sample begins with it, 1 or 0.
     """
     zero, one = np.float32(0), np.float32(1)
-    weight = alpha * through
-    left = through - weight
-    goes_on = left >= END
-    weight = choose(goes_on, weight, zero)
-    through = choose(goes_on, left, -size(through))
     own = lower(weight / seen, one)
     seen = fused(-seen, own, seen)
     total = run + weight
     begins = choose(run <= zero, one, choose(total > error, one, zero))
     begins = choose(weight > zero, begins, zero)
     run = choose(begins > zero, weight, total)
-    return through, seen, run, own, begins
+    return seen, run, own, begins
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -144,7 +144,12 @@ def deep(
                         xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
                         slopes[i + np.uint64(LOOK)],
                     )  # fmt: skip
-                    through, seen, run, own, begins = deep_row(through, seen, run, alpha, error)
+                    weight = alpha * through
+                    remains = through - weight
+                    goes_on = remains >= END
+                    weight = choose(goes_on, weight, zero)
+                    through = choose(goes_on, remains, -size(through))
+                    seen, run, own, begins = merge(seen, run, weight, error)
                     if not writes:
                         total = total + begins
                         continue
