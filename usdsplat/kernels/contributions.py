@@ -17,7 +17,7 @@ from .batch import FIELDS, LOOK, load_batch
 from .bins import TILE
 from .blend import END, alphas_at, ray_hits_at
 from .jit import scalar
-from .lane_keys import any_of, depths_of, look_up, store_keys
+from .lane_keys import FAR, any_of, depths_of, look_up, store_keys
 from .lanes import bits, choose, higher, load, lower, lowest_bit, ramp, size, spread, store
 from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
@@ -55,13 +55,13 @@ def least_depth(fields, splat, is_parallel):
     c = fields[hit + HZ] * max(abs(y0), abs(y1))
     slack = np.float32(1) + max(abs(ax0), abs(ax1)) + max(abs(ay0), abs(ay1))
     slack = ROUNDING * slack * (abs(center) + reach)
+    found = base
     if is_parallel:
         found = center + (np.float32(1) - high) - slack
-        return found if found > base else base
-    if not (low > zero):
-        return base
-    rest = b * b + c * c  # a / (a² + rest) falls with rest, and rises and falls with a
-    found = center * min(low / (low * low + rest), high / (high * high + rest)) - slack
+    elif low > zero:
+        rest = b * b + c * c  # a / (a² + rest) falls with rest, and rises and falls with a
+        found = center * min(low / (low * low + rest), high / (high * high + rest)) - slack
+    found = min(found, center + reach)  # within which depths are held
     return found if found > base else base
 
 
@@ -153,14 +153,14 @@ def gather_row(
         sorts: Whether pixels are sorted by their ray hits.
         inside: Mask of the pixels that are drawn.
         places: Receives the place in the list of each row of `depths`.
-        depths: Receives 16 depths, -inf where a splat does not contribute, if `sorts`.
+        depths: Receives 16 depths, -FAR where a splat does not contribute, if `sorts`.
         alphas: Receives 16 contributions for each place in the list.
-        keys: Receives 16 keys; depths are +inf where a splat does not contribute.
+        keys: Receives 16 keys; depths are FAR where a splat does not contribute.
 
     Returns:
         How many rows of keys there are.
     """
-    zero, one, far = np.float32(0), np.uint64(1), np.float32(np.inf)
+    zero, one = np.float32(0), np.uint64(1)
     xs, count, padded = ramp(), 0, spans.shape[0] // 2
     dim, settled = choose(inside, np.float32(1), zero), 0
     front, whole = dim, dim
@@ -198,10 +198,10 @@ def gather_row(
             if not any_of(contributes & (whole >= ENDED)):
                 continue
             store(alphas, np.uint64(place * TILE), alpha)
-            store_keys(keys, np.uint64(count * TILE), choose(contributes, depth, far), place)
+            store_keys(keys, np.uint64(count * TILE), choose(contributes, depth, FAR), place)
             if sorts:
                 places[count] = place
-                store(depths, np.uint64(count * TILE), choose(contributes, depth, -far))
+                store(depths, np.uint64(count * TILE), choose(contributes, depth, -FAR))
             dim = dim * (np.float32(1) - alpha)
             count += 1
         if any_of(dim >= ENDED):
@@ -238,7 +238,7 @@ def pass_row(keys, count, alphas, inside, sorts, weights):
         alpha = look_up(keys, at, alphas, np.int64(TILE), np.int64(0), np.int64(1))
         is_left = through > zero
         if sorts:
-            is_left = is_left & (depths_of(keys, at) < np.float32(np.inf))
+            is_left = is_left & (depths_of(keys, at) < FAR)
         if not any_of(is_left):
             break
         weight = alpha * through

@@ -29,7 +29,7 @@ from .deep import merge
 from .feature import ALBEDO as ALBEDO_COLUMN
 from .feature import NORMAL as NORMAL_COLUMN
 from .jit import parallel, scalar
-from .lane_keys import any_of, depths_of, look_up, sort_rows
+from .lane_keys import LINE, aligned, any_of, depths_of, look_up, place_of, sort_rows
 from .lanes import bits, choose, load, lowest_bit, ramp, spread, store
 from .project import RED
 from .weigh import NONE, number_prims, strongest
@@ -69,12 +69,6 @@ def held_through(offsets, depths, through, pixel, depth):
         else:
             high = middle
     return through[low - 1] if low > first else np.float32(1)
-
-
-@scalar
-def place_of(key):
-    """Return the place in the list of a key."""
-    return key & np.int64(0xFFFFFFFF)
 
 
 @scalar
@@ -236,9 +230,12 @@ def walk(
         local, names = np.empty(weighed, np.int32), np.empty(weighed, np.int32)
         prims = number_prims(labels, lists, begin, weighed, known, local, names)
         table = np.empty(TILE * prims, np.float32)
-        alphas, weights = np.empty(TILE * n, np.float32), np.empty(TILE * n, np.float32)
-        hits = np.empty(TILE * n if sorts else 0, np.float32)
-        places, keys = np.empty(n if sorts else 0, np.int64), np.empty(TILE * n, np.int64)
+        size = TILE * n
+        alphas = aligned(np.empty(size + LINE, np.float32), size)
+        weights = aligned(np.empty(size + LINE, np.float32), size)
+        hits = aligned(np.empty(size + LINE, np.float32), size)
+        keys = aligned(np.empty(size + LINE, np.int64), size)
+        places = np.empty(n if sorts else 0, np.int64)
         planes = np.empty(5 * TILE, np.float32)
         goals, found = np.empty(TILE, np.float32), np.empty(TILE, np.int32)
         last = np.empty(TILE, np.int64)
