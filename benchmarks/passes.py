@@ -35,7 +35,7 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import InstanceSpec, MeshSpec, View
 
 SIZE = (1920, 1080)
-SCENES = ("garden", "statue_angel.sog", "playbot_lod2.sog")
+SCENES = ("garden", "statue_angel.sog", "playbot_lod2.sog", "flowers_lod2_0.sog")
 REPEATS = 3
 PLAIN = RenderSettings(sorting="zDepth", color_mode="scene")
 ERRORS = (0.0, 0.001, 0.01)
@@ -215,9 +215,10 @@ def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: Rend
 
 def show_deep(device: str, scenes: Sequence[str]) -> None:
     """Print what a deep file costs."""
-    table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s]")
+    table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s], and CPU ÷ flat's")
     for name in (
-        "scene", "file", "draw", "÷ flat", "draw and write", "÷ flat", "samples a pixel", "MiB",
+        "scene", "file", "draw", "÷ flat", "CPU ÷", "draw and write", "÷ flat", "samples a pixel",
+        "MiB",
     ):  # fmt: skip
         table.add_column(name, justify="right")
     with tempfile.TemporaryDirectory() as folder:
@@ -245,6 +246,7 @@ def show_deep(device: str, scenes: Sequence[str]) -> None:
                 drawn, written = spent[what].wall, spent[f"{what} file"].wall
                 table.add_row(
                     name, what, f"{drawn / 1e3:.3f}", f"{drawn / spent['flat'].wall:.1f}",
+                    f"{spent[what].cpu / spent['flat'].cpu:.1f}",
                     f"{written / 1e3:.3f}", f"{written / spent['flat file'].wall:.1f}",
                     f"{samples[what] / (SIZE[0] * SIZE[1]):.1f}" if what in samples else "",
                     f"{path.stat().st_size / 2**20:.0f}",

@@ -12,49 +12,44 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, load_batch, load_paints, look
+from .batch import FIELDS, LOOK, lay_row, load_batch, load_paints
 from .bins import TILE
-from .blend import END, alpha_at
+from .blend import END, alphas_at
 from .jit import parallel, scalar, serial
+from .lanes import bits, choose, fused, load, lower, lowest_bit, ramp, size, store
 from .project import DEPTH
 
-STATE = 6
+STATE = 3
 ROW = STATE * TILE
 """Floats of a row of a tile's state, 16 pixels each: transmittance, negative where it has ended;
-the same of what the samples so far hold; weight of the run that is merged; samples; then of the
-last splat its opacity behind what is in front, 0 where it does not count, and whether a sample
-begins."""
-SEEN, RUN, SAMPLES, OWN, BEGINS = (np.uint64(i * TILE) for i in range(1, STATE))
+transmittance of the samples so far; weight of the run that is merged."""
+SEEN, RUN = np.uint64(TILE), np.uint64(2 * TILE)
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
 
 
 @scalar
-def deep_row(state, row, u, a, slope, rest, error):
-    """What `walk` does with a contribution to a deep pixel, but for writing the sample."""
-    at = np.uint64(row * ROW)
-    for x in range(TILE):
-        j = at + np.uint64(x)
-        alpha = alpha_at(np.float32(x) - u, a, slope, rest)
-        t = state[j]
-        weight = alpha * t
-        left = t - weight
-        goes_on = left >= END
-        weight = weight if goes_on else np.float32(0)
-        state[j] = left if goes_on else -abs(t)
-        seen = state[j + SEEN]
-        own = min(weight / seen, np.float32(1))
-        state[j + SEEN] = seen - seen * own
-        run = state[j + RUN]
-        sum_of_run = run + weight
-        counts = weight > np.float32(0)
-        begins = counts and (run <= np.float32(0) or sum_of_run > error)
-        state[j + RUN] = weight if begins else sum_of_run
-        begun = np.float32(1) if begins else np.float32(0)
-        state[j + SAMPLES] += begun
-        state[j + OWN] = own
-        state[j + BEGINS] = begun
+def merge(seen, run, weight, error):
+    """Put a contribution into the samples of 16 deep pixels.
+
+    Args:
+        seen: Transmittance of the samples so far; run: weight of the run that is merged.
+        weight: Of the contribution, 0 where it does not count.
+        error: By how much merging may change the opacity in front of any depth.
+
+    Returns:
+        (seen, run) behind the contribution; its opacity behind what is in front, 0 where it does
+        not count; whether a sample begins with it, 1 or 0.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    own = lower(weight / seen, one)
+    seen = fused(-seen, own, seen)
+    total = run + weight
+    begins = choose(run <= zero, one, choose(total > error, one, zero))
+    begins = choose(weight > zero, begins, zero)
+    run = choose(begins > zero, weight, total)
+    return seen, run, own, begins
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -100,58 +95,110 @@ def deep(
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
         y0, y1 = max(0, g.y0 - top), min(TILE, g.y1 - top)
         width = g.x1 - g.x0
+        xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+        inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
         state = np.zeros(TILE * ROW, np.float32)
-        for y in range(TILE):
-            for x in range(TILE):
-                inside = y0 <= y < y1 and x0 <= x < x1
-                state[y * ROW + x] = np.float32(1) if inside else np.float32(-1)
-                state[y * ROW + TILE + x] = np.float32(1)
-        live = np.ones(TILE, np.uint8)
+        live = np.zeros(TILE, np.uint8)
+        merges = error > zero
+        samples = np.zeros(TILE * TILE, np.float32)
+        last = np.empty(TILE * TILE, np.int64)
+        held = np.int64(0)
+        for y in range(y0, y1):
+            at = np.uint64(y * ROW)
+            store(state, at, choose(inside, np.float32(1), -np.float32(1)))
+            store(state, at + SEEN, choose(inside, np.float32(1), np.float32(1)))
+            live[y] = 1
+            if writes:  # the place of each pixel's last sample so far, in the tile
+                pixel = (top + y - g.y0) * width + left + x0 - g.x0
+                for x in range(x0, x1):
+                    last[y * TILE + x] = held + offsets[pixel + x - x0] - offsets[pixel] - 1
+                held += offsets[pixel + x1 - x0] - offsets[pixel]
+        alive = y1 - y0
+        # Samples go to memory in the order of splats, all over a tile: first within the cache.
+        nears, fars = np.empty(held, np.float32), np.empty(held if merges else 0, np.float32)
+        colors = np.empty((held, 4), np.float32)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.float32)
+        slopes = np.empty(2 * LOOK, np.float32)
+        owns, begun = np.empty(TILE, np.float32), np.empty(TILE, np.float32)
         end = starts[tile + 1]
-        look(state, ROW, live)
         for first in range(starts[tile], end, LOOK):
+            if alive == 0:
+                break
             count = min(LOOK, end - first)
             load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
-            load_paints(records, column, lists, first, count, batch)
-            for i in range(count):
-                u, v = batch[i], batch[LOOK + i]
-                a, b, c = batch[2 * LOOK + i], batch[3 * LOOK + i], batch[4 * LOOK + i]
-                log_opacity = batch[5 * LOOK + i]
-                red, green, blue = batch[7 * LOOK + i], batch[8 * LOOK + i], batch[9 * LOOK + i]
-                depth = records[lists[first + i], DEPTH]
-                for y in range(np.int64(rows[i]), np.int64(rows[LOOK + i])):
-                    if live[y] == 0:
-                        continue
-                    dy = np.float32(y) - v
-                    rest = c * dy * dy + log_opacity
-                    deep_row(state, y, u, a, b * dy, rest, error)
-                    if not writes:
-                        continue
-                    pixels = (top + y - g.y0) * width + left - g.x0
-                    row = np.uint64(y * ROW)
-                    for x in range(x0, x1):
-                        j = row + np.uint64(x)
-                        own = state[j + OWN]
-                        if own <= np.float32(0):
-                            continue
-                        at = offsets[pixels + x] + np.int64(state[j + SAMPLES]) - 1
-                        far[at] = depth
-                        if state[j + BEGINS] > np.float32(0):
-                            near[at] = depth
-                            color[at, 0], color[at, 1] = own * red, own * green
-                            color[at, 2], color[at, 3] = own * blue, own
-                        else:
-                            part = (np.float32(1) - color[at, 3]) * own
-                            color[at, 0] += part * red
-                            color[at, 1] += part * green
-                            color[at, 2] += part * blue
-                            color[at, 3] += part
-            if look(state, ROW, live) == 0:
-                break
-        if not writes:
+            if writes:
+                load_paints(records, column, lists, first, count, batch)
+            there = ~np.uint64(0) >> np.uint64(64 - count)
             for y in range(y0, y1):
+                if live[y] == 0:
+                    continue
+                touched = lay_row(batch, rows, np.float32(y), slopes) & there
+                at = np.uint64(y * ROW)
+                through, seen, run = load(state, at), load(state, at + SEEN), load(state, at + RUN)
+                total = load(samples, np.uint64(y * TILE))
+                while touched != np.uint64(0):
+                    i = lowest_bit(touched)
+                    touched &= touched - one
+                    alpha = alphas_at(
+                        xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
+                        slopes[i + np.uint64(LOOK)],
+                    )  # fmt: skip
+                    weight = alpha * through
+                    remains = through - weight
+                    goes_on = remains >= END
+                    weight = choose(goes_on, weight, zero)
+                    through = choose(goes_on, remains, -size(through))
+                    seen, run, own, begins = merge(seen, run, weight, error)
+                    if not writes:
+                        total = total + begins
+                        continue
+                    written = bits(own > zero)
+                    store(owns, np.uint64(0), own)
+                    store(begun, np.uint64(0), begins)
+                    depth = records[np.uint64(lists[first + np.int64(i)]), DEPTH]
+                    red, green = batch[i + np.uint64(7 * LOOK)], batch[i + np.uint64(8 * LOOK)]
+                    blue = batch[i + np.uint64(9 * LOOK)]
+                    while written != np.uint64(0):
+                        x = lowest_bit(written)
+                        written &= written - one
+                        pixel = np.uint64(y * TILE) + x
+                        part = owns[x]
+                        if begun[x] > zero:
+                            last[pixel] += 1
+                            j = np.uint64(last[pixel])
+                            nears[j] = depth
+                            colors[j, 0], colors[j, 1] = part * red, part * green
+                            colors[j, 2], colors[j, 3] = part * blue, part
+                        else:
+                            j = np.uint64(last[pixel])
+                            part = (np.float32(1) - colors[j, 3]) * part
+                            colors[j, 0] += part * red
+                            colors[j, 1] += part * green
+                            colors[j, 2] += part * blue
+                            colors[j, 3] += part
+                        if merges:
+                            fars[j] = depth
+                store(state, at, through)
+                store(state, at + SEEN, seen)
+                store(state, at + RUN, run)
+                store(samples, np.uint64(y * TILE), total)
+                goes_on = np.uint8(bits(through > zero) != np.uint64(0))
+                live[y] = goes_on
+                alive -= 1 - goes_on
+        at_row = np.int64(0)
+        for y in range(y0, y1):
+            if writes:
+                pixel = (top + y - g.y0) * width + left + x0 - g.x0
+                place_of, count = offsets[pixel], offsets[pixel + x1 - x0] - offsets[pixel]
+                for k in range(count):
+                    near[place_of + k] = nears[at_row + k]
+                    for c in range(4):
+                        color[place_of + k, c] = colors[at_row + k, c]
+                if merges:
+                    for k in range(count):
+                        far[place_of + k] = fars[at_row + k]
+                at_row += count
+            else:
                 for x in range(x0, x1):
-                    samples = state[y * ROW + 3 * TILE + x]
-                    counts[top + y - g.y0, left + x - g.x0] = np.uint32(samples)
+                    counts[top + y - g.y0, left + x - g.x0] = np.uint32(samples[y * TILE + x])

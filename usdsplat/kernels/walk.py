@@ -1,15 +1,11 @@
-"""Walk through what each pixel sees, one contribution after the other.
+"""Walk once through what each pixel sees, for all that is asked of it.
 
-`blend` and `median` treat 16 pixels at a time and know only the order of centres. Here each pixel
-has its own list: in that order, or, for rayHitDistance, by the depths at which its own ray hits
-the splats. Those are kept in a sorted window; what lies nearer than anything that may still
-come is taken out of it, so the order is exact and no list is cut short.
+`blend`, `median`, `weigh` and `deep` know only the order of centres. Here each pixel may have its
+own: by the depths at which its own ray hits the splats. Contributions may also be held out, by
+matte splats and by what lies in front of them in a deep picture from elsewhere.
 
-What is done with a contribution is the mode: sum paint, find the median, weigh prims for
-Cryptomatte, or count and write the samples of a deep picture.
-
-The loop is one long body because a call with arrays takes counted references, which all threads
-share: a hundred nanoseconds for each contribution.
+A row of 16 pixels at a time, `contributions` finds what each pixel sees, in order. Sums, medians,
+weights of prims and deep samples are all made of these rows.
 
 Source: Radl et al. 2024, "StopThePop", for the order; OpenEXR's "Interpreting OpenEXR Deep Pixels".
 """
@@ -19,40 +15,46 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, load_batch
+from .batch import FIELDS, LOOK, load_stops
 from .bins import TILE
-from .blend import END, alpha_at
+from .contributions import (
+    SPLAT,
+    gather_row,
+    lay_out,
+    least_depth,
+    load_tile,
+    pass_row,
+)
+from .deep import merge
+from .feature import ALBEDO as ALBEDO_COLUMN
+from .feature import NORMAL as NORMAL_COLUMN
 from .jit import parallel, scalar
-from .project import DEPTH
-from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
+from .lane_keys import LINE, aligned, any_of, depths_of, look_up, place_of, sort_rows
+from .lanes import bits, choose, load, lowest_bit, ramp, spread, store
+from .project import RED
 from .weigh import NONE, number_prims, strongest
 
-PAINT, MEDIAN, WEIGH, COUNT, FILL = range(5)
+COLOR, ALBEDO, NORMALS, DEPTHS, MEDIAN, FRONT, WEIGH, COUNT, FILL = (1 << k for k in range(9))
+"""What may be asked for, as bits: sums of colours, albedos, normals and depths over contributions;
+the contribution in which half of the coverage is passed, and the first; the heaviest prims; how
+many samples a deep picture has, and the samples."""
+HALF = np.float32(0.5)
+"""Part of the coverage that MEDIAN looks for; FRONT looks for 0."""
 
 WALK = np.dtype(
     [
-        ("mode", "i4"), ("column", "i4"), ("sort_by_ray_hit", "i4"), ("is_parallel", "i4"),
+        ("wants", "i4"), ("column", "i4"), ("sort_by_ray_hit", "i4"), ("is_parallel", "i4"),
         ("prims", "i4"), ("part", "f4"), ("error", "f4"), ("near", "f4"),
     ]
 )  # fmt: skip
-"""What a walk is for: its mode, the first column of the paints, whether pixels have orders of their
-own, whether rays are parallel, how many prims there are, the part of the coverage that MEDIAN looks
-for, by how much merging may change the opacity in front of any depth, and the near plane: the eye
-may be inside a Gaussian, whose ray hit then may be behind it."""
-
-DEPTHS = -1
-"""Column that stands for the depth of each contribution."""
-
-FLUSH = 8
-"""Splats between two looks at what may leave the windows."""
-
-STATE = 8
-THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
-"""Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
-or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
+"""What a walk is for: what is asked for, whether pixels have orders of their own, whether rays are
+parallel, how many prims there are, by how much merging may change the opacity in front of any
+depth, and the near plane: the eye may be inside a Gaussian, whose ray hit then may be behind it.
+A GPU walks once for each thing that is asked for; the first column of its paints and its part of
+the coverage are read there only."""
 
 
-# --- 1. mathematics: one contribution to one pixel --------------------------------------
+# --- 1. mathematics: 16 pixels, or one --------------------------------------------------
 
 
 @scalar
@@ -69,237 +71,308 @@ def held_through(offsets, depths, through, pixel, depth):
     return through[low - 1] if low > first else np.float32(1)
 
 
+@scalar
+def sum_paints(keys, count, weights, paints, stride, first):
+    """Return the sums of three numbers of the splats, times their weights.
+
+    Args:
+        keys, weights: `count` rows, see `contributions`.
+        paints: `stride` numbers of each splat of the tile; the three begin at `first`.
+    """
+    red = spread(np.float32(0))
+    green = blue = red
+    for k in range(count):
+        at = np.uint64(k * TILE)
+        weight = load(weights, at)
+        counts = weight > np.float32(0)
+        if any_of(counts):
+            here = look_up(keys, at, paints, stride, first, np.int64(0))
+            red = choose(counts, red + weight * here, red)
+            here = look_up(keys, at, paints, stride, first + np.int64(1), np.int64(0))
+            green = choose(counts, green + weight * here, green)
+            here = look_up(keys, at, paints, stride, first + np.int64(2), np.int64(0))
+            blue = choose(counts, blue + weight * here, blue)
+    return red, green, blue
+
+
+@scalar
+def find_part(keys, count, weights, goals, left, found, depths):
+    """Find the contributions in which the coverage of 16 pixels passes their goals.
+
+    Args:
+        keys, weights: `count` rows, see `contributions`.
+        goals: Of each pixel.
+        left: Bits of the pixels that have one.
+        found: Receives places in the list, NONE where there is none.
+        depths: Receives their depths; scratch behind the first 16.
+    """
+    cover, goal, zero = spread(np.float32(0)), load(goals, np.uint64(0)), np.float32(0)
+    for x in range(TILE):
+        found[x], depths[x] = NONE, np.float32(1)
+    for k in range(count):
+        if left == np.uint64(0):
+            break
+        at = np.uint64(k * TILE)
+        weight = load(weights, at)
+        cover = cover + weight
+        passed = bits((cover >= goal) & (weight > zero)) & left
+        if passed == np.uint64(0):
+            continue
+        left &= ~passed
+        store(depths, np.uint64(TILE), depths_of(keys, at))
+        while passed != np.uint64(0):
+            x = lowest_bit(passed)
+            passed &= passed - np.uint64(1)
+            found[x] = np.int32(place_of(keys[at + x]))
+            depths[x] = depths[x + np.uint64(TILE)]
+
+
 # --- 2. CPU ----------------------------------------------------------------------------
+
+
+@scalar
+def load_paints_of(paints, column, numbers, lists, begin, out):
+    """Fetch some numbers of each splat of a tile, from a column on."""
+    for k in range(out.shape[0] // numbers):
+        rank = lists[begin + k]
+        for c in range(numbers):
+            out[k * numbers + c] = paints[rank, column + c]
+
+
+@scalar
+def hold_out(keys, count, weights, keeps, lists, begin, holdout, pixel, x0, x1, scratch):
+    """Take off the weights of a row of pixels what is held out.
+
+    Args:
+        keys, weights: `count` rows, see `contributions`.
+        keeps, holdout: As `walk` takes them.
+        pixel: Number of the pixel in column `x0`, for `holdout`.
+        x0, x1: Columns of the tile that are drawn.
+        scratch: Room for 16 numbers.
+    """
+    offsets, depths, through = holdout
+    for k in range(count):
+        at = np.uint64(k * TILE)
+        store(scratch, np.uint64(0), depths_of(keys, at))
+        for x in range(x0, x1):
+            j = at + np.uint64(x)
+            if weights[j] <= np.float32(0):
+                continue
+            if len(keeps) > 0:
+                weights[j] *= keeps[lists[begin + place_of(keys[j])]]
+            if offsets.shape[0] > 0:
+                weights[j] *= held_through(offsets, depths, through, pixel + x - x0, scratch[x])
 
 
 @parallel(writes=("out",), gpu="walk.walk")
 def walk(
-    options, records, paints, keeps, labels, starts, lists, grid, ray_hits, stops, covered, holdout,
-    out,
+    options, records, features, keeps, labels, starts, lists, grid, ray_hits, stops, covered,
+    holdout, out,
 ):  # fmt: skip
-    """Walk all pixels of a band.
+    """Walk through all pixels of a band.
 
     Args:
         options: One WALK record, shape (1,).
         records, starts, lists, grid, ray_hits, stops: As `blend` takes them.
-        paints: Three numbers of each splat from a column on, f32; of column DEPTHS none.
+        features: What `feature` made; read only by ALBEDO and NORMALS.
         keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
         labels: Number of each splat's prim, shape (n,) i32; read only by WEIGH.
         covered: 1 where a surface shows behind the splats, shape (h, w) u8; or of no size.
         holdout: (offsets (h * w + 1,) i64, depths f32, transmittance up to each sample f32), sorted
             by depth in each pixel; the offsets of no size where there is none.
-        out: (image (h, w, 4) f32: paint and coverage, through (h, w) f32: transmittance, ranks
-            (h, w) i32, depths (h, w) f32, ids and weights (h, w, RANKS), counts (h, w) u32,
-            offsets (h * w,) i64, deep (depth, back, color (n, 4)) f32). A mode writes its own:
-            PAINT image and through; MEDIAN, which reads both, ranks and depths; WEIGH ids and
-            weights; COUNT counts; FILL, from each pixel's offset on, deep, and, where something
-            holds out, into through the part of a surface behind that its samples do not hide and
-            is there.
+        out: (color, albedo, normals, depth sums (h, w, 4) f32, the last three numbers and coverage
+            of each; through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w)
+            f32), front likewise; prims (ids (h, w, RANKS) i32, weights f32); counts (h, w) u32;
+            offsets (h * w,) i64; deep (depth, back, color (n, 4)) f32). What is not asked for is of
+            no size. COLOR writes `through` too. FILL writes, from each pixel's offset on, `deep`,
+            and, where something holds out, into `through` the part of a surface behind that its
+            samples do not hide and is there.
     """
-    image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
+    color, albedo, normals, sums, through, median, front, prims_out, counts, offsets, deep = out
+    median_ranks, median_depths = median
+    front_ranks, front_depths = front
+    ids, prim_weights = prims_out
     hold_offsets, hold_depths, hold_through = holdout
     deep_near, deep_far, deep_color = deep
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
-        mode, column, error = options[0].mode, options[0].column, options[0].error
-        sort_by_ray_hit, is_parallel = options[0].sort_by_ray_hit, options[0].is_parallel
+        wants, error, near = options[0].wants, options[0].error, options[0].near
+        sorts, is_parallel = options[0].sort_by_ray_hit != 0, options[0].is_parallel != 0
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
         width = g.x1 - g.x0
+        xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+        inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
         has_stops, holds, has_keeps = stops.shape[0] > 0, hold_offsets.shape[0] > 0, len(keeps) > 0
-        fields = np.empty(FIELDS * n, np.float32)
-        spans = np.empty(2 * n, np.int32)
-        batch = np.ones((FIELDS + 3) * LOOK, np.float32)
+        stop = np.empty(TILE * TILE if has_stops else 0, np.float32)
+        if has_stops:
+            load_stops(stops, top, left, g, stop)
+        fields = np.empty(SPLAT * n, np.float32)
+        batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.float32)
-        loaded = 0
-        bound = np.empty(n + 1, np.float32)
-        near = np.empty(TILE * n, np.float32)
-        strength = np.empty(TILE * n, np.float32)
-        ranked = np.empty(TILE * n, np.int32)
-        if sort_by_ray_hit:
-            bound[n] = np.float32(np.inf)
-            for i in range(n):
-                k = n - 1 - i
-                rank = lists[begin + k]
-                bound[k] = min(bound[k + 1], ray_hits[rank, CENTER] - ray_hits[rank, REACH])
-        prims = 0
-        weighed = n if mode == WEIGH else 0
-        known = np.full(options[0].prims if mode == WEIGH else 0, NONE, np.int32)
-        local = np.empty(weighed, np.int32)
-        names = np.empty(weighed, np.int32)
-        if mode == WEIGH:
-            prims = number_prims(labels, lists, begin, n, known, local, names)
-        table = np.zeros(TILE * min(weighed, options[0].prims), np.float32)
-        state = np.zeros(TILE * STATE, np.float32)
-        mark = np.zeros(TILE, np.int32)
-        head, tail = np.zeros(TILE, np.int64), np.zeros(TILE, np.int64)
-        alive = np.zeros(TILE, np.uint8)
-        alphas, depths = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+        load_tile(records, ray_hits, lists, begin, left, top, fields, batch, rows)
+        least = np.empty(n if sorts else 0, np.float32)
+        order = np.arange(n)
+        if sorts:
+            for k in range(n):
+                least[k] = least_depth(fields, k * SPLAT, is_parallel)
+            order = np.argsort(least)
+        spans = np.empty(2 * ((n + TILE - 1) // TILE * TILE), np.float32)
+        lay_out(fields, order, spans)
+        colors = np.empty(3 * n if wants & (COLOR | FILL) else 0, np.float32)
+        load_paints_of(records, RED, 3, lists, begin, colors)
+        featured = np.empty(6 * n if wants & (ALBEDO | NORMALS) else 0, np.float32)
+        load_paints_of(features, NORMAL_COLUMN, 6, lists, begin, featured)
+        weighed = n if wants & WEIGH else 0
+        known = np.full(options[0].prims if weighed else 0, NONE, np.int32)
+        local, names = np.empty(weighed, np.int32), np.empty(weighed, np.int32)
+        prims = number_prims(labels, lists, begin, weighed, known, local, names)
+        table = np.empty(TILE * prims, np.float32)
+        size = TILE * n
+        alphas = aligned(np.empty(size + LINE, np.float32), size)
+        weights = aligned(np.empty(size + LINE, np.float32), size)
+        hits = aligned(np.empty(size + LINE, np.float32), size)
+        keys = aligned(np.empty(size + LINE, np.int64), size)
+        places = np.empty(n if sorts else 0, np.int64)
+        planes = np.empty(5 * TILE, np.float32)
+        goals, found = np.empty(TILE, np.float32), np.empty(TILE, np.int32)
+        last = np.empty(TILE, np.int64)
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
-            row = top + y - g.y0
-            living = 0
-            state[:] = np.float32(0)
-            table[:] = np.float32(0)
-            head[:], tail[:], alive[:] = 0, 0, 0
-            mark[:] = NONE if mode == MEDIAN else np.int32(0)
-            for x in range(x0, x1):
-                s, place = x * STATE, left + x - g.x0
-                state[s + THROUGH] = state[s + SEEN] = np.float32(1)
-                alive[x] = 1
-                if mode == MEDIAN:
-                    whole = image[row, place, 3]
-                    alive[x] = whole > np.float32(0)
-                    if covered.shape[0] > 0 and covered[row, place] == 1:
-                        beyond = through[row, place]
+            row, first = top + y - g.y0, left + x0 - g.x0
+            pixel = row * width + first
+            count = gather_row(
+                y, fields, order, spans, least, stop, near, is_parallel, sorts, inside, places,
+                hits, alphas, keys,
+            )  # fmt: skip
+            if sorts:
+                sort_rows(keys, count)
+            count, dim = pass_row(keys, count, alphas, inside, sorts, weights)
+            if has_keeps or holds:
+                hold_out(keys, count, weights, keeps, lists, begin, holdout, pixel, x0, x1, planes)
+            cover = spread(zero)
+            for k in range(count):
+                cover = cover + load(weights, np.uint64(k * TILE))
+            store(planes, np.uint64(3 * TILE), cover)
+            store(planes, np.uint64(4 * TILE), dim)
+            if wants & (COLOR | ALBEDO | NORMALS | DEPTHS):
+                for each in range(4):
+                    if not wants & (1 << each):
+                        continue
+                    red = spread(zero)
+                    green = blue = red
+                    if each == 0:
+                        red, green, blue = sum_paints(keys, count, weights, colors, 3, 0)
+                    elif each == 3:
+                        for k in range(count):
+                            at = np.uint64(k * TILE)
+                            weight = load(weights, at)
+                            more = red + weight * depths_of(keys, at)
+                            red = choose(weight > zero, more, red)
+                    else:
+                        column = (ALBEDO_COLUMN if each == 1 else NORMAL_COLUMN) - NORMAL_COLUMN
+                        red, green, blue = sum_paints(keys, count, weights, featured, 6, column)
+                    store(planes, np.uint64(0), red)
+                    store(planes, np.uint64(TILE), green)
+                    store(planes, np.uint64(2 * TILE), blue)
+                    for x in range(x0, x1):
+                        for c in range(4):
+                            value = planes[c * TILE + x]
+                            if each == 0:
+                                color[row, first + x - x0, c] = value
+                            elif each == 1:
+                                albedo[row, first + x - x0, c] = value
+                            elif each == 2:
+                                normals[row, first + x - x0, c] = value
+                            else:
+                                sums[row, first + x - x0, c] = value
+            if wants & COLOR:
+                for x in range(x0, x1):
+                    through[row, first + x - x0] = planes[4 * TILE + x]
+            if wants & (MEDIAN | FRONT):
+                some = np.uint64(0)
+                for x in range(x0, x1):
+                    whole = planes[3 * TILE + x]
+                    if whole > zero:
+                        some |= one << np.uint64(x)
+                    if covered.shape[0] > 0 and covered[row, first + x - x0] == 1:
+                        beyond = planes[4 * TILE + x]
                         if holds:
                             beyond *= held_through(
-                                hold_offsets, hold_depths, hold_through, row * width + place,
-                                stops[row, place],
+                                hold_offsets, hold_depths, hold_through, pixel + x - x0,
+                                stops[row, first + x - x0],
                             )  # fmt: skip
                         whole += beyond
-                    state[s + GOAL] = whole * options[0].part
-                living += alive[x]
-            k = 0
-            while k < n and living > 0:
-                if k == loaded:
-                    count = min(LOOK, n - loaded)
-                    load_batch(
-                        records, lists, begin + k, count, np.float32(left), np.float32(top),
-                        batch, rows,
-                    )  # fmt: skip
-                    for i in range(count):
-                        for f in range(FIELDS):
-                            fields[(k + i) * FIELDS + f] = batch[f * LOOK + i]
-                        spans[2 * (k + i)], spans[2 * (k + i) + 1] = rows[i], rows[LOOK + i]
-                    loaded += count
-                if spans[2 * k] <= y < spans[2 * k + 1]:
-                    rank, f = lists[begin + k], k * FIELDS
-                    dy = np.float32(y) - fields[f + 1]
-                    u, a, slope = fields[f], fields[f + 2], fields[f + 3] * dy
-                    rest = fields[f + 4] * dy * dy + fields[f + 5]
-                    for x in range(TILE):
-                        alphas[np.uint64(x)] = alpha_at(np.float32(x) - u, a, slope, rest)
-                    if sort_by_ray_hit or has_stops:
-                        first, second, third = row_at(
-                            ray_hits[rank, HX], ray_hits[rank, HY], ray_hits[rank, HZ], dy
-                        )
-                        gx, gy = ray_hits[rank, GX], ray_hits[rank, GY]
-                        center, reach = ray_hits[rank, CENTER], ray_hits[rank, REACH]
-                        for x in range(TILE):
-                            depths[np.uint64(x)] = ray_hit_at(
-                                np.float32(x) - u, gx, gy, first, second, third, center, reach,
-                                is_parallel,
-                            )  # fmt: skip
-                    center = records[rank, DEPTH]
+                    goals[x] = whole * HALF
+                if wants & MEDIAN:
+                    find_part(keys, count, weights, goals, some, found, planes)
                     for x in range(x0, x1):
-                        if alphas[x] <= np.float32(0) or alive[x] == 0:
-                            continue
-                        depth = max(depths[x], options[0].near) if sort_by_ray_hit else center
-                        if has_stops:
-                            stop = stops[row, left + x - g.x0]
-                            if depths[x] > stop:
-                                continue
-                            depth = min(depth, stop)
-                        j = x * n + tail[x]
-                        if sort_by_ray_hit:  # sorted by depth; equal ones keep their order
-                            first_of = x * n + head[x]
-                            while j > first_of and near[j - 1] > depth:
-                                near[j], strength[j] = near[j - 1], strength[j - 1]
-                                ranked[j] = ranked[j - 1]
-                                j -= 1
-                        near[j], strength[j], ranked[j] = depth, alphas[x], k
-                        tail[x] += 1
-                k += 1
-                if k % FLUSH != 0 and k != n:
-                    continue
+                        rank = lists[begin + found[x]] if found[x] >= 0 else NONE
+                        median_ranks[row, first + x - x0] = rank
+                        median_depths[row, first + x - x0] = planes[x]
+                if wants & FRONT:
+                    goals[:] = zero
+                    find_part(keys, count, weights, goals, some, found, planes)
+                    for x in range(x0, x1):
+                        rank = lists[begin + found[x]] if found[x] >= 0 else NONE
+                        front_ranks[row, first + x - x0] = rank
+                        front_depths[row, first + x - x0] = planes[x]
+            if wants & WEIGH:
+                table[:] = zero
+                for k in range(count):
+                    at = np.uint64(k * TILE)
+                    there = bits(load(weights, at) > zero)
+                    while there != np.uint64(0):
+                        x = lowest_bit(there)
+                        there &= there - one
+                        label = local[place_of(keys[at + x])]
+                        table[np.uint64(label * TILE) + x] += weights[at + x]
                 for x in range(x0, x1):
-                    s, place = x * STATE, left + x - g.x0
-                    pixel = row * width + place
-                    j, end = x * n + head[x], x * n + tail[x]
-                    while j < end and (not sort_by_ray_hit or near[j] <= bound[k]):
-                        rank, alpha, depth = lists[begin + ranked[j]], strength[j], near[j]
-                        label = local[ranked[j]] if mode == WEIGH else NONE
-                        j += 1
-                        t = state[s + THROUGH]
-                        weight = alpha * t
-                        remains = t - weight
-                        if remains < END:
-                            alive[x] = 0
-                            break
-                        state[s + THROUGH] = remains
-                        if has_keeps:
-                            weight *= keeps[rank]
+                    strongest(table, x, prims, names, ids, prim_weights, row, first + x - x0)
+            if wants & (COUNT | FILL):
+                seen, run = spread(np.float32(1)), spread(zero)
+                samples = run
+                if wants & FILL:
+                    for x in range(x0, x1):
+                        last[x] = offsets[pixel + x - x0] - 1
+                for k in range(count):
+                    at = np.uint64(k * TILE)
+                    weight = load(weights, at)
+                    seen, run, own, begins = merge(seen, run, weight, error)
+                    samples = samples + begins
+                    if not wants & FILL:
+                        continue
+                    store(planes, np.uint64(0), own)
+                    store(planes, np.uint64(TILE), begins)
+                    store(planes, np.uint64(2 * TILE), depths_of(keys, at))
+                    there = bits(weight > zero)
+                    while there != np.uint64(0):
+                        x = lowest_bit(there)
+                        there &= there - one
+                        paint = 3 * place_of(keys[at + x])
+                        depth = planes[x + np.uint64(2 * TILE)]
+                        if planes[x + np.uint64(TILE)] > zero:
+                            last[x] += 1
+                            deep_near[last[x]] = depth
+                            for c in range(4):
+                                deep_color[last[x], c] = zero
+                        j = last[x]
+                        deep_far[j] = depth
+                        part = (np.float32(1) - deep_color[j, 3]) * planes[x]
+                        for c in range(3):
+                            deep_color[j, c] += part * colors[paint + c]
+                        deep_color[j, 3] += part
+                store(planes, np.uint64(0), samples)
+                store(planes, np.uint64(TILE), seen)
+                for x in range(x0, x1):
+                    if wants & COUNT:
+                        counts[row, first + x - x0] = np.uint32(planes[x])
+                    elif has_stops and (has_keeps or holds):
+                        beyond = planes[4 * TILE + x] / planes[TILE + x]
                         if holds:
-                            weight *= held_through(
-                                hold_offsets, hold_depths, hold_through, pixel, depth
-                            )
-                        if weight <= np.float32(0):
-                            continue
-                        if mode == PAINT:
-                            state[s + COVER] += weight
-                            if column == DEPTHS:
-                                state[s + FIRST] += weight * depth
-                                continue
-                            state[s + FIRST] += weight * paints[rank, column]
-                            state[s + SECOND] += weight * paints[rank, column + 1]
-                            state[s + THIRD] += weight * paints[rank, column + 2]
-                        elif mode == MEDIAN:
-                            state[s + COVER] += weight
-                            if state[s + COVER] >= state[s + GOAL]:
-                                mark[x], state[s + SEEN] = rank, depth
-                                alive[x] = 0
-                                break
-                        elif mode == WEIGH:
-                            table[label * TILE + x] += weight
-                        else:
-                            seen = state[s + SEEN]
-                            own = min(weight / seen, np.float32(1))
-                            state[s + SEEN] = seen - seen * own
-                            run = state[s + WEIGHT]
-                            begins = run <= np.float32(0) or run + weight > error
-                            state[s + WEIGHT] = weight if begins else run + weight
-                            if begins:
-                                mark[x] += 1
-                            if mode == FILL:
-                                at = offsets[pixel] + mark[x] - 1
-                                if begins:
-                                    deep_near[at] = depth
-                                    deep_color[at, 0] = deep_color[at, 1] = np.float32(0)
-                                    deep_color[at, 2] = deep_color[at, 3] = np.float32(0)
-                                deep_far[at] = depth
-                                part = (np.float32(1) - deep_color[at, 3]) * own
-                                deep_color[at, 0] += part * paints[rank, column]
-                                deep_color[at, 1] += part * paints[rank, column + 1]
-                                deep_color[at, 2] += part * paints[rank, column + 2]
-                                deep_color[at, 3] += part
-                    head[x] = j - x * n
-                    if alive[x] == 0 or j == end:
-                        head[x] = tail[x] = 0
-                living = 0
-                for x in range(x0, x1):
-                    living += alive[x]
-            for x in range(x0, x1):
-                s, place = x * STATE, left + x - g.x0
-                if mode == PAINT:
-                    image[row, place, 0] = state[s + FIRST]
-                    image[row, place, 1] = state[s + SECOND]
-                    image[row, place, 2] = state[s + THIRD]
-                    image[row, place, 3] = state[s + COVER]
-                    through[row, place] = state[s + THROUGH]
-                elif mode == MEDIAN:
-                    ranks[row, place] = mark[x]
-                    depths_out[row, place] = state[s + SEEN]
-                elif mode == WEIGH:
-                    strongest(table, x, prims, names, ids, weights, row, place)
-                elif mode == COUNT:
-                    counts[row, place] = mark[x]
-                elif has_stops and (has_keeps or holds):
-                    beyond = state[s + THROUGH] / state[s + SEEN]
-                    if holds:
-                        beyond *= held_through(
-                            hold_offsets, hold_depths, hold_through, row * width + place,
-                            stops[row, place],
-                        )  # fmt: skip
-                    through[row, place] = min(beyond, np.float32(1))
+                            beyond *= held_through(
+                                hold_offsets, hold_depths, hold_through, pixel + x - x0,
+                                stops[row, first + x - x0],
+                            )  # fmt: skip
+                        through[row, first + x - x0] = min(beyond, np.float32(1))

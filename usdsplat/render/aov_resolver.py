@@ -9,7 +9,6 @@ import numpy as np
 from usdsplat.core.cloud import F32
 from usdsplat.images.cryptomatte import object_hash
 from usdsplat.kernels import cryptomatte, feature, position, surface
-from usdsplat.render.frame_buffers import NearestBuffers
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
@@ -20,6 +19,24 @@ AVERAGED = ("color", "albedo", "cryptoObject")
 """AOVs that are averaged over samples; nothing else may be mixed."""
 SUMMED = {"Neye", "depthExpected", "albedo"}
 """AOVs that are sums of a feature over all contributions of a pixel."""
+
+
+BESIDE_MEDIAN = {*AVERAGED, *SUMMED, "depthFront"}
+"""AOVs that are not read off the median splat."""
+PRODUCT = {
+    "albedo": "albedo",
+    "Neye": "normals",
+    "depthExpected": "depths",
+    "depthFront": "front",
+    "cryptoObject": "prims",
+}
+"""AOV -> what it is made of, see `tile_lists.PRODUCTS`."""
+
+
+def products_of(aovs: set[str]) -> frozenset[str]:
+    """Return what must be drawn beside colour."""
+    products = {PRODUCT[name] for name in aovs if name in PRODUCT}
+    return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
 
 
 class AovResolver:
@@ -52,15 +69,15 @@ class AovResolver:
             raw: Whether mattes are returned as (ids, weights), to be accumulated.
         """
         wanted, surfaces = set(aovs), self._surfaces
-        color, through = self._tiles.color()
+        color, through = self._tiles.color(products_of(wanted))
         self._frame.clock.lap("blend")
         left = None if surfaces is None else self._left(color, through)
         arrays: dict[str, Any] = {}
-        if wanted - set(AVERAGED) - SUMMED - {"depthFront"}:
-            arrays |= self._nearest(self._frame.buffers.median, 0.5)
+        if wanted - BESIDE_MEDIAN:
+            arrays |= self._nearest("median")
             arrays |= self._places(arrays, motion, y0, wanted)
         if "depthFront" in wanted:
-            arrays["depthFront"] = self._nearest(self._frame.buffers.front, 0.0)["depth"]
+            arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
         if "cryptoObject" in wanted:
@@ -82,9 +99,9 @@ class AovResolver:
         )  # fmt: skip
         return left
 
-    def _nearest(self, buffers: NearestBuffers, part: float) -> dict[str, Any]:
-        """Depth and ids of what passes a part of the coverage, surfaces included."""
-        depth, ids = self._tiles.median(buffers, part)
+    def _nearest(self, name: str) -> dict[str, Any]:
+        """Depth and ids of "median" or "front", surfaces included."""
+        depth, ids = self._tiles.median(name)
         if self._surfaces is not None:
             occluders = self._occluders
             self._run(
@@ -124,11 +141,11 @@ class AovResolver:
         arrays: dict[str, Any] = {}
         surfaces, nothing = self._surfaces, np.empty((0, 0), np.float32)
         if "albedo" in wanted:
-            image = self._tiles.paint(self._frame.buffers.albedo, feature.ALBEDO)
+            image = self._tiles.sums("albedo")
             behind = None if surfaces is None else surfaces.albedo
             arrays["albedo"] = composited(self._frame, image, left, behind, counts=False)
         if "Neye" in wanted:
-            sums = self._tiles.paint(self._frame.buffers.eye_normals, feature.NORMAL)
+            sums = self._tiles.sums("normals")
             arrays["Neye"] = self._buffers.normals(*sums.shape[:2])
             none = np.empty((0, 0, 3), np.float32)
             self._run(
@@ -136,7 +153,7 @@ class AovResolver:
                 none[..., 0] if left is None else left, arrays["Neye"],
             )  # fmt: skip
         if "depthExpected" in wanted:
-            sums = self._tiles.depths()
+            sums = self._tiles.sums("depths")
             arrays["depthExpected"] = self._buffers.expected_depth(*sums.shape[:2])
             self._run(
                 feature.expected, sums, nothing if left is None else left,

@@ -229,7 +229,7 @@ class FrameBuffers:
     tiles: TileBuffers
     color: ImageBuffers
     albedo: ImageBuffers
-    eye_normals: ImageBuffers
+    normals: ImageBuffers
     depths: ImageBuffers
     median: NearestBuffers
     """Where half of the coverage is passed."""
@@ -245,6 +245,16 @@ class FrameBuffers:
             setattr(self, name, group(empty))
         self.fused: Any = None
         """What a device keeps for pictures whose steps it fuses, see `Rasterizer.draw_color`."""
+
+    def image(self, name: str) -> ImageBuffers:
+        """Return the group of "color", "albedo", "normals" or "depths"."""
+        group: ImageBuffers = getattr(self, name)
+        return group
+
+    def nearest(self, name: str) -> NearestBuffers:
+        """Return the group of "median" or "front"."""
+        group: NearestBuffers = getattr(self, name)
+        return group
 
     @classmethod
     def groups(cls) -> dict[str, type[BufferGroup]]:

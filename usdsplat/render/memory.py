@@ -56,7 +56,7 @@ HOLDOUT_ROWS = 4
 """Bytes of a pixel of a holdout, as it is read."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes of a pixel that goes through a view: straight colours and copies, of float64 or float32."""
-IMAGES = {"albedo": "albedo", "Neye": "eye_normals", "depthExpected": "depths"}
+IMAGES = {"albedo": "albedo", "Neye": "normals", "depthExpected": "depths"}
 """AOV -> the group of buffers that it is blended in."""
 PIXELS = {
     "Neye": "normals",
@@ -185,7 +185,7 @@ def buffers_of(
         (True, "tiles", "row_places row_ends crossings counts starts lists"),
         (bool(aovs) and not walks, "tiles", "work"),
         *((is_used, group, "image") for group, is_used in images.items()),
-        *((is_used and walks, group, "through") for group, is_used in images.items()),
+        (walks and bool(aovs), "color", "through"),
         *((is_used, group, "ranks depth ids") for group, is_used in nearest.items()),
         *((is_used and walks, group, "ray_depths") for group, is_used in nearest.items()),
         *((name in aovs, "pixels", buffer) for name, buffer in PIXELS.items()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +13,28 @@ from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import FrameBuffers, ImageBuffers, NearestBuffers
+from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.occluders import NO_DEPTH, Occluders
 from usdsplat.render.projector import ProjectedSplats
+
+WANTS = {
+    "color": walk.COLOR,
+    "albedo": walk.ALBEDO,
+    "normals": walk.NORMALS,
+    "depths": walk.DEPTHS,
+    "median": walk.MEDIAN,
+    "front": walk.FRONT,
+    "prims": walk.WEIGH,
+    "counts": walk.COUNT,
+    "deep": walk.FILL,
+}
+"""What a walk may be asked for."""
+PRODUCTS = frozenset(WANTS) - {"color", "counts", "deep"}
+"""What may be drawn beside colour."""
+COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
+"""Sums over contributions -> first column of the features."""
+PARTS = {"median": 0.5, "front": 0.0}
+"""Which part of the coverage is passed in the splat that is looked for."""
 
 NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))
 
@@ -107,66 +127,72 @@ class TileLists:
         self._starts, self._lists, self.pairs = held.content[1]
         if self.pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{self.pairs} pairs of splat and tile", "less than 2**31")
+        self._walked: dict[str, Any] = {}
+        """What the walk for colour has drawn beside it, by its product."""
         self.rows = 0
         """Rows of 16 pixels blended so far; a GPU does not count them."""
 
     # --- rasterizing -----------------------------------------------------------------------
 
-    def color(self) -> tuple[F32, F32 | None]:
-        """Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
-        (h, w), where it is not just what is missing from A."""
-        self._color, self._through = self._paint(
-            self._buffers.color, self._splats.records, project.RED
-        )
-        return self._color, self._through
+    def color(self, products: frozenset[str] = frozenset()) -> tuple[F32, F32 | None]:
+        """Draw colour, before anything else.
 
-    def paint(self, buffers: ImageBuffers, column: int) -> F32:
-        """Sums of three features over all contributions, and coverage, shape (h, w, 4)."""
-        return self._paint(buffers, self._splats.features, column)[0]
+        Args:
+            products: Which of PRODUCTS will be asked for: contributions that must be taken one by
+                one are found once for all of them.
 
-    def depths(self) -> F32:
-        """Sums of the depths of all contributions, two unused, and coverage, shape (h, w, 4)."""
+        Returns:
+            Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
+            (h, w), where it is not just what is missing from A.
+        """
         if self._walks:
-            return self.paint(self._buffers.depths, walk.DEPTHS)
-        return self.paint(self._buffers.depths, feature.EXPECTED)
+            color = self._buffers.color
+            image, through = color.image(*self.shape), color.through(*self.shape)
+            self._walked = {name: self._room(name) for name in products}
+            self._walk(products | {"color"}, color=image, through=through, **self._walked)
+            self._color, self._through = image, through
+            return image, through
+        self._color, self._through = self._blend("color", self._splats.records, project.RED), None
+        return self._color, None
 
-    def median(self, buffers: NearestBuffers, part: float) -> tuple[F32, I32]:
-        """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which a part of the
-        coverage is passed; `color` comes first."""
+    def sums(self, name: str) -> F32:
+        """Sums of "albedo", "normals" or "depths" over all contributions: three numbers and
+        coverage, shape (h, w, 4). Of depths, two numbers are unused."""
+        if self._walks:
+            return self._walked[name]
+        return self._blend(name, self._splats.features, COLUMNS[name])
+
+    def median(self, name: str) -> tuple[F32, I32]:
+        """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which half of the coverage
+        is passed, or of "front", the first that contribute."""
         run, keep, splats = self._device.run, self._device.keep, self._splats
-        ranks = buffers.ranks(*self.shape)
-        depth = buffers.depth(*self.shape)
-        ids = buffers.ids(*self.shape)
+        buffers = self._buffers.nearest(name)
+        depth, ids = buffers.depth(*self.shape), buffers.ids(*self.shape)
         if self._walks:
-            ray_depths = buffers.ray_depths(*self.shape)
-            self._walk(
-                walk.MEDIAN, part=part, image=self._color, through=self._through, ranks=ranks,
-                depths=ray_depths,
-            )  # fmt: skip
+            ranks, hits = self._walked[name]
         else:
+            ranks, hits = buffers.ranks(*self.shape), NO_DEPTH
             run(
                 median.median, splats.records, self._starts, self._lists, self._grid,
                 splats.ray_hits, self._occluders.depth, splats.is_parallel, self._color,
-                self._occluders.covered, np.float32(part), ranks,
+                self._occluders.covered, np.float32(PARTS[name]), ranks,
             )  # fmt: skip
         run(
             median.resolve, ranks, splats.records, splats.order, splats.sources,
             keep(splats.layout.first_slots), keep(splats.layout.labels), depth, ids,
         )  # fmt: skip
         if self._walks:
-            run(median.hold_depth, ranks, ray_depths, NO_DEPTH, depth)
+            run(median.hold_depth, ranks, hits, NO_DEPTH, depth)
         elif self._occluders.depth.size > 0:
             run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
         """Prims that contribute most and by how much, shapes (h, w, weigh.RANKS)."""
-        splats = self._splats
-        ids = self._buffers.pixels.prims(*self.shape)
-        weights = self._buffers.pixels.weights(*self.shape)
         if self._walks:
-            self._walk(walk.WEIGH, ids=ids, weights=weights)
-            return ids, weights
+            return self._walked["prims"]
+        splats = self._splats
+        ids, weights = self._room("prims")
         self._device.run(
             weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
             self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
@@ -180,7 +206,7 @@ class TileLists:
         held = resident(self.shape, np.uint32)
         walks = self._walks or self._occluders.depth.size > 0
         if walks:
-            self._walk(walk.COUNT, error=error, counts=held)
+            self._walk({"counts"}, error=error, counts=held)
         else:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
         offsets = self._buffers.pixels.deep_offsets(*self.shape)
@@ -191,7 +217,7 @@ class TileLists:
         if walks:
             left = left.copy()
             self._walk(
-                walk.FILL, error=error, offsets=offsets, through=left, deep=(near, far, color)
+                {"deep"}, error=error, offsets=offsets, through=left, deep=(near, far, color)
             )
         else:
             self._deep(error, True, offsets, held, (near, far, color))
@@ -201,13 +227,21 @@ class TileLists:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _paint(self, buffers: ImageBuffers, paints: F32, column: int) -> tuple[F32, F32 | None]:
+    def _room(self, name: str) -> Any:
+        """Buffers for one of PRODUCTS."""
+        shape = self.shape
+        if name in PARTS:
+            nearest = self._buffers.nearest(name)
+            return nearest.ranks(*shape), nearest.ray_depths(*shape)
+        if name == "prims":
+            pixels = self._buffers.pixels
+            return pixels.prims(*shape), pixels.weights(*shape)
+        return self._buffers.image(name).image(*shape)
+
+    def _blend(self, name: str, paints: F32, column: int) -> F32:
+        """Blend three numbers of each splat in the order of centres, shape (h, w, 4)."""
         run, splats = self._device.run, self._splats
-        image = buffers.image(*self.shape)
-        if self._walks:
-            through = buffers.through(*self.shape)
-            self._walk(walk.PAINT, paints=paints, column=column, image=image, through=through)
-            return image, through
+        image: F32 = self._buffers.image(name).image(*self.shape)
         work = self._buffers.tiles.work(int(self._grid["rows"][0]), int(self._grid["columns"][0]))
         height, width = self.shape
         run(
@@ -217,7 +251,7 @@ class TileLists:
         )  # fmt: skip
         if isinstance(work, np.ndarray):  # a GPU does not count
             self.rows += int(work.sum())
-        return image, None
+        return image
 
     def _deep(
         self,
@@ -233,40 +267,32 @@ class TileLists:
             np.float32(error), writes, offsets, counts, *samples,
         )  # fmt: skip
 
-    def _walk(
-        self,
-        mode: int,
-        *,
-        paints: F32 | None = None,
-        column: int = project.RED,
-        part: float = 0.0,
-        error: float = 0.0,
-        **out: Any,
-    ) -> None:
-        """Walk all pixels; `out` names what the mode reads and writes."""
+    def _walk(self, wanted: AbstractSet[str], *, error: float = 0.0, **out: Any) -> None:
+        """Walk all pixels once for all that is wanted; `out` names what is read and written."""
         splats = self._splats
         options = np.zeros(1, walk.WALK)
-        options["mode"], options["column"] = mode, column
-        options["sort_by_ray_hit"], options["is_parallel"] = (
-            self._sort_by_ray_hit,
-            splats.is_parallel,
-        )
-        options["prims"], options["part"], options["error"] = len(splats.layout.prims), part, error
+        options["wants"] = sum(WANTS[name] for name in wanted)
+        options["sort_by_ray_hit"] = self._sort_by_ray_hit
+        options["is_parallel"] = splats.is_parallel
+        options["prims"], options["error"] = len(splats.layout.prims), error
         options["near"] = splats.near
+        no_image, no_ranks = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.int32)
+        no_prims = np.empty((0, 0, weigh.RANKS), np.int32)
         nothing = {
-            "image": np.empty((0, 0, 4), np.float32),
+            "color": no_image,
+            "albedo": no_image,
+            "normals": no_image,
+            "depths": no_image,
             "through": NO_DEPTH,
-            "ranks": np.empty((0, 0), np.int32),
-            "depths": NO_DEPTH,
-            "ids": np.empty((0, 0, weigh.RANKS), np.int32),
-            "weights": np.empty((0, 0, weigh.RANKS), np.float32),
+            "median": (no_ranks, NO_DEPTH),
+            "front": (no_ranks, NO_DEPTH),
+            "prims": (no_prims, no_prims.view(np.float32)),
             "counts": np.empty((0, 0), np.uint32),
             "offsets": np.empty(0, np.int64),
             "deep": NO_DEEP,
         }
         self._device.run(
-            walk.walk, options, splats.records, splats.records if paints is None else paints,
-            splats.keeps, splats.labels, self._starts, self._lists, self._grid, splats.ray_hits,
-            self._occluders.depth, self._occluders.covered, self._occluders.holdout,
-            tuple((nothing | out).values()),
+            walk.walk, options, splats.records, splats.features, splats.keeps, splats.labels,
+            self._starts, self._lists, self._grid, splats.ray_hits, self._occluders.depth,
+            self._occluders.covered, self._occluders.holdout, tuple((nothing | out).values()),
         )  # fmt: skip

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import cuda
 
+from usdsplat.kernels import feature
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.blend import END
 from usdsplat.kernels.cuda.device import CudaDevice
@@ -30,29 +31,33 @@ from usdsplat.kernels.cuda.tile import (
     is_hidden,
     origin,
 )
-from usdsplat.kernels.project import DEPTH
+from usdsplat.kernels.project import DEPTH, RED
 from usdsplat.kernels.ray_hit import CENTER, REACH
 from usdsplat.kernels.walk import (
+    ALBEDO,
+    COLOR,
     COUNT,
-    COVER,
     DEPTHS,
     FILL,
-    FIRST,
-    FLUSH,
-    GOAL,
+    FRONT,
+    HALF,
     MEDIAN,
-    PAINT,
-    SECOND,
-    SEEN,
-    STATE,
-    THIRD,
-    THROUGH,
+    NORMALS,
     WEIGH,
-    WEIGHT,
     held_through,
 )
 from usdsplat.kernels.weigh import NONE, RANKS
 
+PAINT = COLOR
+"""Mode of a walk that sums three numbers of each splat, whichever."""
+DEPTH_COLUMN = -1
+"""Column that stands for the depth of each contribution."""
+FLUSH = 8
+"""Splats between two looks at what may leave the windows."""
+STATE = 8
+THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
+"""Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
+or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
 ROOM = 1 << 30
 """[byte] of all windows together, unless one block needs more."""
 WINDOW = 12
@@ -71,7 +76,7 @@ def _take(
     """Do with a contribution what the mode says, as `kernels.walk` does; whether the pixel goes
     on."""
     hold_offsets, hold_depths, hold_through = holdout
-    mode = options.mode
+    mode = options.wants
     t = state[THROUGH]
     weight = alpha * t
     remains = behind(t, alpha)
@@ -87,7 +92,7 @@ def _take(
     if mode == PAINT:
         column = options.column
         state[COVER] += weight
-        if column == DEPTHS:
+        if column == DEPTH_COLUMN:
             state[FIRST] += weight * depth
         else:
             state[FIRST] += weight * paints[rank, column]
@@ -200,7 +205,7 @@ def _walk(
     thread = cuda.threadIdx.x
     x, y = thread % TILE, thread // TILE
     g, o = grid[0], options[0]
-    mode, sort_by_ray_hit, is_parallel = o.mode, o.sort_by_ray_hit, o.is_parallel
+    mode, sort_by_ray_hit, is_parallel = o.wants, o.sort_by_ray_hit, o.is_parallel
     near, strength = nears[cuda.blockIdx.x], strengths[cuda.blockIdx.x]
     place, table = places[cuda.blockIdx.x], tables[cuda.blockIdx.x]
     has_stops = stops.shape[0] > 0
@@ -314,12 +319,47 @@ def _groups(lengths: Any) -> list[Any]:
     return groups
 
 
-def walk(device: CudaDevice, options: Any, *args: Any) -> None:
-    """`kernels.walk.walk`."""
+def walk(
+    device: CudaDevice, options: Any, records: Any, features: Any, keeps: Any, labels: Any,
+    *args: Any,
+) -> None:  # fmt: skip
+    """`kernels.walk.walk`: one walk for each thing that is asked for."""
+    *lists, holdout, out = args
+    color, albedo, normals, sums, through, median, front, prims, counts, offsets, deep = out
+    asked = device.fetch(options)[0]
+    # mode -> paints, their first column, part of the coverage; image, ranks and depths
+    steps = {
+        COLOR: (records, RED, 0.0, color, median),
+        ALBEDO: (features, feature.ALBEDO, 0.0, albedo, median),
+        NORMALS: (features, feature.NORMAL, 0.0, normals, median),
+        DEPTHS: (records, DEPTH_COLUMN, 0.0, sums, median),
+        MEDIAN: (records, RED, HALF, color, median),
+        FRONT: (records, RED, 0.0, color, front),
+        WEIGH: (records, RED, 0.0, color, median),
+        COUNT: (records, RED, 0.0, color, median),
+        FILL: (records, RED, 0.0, color, median),
+    }
+    for wanted, (paints, column, part, image, found) in steps.items():
+        if not asked["wants"] & wanted:
+            continue
+        chosen = np.array([asked], asked.dtype)
+        mode = {ALBEDO: PAINT, NORMALS: PAINT, DEPTHS: PAINT, FRONT: MEDIAN}.get(wanted, wanted)
+        chosen["wants"], chosen["column"], chosen["part"] = mode, column, part
+        written = image, through, *found, *prims, counts, offsets, deep
+        launch(device, chosen, records, paints, keeps, labels, *lists, holdout, written)
+
+
+def launch(device: CudaDevice, options: Any, *args: Any) -> None:
+    """Walk all pixels in one mode.
+
+    Args:
+        options: One WALK record of the host, shape (1,), `wants` the mode.
+        args: What `_walk` takes behind its windows.
+    """
     starts, lists = args[4], args[5]
-    chosen = device.fetch(options)[0]
+    chosen = options[0]
     lengths = np.diff(device.fetch(starts))
-    sort_by_ray_hit, weighs = bool(chosen["sort_by_ray_hit"]), chosen["mode"] == WEIGH
+    sort_by_ray_hit, weighs = bool(chosen["sort_by_ray_hit"]), chosen["wants"] == WEIGH
     prims = int(chosen["prims"]) if weighs else 0
     pairs = lists.shape[0]
     borrow = device.borrow
@@ -344,4 +384,4 @@ def walk(device: CudaDevice, options: Any, *args: Any) -> None:
             names.reshape((blocks, prims + 1)), windows("walk table", np.float32, here),
         )  # fmt: skip
         chosen_tiles = device.keep(tiles)
-        _walk[blocks, THREADS, device.stream](options, chosen_tiles, room, *args)
+        _walk[blocks, THREADS, device.stream](device.keep(options), chosen_tiles, room, *args)

@@ -30,14 +30,14 @@ def weigh(
 ) -> None:  # fmt: skip
     """`kernels.weigh.weigh`."""
     options = np.zeros(1, WALK)
-    options["mode"], options["prims"], options["is_parallel"] = WEIGH, prims, is_parallel
+    options["wants"], options["prims"], options["is_parallel"] = WEIGH, prims, is_parallel
     no = {name: device.keep(array) for name, array in NOTHING.items()}
     samples = no["numbers"], no["numbers"], no["colors"]
     out = (
         no["image"], no["plane"], no["places"], no["plane"], ids, weights, no["counts"],
         no["offsets"], samples,
     )  # fmt: skip
-    any_order.walk(
-        device, device.keep(options), records, records, no["keeps"], labels, starts, lists, grid,
+    any_order.launch(
+        device, options, records, records, no["keeps"], labels, starts, lists, grid,
         ray_hits, stops, no["covered"], (no["offsets"], no["numbers"], no["numbers"]), out,
     )  # fmt: skip
