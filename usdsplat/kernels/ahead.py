@@ -242,7 +242,9 @@ def _host_kernel(name: str) -> Any:
 
 def _load_cuda_kernel(name: str) -> None:
     """Import the module that defines a GPU kernel, or make the GPU's loop over its items."""
+    from usdsplat.kernels.cuda.loops import gpu_loop
+
     if name.startswith("cuda."):
         importlib.import_module(_module_of(name))
     else:
-        assert _host_kernel(name).gpu is not None, name
+        gpu_loop(_host_kernel(name))

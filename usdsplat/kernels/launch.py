@@ -187,13 +187,6 @@ class Kernel:
             self._loops[shape] = made
         return self._loops[shape]
 
-    @functools.cached_property
-    def gpu(self) -> Any:
-        """The loop for the threads of a GPU, a kernel with the arguments of `cpu`."""
-        from usdsplat.kernels.cuda.loops import gpu_loop
-
-        return gpu_loop(self)
-
     def on_cpu(self, args: tuple[Any, ...]) -> Any:
         """Run all items on the CPU's threads."""
         shape, flat = flattened(args)

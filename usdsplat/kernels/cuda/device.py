@@ -23,7 +23,7 @@ from numba import cuda
 from usdsplat.core.errors import BackendError, UsdSplatError
 from usdsplat.kernels.cuda.arrays import with_views
 from usdsplat.kernels.cuda.compiling import connect
-from usdsplat.kernels.cuda.loops import BLOCKS, THREADS, grid_of
+from usdsplat.kernels.cuda.loops import BLOCKS, THREADS, gpu_loop, grid_of
 from usdsplat.kernels.cuda.support import is_compiled, is_simulated
 from usdsplat.kernels.cuda.transfers import CONSTANT, SMALL, Constants, PinnedPool, Rings
 from usdsplat.kernels.device import CpuDevice
@@ -66,12 +66,14 @@ def _launch(kernel: Kernel, device: CudaDevice, *args: Any) -> Any:
         blocks = rounds(size)
         partial = device.borrow("partial", blocks, kernel.dtype)
         if blocks:
-            kernel.gpu[min(BLOCKS, blocks), THREADS, device.stream](size, blocks, partial, args)
+            gpu_loop(kernel)[min(BLOCKS, blocks), THREADS, device.stream](
+                size, blocks, partial, args
+            )
         return kernel.total(device.fetch(partial)[:blocks])
     count = math.prod(size) if isinstance(size, tuple) else size
     if count:
         blocks = min(BLOCKS, count) if kernel.team else grid_of(count)
-        kernel.gpu[blocks, THREADS, device.stream](size, args)
+        gpu_loop(kernel)[blocks, THREADS, device.stream](size, args)
     return None
 
 

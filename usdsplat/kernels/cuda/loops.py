@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -16,8 +17,10 @@ BLOCKS = 132 * 16
 """At most, of a launch: enough to fill any GPU. The loops take what is left."""
 
 
+@functools.cache
 def gpu_loop(given: Kernel) -> Any:
-    """Return the GPU's kernel of a function of one item."""
+    """Return the GPU's kernel of a function of one item, called with the size and a tuple of
+    arguments; a reduction's, with the size, the number of blocks, their results and arguments."""
     item = given.item
     if isinstance(given, Reduction):
         return kernel(given.named(_blocks_to_numbers(given)), made_of=(__name__,))
