@@ -1,8 +1,8 @@
-"""The samples of deep pixels in the order of centres: counted, then written where they belong.
+"""Count the samples of deep pixels in the order of centres, or write them where they belong.
 
-`walk` can do this for any order and any holdout, one contribution to one pixel after the other.
-Here, as in `blend`, 16 pixels go at a time, and only what is written is written one by one.
-Counting and writing are one function, compiled once, so that they cannot disagree about a sample.
+`walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
+time, also while contributions are merged; only finished samples are written one by one. Counting
+and writing are one function, compiled once, so that they cannot disagree about a sample.
 
 Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
 """
@@ -16,14 +16,12 @@ from .batch import FIELDS, LOOK, lay_row, load_batch, load_paints
 from .bins import TILE
 from .blend import END, alphas_at
 from .jit import parallel, scalar, serial
-from .lanes import bits, choose, fused, load, lower, lowest_bit, ramp, size, store
+from .lane_keys import any_of
+from .lanes import bits, choose, fused, lower, lowest_bit, ramp, size, spread, store
 from .project import DEPTH
 
-STATE = 3
-ROW = STATE * TILE
-"""Floats of a row of a tile's state, 16 pixels each: transmittance, negative where it has ended;
-transmittance of the samples so far; weight of the run that is merged."""
-SEEN, RUN = np.uint64(TILE), np.uint64(2 * TILE)
+BATCH = (FIELDS + 3) * LOOK
+"""Floats of a batch of splats and their paint."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -53,6 +51,38 @@ def merge(seen, run, weight, error):
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
+
+
+@scalar
+def store_samples(planes, red, green, blue, cover, front, back):
+    """Lay the samples that are made of 16 pixels out in memory."""
+    store(planes, np.uint64(0), red)
+    store(planes, np.uint64(TILE), green)
+    store(planes, np.uint64(2 * TILE), blue)
+    store(planes, np.uint64(3 * TILE), cover)
+    store(planes, np.uint64(4 * TILE), front)
+    store(planes, np.uint64(5 * TILE), back)
+
+
+@scalar
+def write_samples(planes, done, last, near, far, color):
+    """Write finished samples, and go on to the next place.
+
+    Args:
+        planes: What `store_samples` laid out.
+        done: Bits of the pixels whose samples are finished.
+        last: Places of the samples.
+        near, far, color: As `deep` takes them.
+    """
+    while done != np.uint64(0):
+        x = lowest_bit(done)
+        done &= done - np.uint64(1)
+        j = np.uint64(last[x])
+        last[x] += 1
+        near[j] = planes[x + np.uint64(4 * TILE)]
+        far[j] = planes[x + np.uint64(5 * TILE)]
+        for c in range(4):
+            color[j, c] = planes[x + np.uint64(c * TILE)]
 
 
 @serial(writes=("offsets",), gpu="deep.place")
@@ -93,50 +123,42 @@ def deep(
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
-        y0, y1 = max(0, g.y0 - top), min(TILE, g.y1 - top)
         width = g.x1 - g.x0
         xs, zero, one = ramp(), np.float32(0), np.uint64(1)
         inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
-        state = np.zeros(TILE * ROW, np.float32)
-        live = np.zeros(TILE, np.uint8)
-        merges = error > zero
-        samples = np.zeros(TILE * TILE, np.float32)
-        last = np.empty(TILE * TILE, np.int64)
-        held = np.int64(0)
-        for y in range(y0, y1):
-            at = np.uint64(y * ROW)
-            store(state, at, choose(inside, np.float32(1), -np.float32(1)))
-            store(state, at + SEEN, choose(inside, np.float32(1), np.float32(1)))
-            live[y] = 1
-            if writes:  # the place of each pixel's last sample so far, in the tile
-                pixel = (top + y - g.y0) * width + left + x0 - g.x0
+        begin, n = starts[tile], starts[tile + 1] - starts[tile]
+        batches = np.ones((n + LOOK - 1) // LOOK * BATCH, np.float32)
+        spans = np.empty((n + LOOK - 1) // LOOK * 2 * LOOK, np.float32)
+        slopes, loaded = np.empty(2 * LOOK, np.float32), 0
+        depths, planes = np.empty(n, np.float32), np.empty(6 * TILE, np.float32)
+        last = np.empty(TILE, np.int64)
+        # Row by row: the samples of 16 pixels stay in the cache until all of them are there.
+        for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
+            row, first_pixel = top + y - g.y0, left + x0 - g.x0
+            if writes:  # the place of the sample that is made of each pixel
                 for x in range(x0, x1):
-                    last[y * TILE + x] = held + offsets[pixel + x - x0] - offsets[pixel] - 1
-                held += offsets[pixel + x1 - x0] - offsets[pixel]
-        alive = y1 - y0
-        # Samples go to memory in the order of splats, all over a tile: first within the cache.
-        nears, fars = np.empty(held, np.float32), np.empty(held if merges else 0, np.float32)
-        colors = np.empty((held, 4), np.float32)
-        batch = np.ones((FIELDS + 3) * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.float32)
-        slopes = np.empty(2 * LOOK, np.float32)
-        owns, begun = np.empty(TILE, np.float32), np.empty(TILE, np.float32)
-        end = starts[tile + 1]
-        for first in range(starts[tile], end, LOOK):
-            if alive == 0:
-                break
-            count = min(LOOK, end - first)
-            load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
-            if writes:
-                load_paints(records, column, lists, first, count, batch)
-            there = ~np.uint64(0) >> np.uint64(64 - count)
-            for y in range(y0, y1):
-                if live[y] == 0:
-                    continue
+                    last[x] = offsets[row * width + first_pixel + x - x0]
+            through = choose(inside, np.float32(1), -np.float32(1))
+            seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
+            red = green = blue = cover = front = back = spread(zero)
+            opened = np.uint64(0)
+            for first in range(0, n, LOOK):
+                if not any_of(through > zero):
+                    break
+                count = min(LOOK, n - first)
+                batch = batches[first // LOOK * BATCH : (first // LOOK + 1) * BATCH]
+                rows = spans[2 * first : 2 * (first + LOOK)]
+                if first == loaded:
+                    load_batch(
+                        records, lists, begin + first, count, np.float32(left), np.float32(top),
+                        batch, rows,
+                    )  # fmt: skip
+                    load_paints(records, column, lists, begin + first, count, batch)
+                    for i in range(count):
+                        depths[first + i] = records[lists[begin + first + i], DEPTH]
+                    loaded += LOOK
+                there = ~np.uint64(0) >> np.uint64(64 - count)
                 touched = lay_row(batch, rows, np.float32(y), slopes) & there
-                at = np.uint64(y * ROW)
-                through, seen, run = load(state, at), load(state, at + SEEN), load(state, at + RUN)
-                total = load(samples, np.uint64(y * TILE))
                 while touched != np.uint64(0):
                     i = lowest_bit(touched)
                     touched &= touched - one
@@ -151,54 +173,28 @@ def deep(
                     through = choose(goes_on, remains, -size(through))
                     seen, run, own, begins = merge(seen, run, weight, error)
                     if not writes:
-                        total = total + begins
+                        samples = samples + begins
                         continue
-                    written = bits(own > zero)
-                    store(owns, np.uint64(0), own)
-                    store(begun, np.uint64(0), begins)
-                    depth = records[np.uint64(lists[first + np.int64(i)]), DEPTH]
-                    red, green = batch[i + np.uint64(7 * LOOK)], batch[i + np.uint64(8 * LOOK)]
-                    blue = batch[i + np.uint64(9 * LOOK)]
-                    while written != np.uint64(0):
-                        x = lowest_bit(written)
-                        written &= written - one
-                        pixel = np.uint64(y * TILE) + x
-                        part = owns[x]
-                        if begun[x] > zero:
-                            last[pixel] += 1
-                            j = np.uint64(last[pixel])
-                            nears[j] = depth
-                            colors[j, 0], colors[j, 1] = part * red, part * green
-                            colors[j, 2], colors[j, 3] = part * blue, part
-                        else:
-                            j = np.uint64(last[pixel])
-                            part = (np.float32(1) - colors[j, 3]) * part
-                            colors[j, 0] += part * red
-                            colors[j, 1] += part * green
-                            colors[j, 2] += part * blue
-                            colors[j, 3] += part
-                        if merges:
-                            fars[j] = depth
-                store(state, at, through)
-                store(state, at + SEEN, seen)
-                store(state, at + RUN, run)
-                store(samples, np.uint64(y * TILE), total)
-                goes_on = np.uint8(bits(through > zero) != np.uint64(0))
-                live[y] = goes_on
-                alive -= 1 - goes_on
-        at_row = np.int64(0)
-        for y in range(y0, y1):
+                    counted, begun = own > zero, begins > zero
+                    done = bits(begun) & opened
+                    if done != np.uint64(0):
+                        store_samples(planes, red, green, blue, cover, front, back)
+                        write_samples(planes, done, last, near, far, color)
+                    opened |= bits(begun)
+                    depth = depths[np.uint64(first) + i]
+                    here = batch[i + np.uint64(7 * LOOK)]
+                    part = (np.float32(1) - cover) * own
+                    red = choose(begun, own * here, choose(counted, red + part * here, red))
+                    here = batch[i + np.uint64(8 * LOOK)]
+                    green = choose(begun, own * here, choose(counted, green + part * here, green))
+                    here = batch[i + np.uint64(9 * LOOK)]
+                    blue = choose(begun, own * here, choose(counted, blue + part * here, blue))
+                    cover = choose(begun, own, cover + part)
+                    front, back = choose(begun, depth, front), choose(counted, depth, back)
             if writes:
-                pixel = (top + y - g.y0) * width + left + x0 - g.x0
-                place_of, count = offsets[pixel], offsets[pixel + x1 - x0] - offsets[pixel]
-                for k in range(count):
-                    near[place_of + k] = nears[at_row + k]
-                    for c in range(4):
-                        color[place_of + k, c] = colors[at_row + k, c]
-                if merges:
-                    for k in range(count):
-                        far[place_of + k] = fars[at_row + k]
-                at_row += count
-            else:
+                store_samples(planes, red, green, blue, cover, front, back)
+                write_samples(planes, opened, last, near, far, color)
+            if not writes:
+                store(planes, np.uint64(0), samples)
                 for x in range(x0, x1):
-                    counts[top + y - g.y0, left + x - g.x0] = np.uint32(samples[y * TILE + x])
+                    counts[row, first_pixel + x - x0] = np.uint32(planes[x])

@@ -2,8 +2,8 @@
 
 A key holds the bits of a float64 that has the value of a float32 depth; of its fraction, the lowest
 29 bits are free then, and hold a place: of the splat in the list of its tile. Keys of a pixel are
-different numbers, and those of equal depths are in the order of their places. (A processor orders
-float64 twice as fast as int64.) Depths are finite: FAR stands for none.
+different numbers, and those of equal depths are in the order of their places. Depths are
+finite: FAR stands for none.
 
 Where nothing is compiled (NUMBA_DISABLE_JIT), rows are NumPy slices. See `lanes` for the rest.
 """
