@@ -94,9 +94,11 @@ def install() -> None:
     place = "usdsplat.kernels.cuda.primitives"
     sys.modules[place] = python_types.ModuleType(place)
     sys.modules[place].Primitives = Primitives  # type: ignore[attr-defined]
-    from usdsplat.kernels.cuda import device, ties
+    from usdsplat.kernels.cuda import loops
 
-    device.THREADS, device.BLOCKS = THREADS, BLOCKS
+    loops.THREADS, loops.BLOCKS = THREADS, BLOCKS  # before others import the names
+    from usdsplat.kernels.cuda import ties
+
     ties.MERGERS, ties.MERGING = THREADS, BLOCKS
 
 
