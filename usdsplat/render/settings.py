@@ -25,7 +25,8 @@ class RenderSettings:
     display_mode: Literal["splats", "points", "ellipses", "normals"] = knob(
         "splats",
         "how each splat is drawn: points are dots of its colour, ellipses cover the area "
-        "where its opacity reaches a fifth, normals show its shortest axis in camera space as a colour",
+        "where its opacity reaches a fifth, normals show its shortest axis in camera space as a "
+        "colour",
     )
     splat_budget: int = knob(
         0,
