@@ -43,7 +43,7 @@ from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
-STAGES = ("project", "radiance", "sort", "bins", "blend")
+STAGES = ("project", "shade", "sort", "bin", "blend")
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")
 REPEATS = 9
 

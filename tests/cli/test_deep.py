@@ -41,7 +41,7 @@ def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):
     found = over(counts, band.color)
     np.testing.assert_allclose(found, linear, atol=1e-3)
     first, second = said["deep.exr"].splitlines()
-    assert "deep samples are linear, in lin_rec709_scene, and are blended so" in first
+    assert "deep samples are linear, in lin_rec709_scene, and are blended in that space" in first
     decibels = -10 * np.log10(np.mean((found - flat)[..., :3] ** 2))
     told = re.search(r"([\d,]+) samples.* is ([\d.]+) dB \(at most ([\d.]+)\)", second)
     assert int(told[1].replace(",", "")) == counts.sum()
@@ -78,7 +78,7 @@ def test_a_product_may_be_deep(run, shot, tmp_path):
     status, _, err = run("render", shot, *SMALL, "--no-compare", "--frames", 1)
     assert status == 0
     assert header(tmp_path / "d.exr").deep
-    assert "usdsplat: /Render/deep: a deep picture holds color and Z, P is left out\n" in err
+    assert "usdsplat: /Render/deep: a deep picture holds only color and Z; left out: P\n" in err
 
 
 @pytest.mark.parametrize(

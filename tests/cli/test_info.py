@@ -100,7 +100,7 @@ def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
     assert told["frame"] == "rdf"
     assert (told["frame_guess"]["up"], told["frame_guess"]["agrees"]) == ("+y", False)
     _, out, _ = run("info", data / "splats" / "statue_angel.compressed.ply")
-    assert "+y looks like up, as in 'rub': --axes if that is so" in out
+    assert "+y looks like up, as in 'rub': set --axes if it is" in out
     told = run_json("info", data / "splats" / "statue_angel.sog")["frame_guess"]
     assert (told["up"], told["agrees"], told["remark"]) == ("-y", True, "")
 

@@ -232,4 +232,4 @@ def test_what_is_inside_an_instance_cannot_be_graded(run, tmp_path, capture_stag
     stage.GetRootLayer().Save()
     status, _, err = run("match", root, "-o", tmp_path / "x.usda", "--reference", plate)
     assert status == 2
-    assert "expected one that shows and is not inside an instance" in err
+    assert "expected one that is visible and not inside an instance" in err

@@ -303,7 +303,7 @@ def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
 def test_no_camera_can_be_picked_of_none(run, moving, tmp_path):
     """Oracle: written out by hand."""
     status, _, err = run("render", moving, "-o", tmp_path / "a.png", "--camera", "/Nope")
-    expected = "--camera: found '/Nope', expected no --camera, as the stage has none"
+    expected = "--camera: found '/Nope', expected no --camera, because the stage has none"
     assert (status, err) == (2, f"usdsplat: {expected}\n")
 
 
@@ -322,7 +322,7 @@ def test_both_parts_say_what_ids_stand_for_and_where_the_camera_is(run, shot, tm
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
-        ([], "render: found no file to write, expected -o FILE"),
+        ([], "render: found no output file, expected -o FILE"),
         (["-o", "a.jpg"], "a.jpg: found suffix '.jpg', expected one of .exr, .png"),
         (["-o", "a.png", "--aovs", "color,Z"], "a.png: found AOVs color, Z, expected color"),
         (["-o", "a.png", "--float"], "a.png: found float pixels, expected uint8 or uint16"),
@@ -371,7 +371,7 @@ def test_products_in_each_others_way_are_refused(run, products, tmp_path):
     stage.GetPrimAtPath("/Render/deep").GetAttribute("productName").Set("")
     stage.GetRootLayer().Save()
     status, _, err = run("render", products, "--product", "/Render/deep")
-    assert (status, "/Render/deep: found no file to write, expected -o" in err) == (2, True)
+    assert (status, "/Render/deep: found no output file, expected -o" in err) == (2, True)
 
 
 def test_a_process_is_quiet_and_reports_its_threads(shot, tmp_path):

@@ -93,11 +93,13 @@ def test_inverse_view_reports_what_fails(drawn):
     there = display[..., 3] > 0
     straight = (open_view(config=CONFIG).forward_over(inverse) - display)[there][:, :3]
     off = np.abs(straight / display[there][:, 3:]).max(axis=1) >= 0.5 / 255
-    told = re.fullmatch(r"usdsplat: a.exr: (\S+) % of the splats' pixels fail to come .*\n", err)
+    told = re.fullmatch(
+        r"usdsplat: a.exr: pixels of splats that the view cannot reproduce: (\S+) %.*\n", err
+    )
     assert 0 < off.mean() < 1
     assert float(told[1]) == pytest.approx(100 * off.mean(), rel=0.06)
     _, _, err = drawn("c.exr", "--color-mode", "inverseView")
-    assert err == "usdsplat: c.exr: none of the splats' pixels fail to come back through the view\n"
+    assert err == "usdsplat: c.exr: pixels of splats that the view cannot reproduce: none\n"
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from usdsplat.render.renderer import depends_on_time
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
 
-FIXED = ("project", "radiance", "ray hits", "features", "sort")
+FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of a picture that are done once for each splat, whatever the resolution."""
 
 Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]

@@ -1,6 +1,6 @@
-"""Products: what a user orders of a stage, as values and functions that take an open engine.
+"""Produce what users request from a stage, as values and functions that use an open engine.
 
-`request` and `planning` decide which pictures are drawn, `header` what their files say, `drawing`
-draws and writes them. Commands, the preview and scripts order here: no other module writes a
-picture file of a stage.
+`request` and `planning` select the pictures, `header` describes them in their files, `drawing`
+draws and writes them. Commands, the preview and scripts use this package. No other module writes
+picture files of a stage.
 """

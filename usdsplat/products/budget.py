@@ -1,4 +1,4 @@
-"""How large the bands of a picture are, so that it has the memory that it needs."""
+"""Choose the size of a picture's bands so that the picture fits in memory."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 DEEP_PIXELS = 1 << 17
-"""[pixel] of a band of a deep picture, whose pixels hold any number of samples."""
+"""Pixels of a band of a deep picture, whose pixels hold any number of samples."""
 TALLER = 4
-"""How much taller the bands of many samples are: each is projected anew for each band."""
+"""Factor on the height of bands with several samples, because each band projects the splats again
+for each sample."""
 WORTH_SAYING = 1 << 30
-"""[byte] from which on what a picture needs is said before it is drawn."""
+"""Memory from which the need of a picture is reported before it is drawn [byte]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """What is known of a picture's memory before it is drawn."""
+    """Band size and memory estimate of a picture."""
 
     band_pixels: int
-    """As `Engine.render` takes it."""
+    """See `Engine.render`."""
     estimate: Estimate
 
     def sentence(self) -> str:
-        """What it needs, in words."""
+        """Return the memory need as a sentence."""
         parts = self.estimate
         return (
             f"needs about {said_bytes(parts.total)}: {said_bytes(parts.held)} for the program and "
-            f"the scene, {said_bytes(parts.splats)} for what is seen of it, "
+            f"the scene, {said_bytes(parts.splats)} for its visible part, "
             f"{said_bytes(parts.band)} for a band of {counted(parts.rows, 'row')}"
         )
 
@@ -44,11 +45,11 @@ def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) 
     """Choose the bands of a picture, at the engine's time.
 
     Args:
-        view: What is looked at.
-        limit: [byte] that it may take; None for any.
+        view: The view of the picture.
+        limit: Maximum memory [byte]; None for no limit.
 
     Raises:
-        UsageError: If it takes more with bands of one row of tiles.
+        UsageError: If bands of one row of tiles take more than the limit.
     """
     x0, y0, x1, y1 = view.framing.window
     width, usual = x1 - x0, DEEP_PIXELS if plan.deep else BAND_PIXELS

@@ -1,4 +1,4 @@
-"""Cancel what is being drawn, from any thread."""
+"""Cancel running work from any thread."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import threading
 
 
 class Cancelled(Exception):
-    """Raised where work stops because its token was cancelled; unfinished files are removed."""
+    """Signal that work stopped because its token was cancelled. Unfinished files are removed."""
 
 
 class CancelToken:
-    """A flag that asks for work to stop; it is set once, from any thread."""
+    """Flag that requests work to stop. It can be set from any thread and is never cleared."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
@@ -21,14 +21,14 @@ class CancelToken:
         return self._event.is_set()
 
     def cancel(self) -> None:
-        """Ask for the work to stop."""
+        """Request the work to stop."""
         self._event.set()
 
     def check(self) -> None:
-        """Stop here if that was asked for.
+        """Raise an error if a stop was requested.
 
         Raises:
-            Cancelled: If it was.
+            Cancelled: If a stop was requested.
         """
         if self._event.is_set():
             raise Cancelled

@@ -18,34 +18,34 @@ from usdsplat.render.tile_lists import DeepSamples
 
 @dataclass(slots=True)
 class DeepReport:
-    """What a deep picture holds, and how far it is from the flat one in linear light."""
+    """Size of a deep picture, and its difference from the flat one in linear light."""
 
     samples: int = 0
     pixels: int = 0
     bytes: int = 0
     compared: bool = False
     squares: float = 0.0
-    """Sum over red, green and blue of all pixels."""
+    """Sum of squared differences over red, green and blue of all pixels."""
     worst: float = 0.0
-    """Largest difference."""
+    """Largest absolute difference."""
 
     @property
     def decibels(self) -> float:
-        """Signal to noise, for a peak of 1; infinite for equal pictures."""
+        """Peak signal-to-noise ratio for a peak of 1 [dB]; infinite for equal pictures."""
         mean = self.squares / (3 * self.pixels)
         return math.inf if mean == 0 else -10 * math.log10(mean)
 
     def add(self, difference: F32) -> None:
-        """Count how far some pixels are apart, shape (h, w, 3)."""
+        """Add the differences of some pixels, shape (h, w, 3)."""
         self.squares += float(np.sum(difference.astype(np.float64) ** 2))
         self.worst = max(self.worst, float(np.abs(difference).max(initial=0)))
 
 
 def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> DeepReport:
-    """Draw a deep picture at the engine's time; arguments as `draw_flat` has them.
+    """Draw a deep picture at the engine's time. For arguments see `draw_flat`.
 
     Raises:
-        UsageError: If splats are sorted by another key than planar depth.
+        UsageError: If splats are not sorted by planar depth.
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
@@ -81,7 +81,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
 
 
 def flattened(samples: DeepSamples) -> F32:
-    """Return the samples of each pixel over one another, near over far, shape (h, w, 4)."""
+    """Return the samples of each pixel composited near over far, shape (h, w, 4)."""
     counts = samples.counts.ravel().astype(np.int64)
     starts = np.cumsum(counts) - counts
     image = np.zeros((len(counts), 4), np.float32)

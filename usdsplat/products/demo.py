@@ -29,43 +29,43 @@ from usdsplat.sim.stage.presets import author_preset
 from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
 COARSE, GROWN = 50_000, 300_000
-"""How many splats are modelled to be simulated, and most that a capture may have for it."""
+"""Number of splats of the model for the simulation, and maximum number of a capture for it."""
 BALL = "/World/Simulation/Ball"
 KERNELS = Path(__file__).with_name("demo_kernels.txt")
 """Every kernel that the demo runs, with argument types, in the order of first use."""
 QUICKER = ("sim:substeps=2", "rd:substeps=40")
-"""Parameters below the preset's: the demo then simulates in seconds, and the pattern is still seen
-to spread."""
+"""Parameter values below the preset's. The demo then simulates in seconds, and the pattern still
+visibly spreads."""
 RATE = 24.0
-"""Frames in a second of the animations."""
+"""Frame rate of the animations [frame/s]."""
 
 Tell = Callable[[Path, str], None]
-"""Told each file that is complete, and what it is."""
+"""Receive each complete file with a description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemoRequest:
-    """What the demo is made of, and where."""
+    """Inputs and output folder of the demo."""
 
     capture: Path | None
-    """Capture to use; None for one that is modelled."""
+    """Capture to use; None for a generated one."""
     folder: Path
-    """Folder to fill, made if it is missing."""
+    """Output folder, created if it is missing."""
     splats: int
-    """About how many the modelled capture has."""
+    """Approximate number of splats of the generated capture."""
     frames: int
     """Length of each sequence."""
     threads: int | None
-    """How many to use; None for all."""
+    """Number of threads; None for all cores."""
 
 
 def make_demo(request: DemoRequest, *, progress: Progress, tell: Tell) -> Path:
-    """Run the main job from end to end; return the stage to look at next.
+    """Run the whole demo and return its stage.
 
     Args:
-        request: What it is made of.
-        progress: Told about each part.
-        tell: Told each file.
+        request: Inputs and output folder.
+        progress: Receives the progress of each part.
+        tell: Receives each file.
 
     Raises:
         UsageError: If a number is out of range.
@@ -80,7 +80,7 @@ def make_demo(request: DemoRequest, *, progress: Progress, tell: Tell) -> Path:
 
 
 class _Demo:
-    """One run: its request, and who is told."""
+    """One run of the demo."""
 
     def __init__(self, request: DemoRequest, folder: Path, progress: Progress, tell: Tell) -> None:
         self._request = request
@@ -90,7 +90,7 @@ class _Demo:
         self._frames = tuple(float(frame) for frame in range(1, request.frames + 1))
 
     def run(self) -> Path:
-        """Make everything; return the stage."""
+        """Produce all files and return the stage."""
         folder = self._folder
         kernels = signatures.read(KERNELS)
         with ahead.compiling(kernels, jobs=self._request.threads):
@@ -99,19 +99,19 @@ class _Demo:
             self._tell(folder / "capture.usdc", f"{report.splats} splats as a prim, from {capture}")
             stage = folder / "stage.usda"
             author_turntable(stage, folder / "capture.usdc", frames=self._request.frames)
-            self._tell(stage, "the stage: camera, animation, render settings")
+            self._tell(stage, "the stage with camera, animation and render settings")
             self._render(stage)
             if self._request.capture is None:
                 self._grow(self._model_coarsely())
             elif report.splats <= GROWN:
                 self._grow(stage)
             else:
-                why = f"nothing grown on it: {report.splats} splats are many for a demo"
+                why = f"nothing grown on it: {report.splats} splats are too many for a demo"
                 self._tell(folder, why)
         return stage
 
     def _model(self, path: Path, *, splats: int | None = None, degree: int = 3) -> Path:
-        """Model our own capture and write it with the axes of captures, rdf."""
+        """Generate a capture and write it with axes rdf, which is usual for captures."""
         self._progress.step("modelling a still life", 0, 1)
         cloud = procedural_capture(splats or self._request.splats)
         cloud = replace(cloud, sh=cloud.sh[:, : coefficient_count(degree)])
@@ -119,21 +119,22 @@ class _Demo:
         turn = np.eye(4)
         turn[:3, :3] = axes.change("rub", "rdf")
         formats.write(edit.transform(cloud, turn), path, progress=self._progress)
-        self._tell(path, "a still life of our own, as a capture file")
+        self._tell(path, "a generated still life, as a capture file")
         return path
 
     def _model_coarsely(self) -> Path:
-        """Model our own capture again, with fewer splats, and make a stage of it."""
+        """Generate the capture again with fewer splats, and write a stage for it."""
         stage, imported = (self._folder / f"coarse{suffix}" for suffix in (".usda", ".usdc"))
         splats = min(self._request.splats, COARSE)
         capture = self._model(self._folder / "coarse.ply", splats=splats, degree=0)
         import_capture(capture, imported, progress=self._progress)
         author_turntable(stage, imported, frames=self._request.frames)
-        self._tell(stage, "the stage again, coarser, for something to grow on it")
+        self._tell(stage, "the same stage with fewer splats, for the simulation")
         return stage
 
     def _grow(self, source: Path) -> None:
-        """Let a pattern grow on the stage's splats while a ball passes, bake and draw it."""
+        """Simulate a pattern that grows on the stage's splats while a ball passes, then bake and
+        draw it."""
         growth, bake = source.with_name("growth.usda"), source.with_name("growth_bake.usda")
         author_preset("grow", open_stage(source), growth, last=self._request.frames)
         stage = open_stage(growth)
@@ -145,15 +146,17 @@ class _Demo:
         running = SimulateOptions(threads=self._request.threads, existing="replace")
         report = simulate(stage, bake, self._frames, running, progress=self._progress)
         count = sum(report.splats.values())
-        self._tell(bake, f"its result, opinions over the capture: {count} splats at the end")
+        self._tell(bake, f"the result as opinions over the capture: {count} splats at the end")
         with Engine(open_stage(bake), threads=self._request.threads) as engine:
             pictures = self._draw(engine, bake, "sequence", "growth.####.png", self._frames)
-        self._tell(self._folder / "growth.####.png", f"{self._request.frames} frames of it")
-        self._animate(pictures, "growth.webp", "the same as one moving picture")
+        self._tell(
+            self._folder / "growth.####.png", f"{self._request.frames} frames of the simulation"
+        )
+        self._animate(pictures, "growth.webp", "the simulation as an animated picture")
 
     def _render(self, stage: Path) -> None:
         """Draw the products of the stage, and an animation of the sequence."""
-        around = f"{self._request.frames} frames around it"
+        around = f"{self._request.frames} frames around the capture"
         with Engine(open_stage(stage), threads=self._request.threads) as engine:
             for product, name, frames, text in (
                 ("still", "still.png", self._frames[:1], "as a viewer shows it"),
@@ -167,12 +170,12 @@ class _Demo:
             ):
                 pictures = self._draw(engine, stage, product, name, frames)
                 self._tell(self._folder / name, text)
-        self._animate(pictures, "sequence.webp", "the sequence as one moving picture")
+        self._animate(pictures, "sequence.webp", "the sequence as an animated picture")
 
     def _draw(
         self, engine: Engine, stage: Path, product: str, name: str, frames: tuple[float, ...]
     ) -> list[Path]:
-        """Draw a product of a stage; return its files."""
+        """Draw a product of a stage and return its files."""
         output = str(self._folder / name)
         plans = plan_pictures(engine, RenderRequest(product=f"/Render/{product}", output=output))
         drawn = draw_frames(engine, plans, frames, source=str(stage), progress=self._progress)
@@ -184,7 +187,7 @@ class _Demo:
 
 
 def _made(folder: Path) -> Path:
-    """Make the folder if it is missing; return it."""
+    """Create the folder if it is missing, and return it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Write pictures as a screen shows them: PNG or JPEG, 8 bits, sRGB, without alpha."""
+"""Write display-referred pictures: PNG or JPEG, 8 bits, sRGB, without alpha."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ Image = npt.NDArray[np.uint8]
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Suffix -> Pillow's name of the format."""
 QUALITY = 95
-"""Of a JPEG [0..100]."""
+"""Quality of a JPEG [0..100]."""
 SOFTWARE = f"usdsplat {usdsplat.__version__}"
 EXIF_DESCRIPTION, EXIF_SOFTWARE = 0x010E, 0x0131
 
 
 def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = None) -> Path:
-    """Write a picture as PNG or JPEG; return the file.
+    """Write a picture as PNG or JPEG and return its path.
 
     Args:
         image: Display RGB.
-        path: The file, replaced when the new one is complete.
-        metadata: Entries of its header, such as `picture_header` makes: chunks of text in a PNG,
+        path: The file; an existing one is replaced when the new one is complete.
+        metadata: Header entries, see `picture_header`. They are stored as text chunks in a PNG, as
             one JSON object in the Exif description of a JPEG.
 
     Raises:
-        UnknownFormatError: If the suffix is none of `FORMATS`.
+        UnknownFormatError: If the suffix is not in `FORMATS`.
         OutputError: If the file cannot be written.
     """
     from PIL import Image as pillow
@@ -58,7 +58,7 @@ def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = No
 
 
 def exif(metadata: Metadata) -> bytes:
-    """Return Exif data for a JPEG or WebP: `SOFTWARE`, and the entries as JSON in one text."""
+    """Return Exif data for a JPEG or WebP: `SOFTWARE`, and the entries as one JSON text."""
     from PIL import Image as pillow
 
     entries = pillow.Exif()
@@ -68,7 +68,7 @@ def exif(metadata: Metadata) -> bytes:
 
 
 def _chunks(metadata: Metadata) -> PngInfo:
-    """Return the entries as chunks of a PNG, each with its name."""
+    """Return the entries as named text chunks of a PNG."""
     from PIL.PngImagePlugin import PngInfo
 
     chunks = PngInfo()
@@ -79,10 +79,10 @@ def _chunks(metadata: Metadata) -> PngInfo:
 
 
 def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse a file name that ends otherwise.
+    """Raise an error for a file name with another suffix.
 
     Raises:
-        UnknownFormatError: If its suffix is none of `suffixes`.
+        UnknownFormatError: If its suffix is not in `suffixes`.
     """
     if path.suffix.lower() not in suffixes:
         found, expected = f"suffix {path.suffix!r}", f"one of {', '.join(suffixes)}"

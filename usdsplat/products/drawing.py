@@ -1,4 +1,4 @@
-"""Draw pictures into files, one after the other, each whole or not at all."""
+"""Draw pictures into files, one after the other. Incomplete files are never left behind."""
 
 from __future__ import annotations
 
@@ -28,41 +28,41 @@ from usdsplat.render.specs import CameraSpec, View
 
 Remark = Callable[[str], None]
 _Job = tuple[PicturePlan, float, Path]
-"""What is drawn, at which time code, into which file."""
+"""Plan, time code and file of a picture."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawOptions:
-    """How a sequence of pictures is drawn."""
+    """Options for drawing a sequence of pictures."""
 
     existing: Existing = "replace"
-    """What becomes of pictures whose file exists; "resume" leaves them as they are."""
+    """How to treat existing files; "resume" keeps them and skips their pictures."""
     memory_limit: int | None = None
-    """[byte] that the process may take; None for any number."""
+    """Maximum memory of the process [byte]; None for no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnPicture:
-    """A picture whose file is complete."""
+    """Report on a picture whose file is complete."""
 
     path: Path
     frame: float
     camera: str | None
-    """Path of the camera; None for one that frames the scene."""
+    """Path of the camera; None for a camera that frames the scene."""
     resolution: tuple[int, int]
-    """[pixel]"""
+    """Width and height [pixel]."""
     splats: int
-    """Splats that were drawn, instances counted each."""
+    """Number of drawn splats; each instance counts."""
     visible: int
-    """Those that may touch the plan."""
+    """Number of splats that may touch the data window."""
     seconds: float
-    """Time it took, file included."""
+    """Time for drawing and writing [s]."""
     deep_samples: int | None = None
-    """Of all pixels of a deep plan."""
+    """Number of samples of a deep picture."""
 
 
 def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]:
-    """Return what `draw_frames` will draw, for `Engine.expect`."""
+    """Return the work that `draw_frames` will do, for `Engine.expect`."""
     return [
         Work(
             pixels=math.prod(plan.framing.resolution) * len(frames),
@@ -86,22 +86,22 @@ def draw_frames(
     remark: Remark = lambda _: None,
     cancel: CancelToken | None = None,
 ) -> Iterator[DrawnPicture]:
-    """Draw every picture at every frame, frame after frame; yield each when its file is complete.
+    """Draw every picture at every frame, frame by frame, and yield each when its file is complete.
 
     Args:
-        engine: Whose stage is drawn; its time and purposes are set.
-        plans: What to draw.
+        engine: Engine of the stage; its time and purposes are changed.
+        plans: The pictures.
         frames: Time codes.
-        source: What the stage is called in the files.
-        options: What becomes of files that exist, and how much memory may be taken.
-        progress: Told about the rows of all pictures together.
-        remark: Told what a user would not see in the pictures.
-        cancel: Ends the drawing after the band that is being drawn; complete files stay.
+        source: Name of the stage in the headers of the files.
+        options: Treatment of existing files, and the memory limit.
+        progress: Receives the progress in rows of all pictures together.
+        remark: Receives messages on problems that are not visible in the pictures.
+        cancel: Stops the drawing after the current band; complete files are kept.
 
     Raises:
-        UsageError: If two pictures would be one file, or the memory is too little.
+        UsageError: If two pictures have the same file, or the memory limit is too low.
         StageError: If a camera cannot be used.
-        OutputError: If a file cannot be written, or exists and is neither kept nor replaced.
+        OutputError: If a file cannot be written, or exists and `existing` is "error".
     """
     cancel = cancel or CancelToken()
     jobs = _jobs(plans, frames, options.existing)
@@ -143,7 +143,7 @@ def draw_frames(
             remark(remarks.what_is_deep(path, report, seconds))
         elif plan.settings.color_mode == "inverseView":
             remark(remarks.what_fails(path, stats))
-        if engine.remark != before:  # a GPU has failed meanwhile
+        if engine.remark != before:  # a GPU has failed in the meantime
             tell(engine.remark)
         empty = remarks.why_nothing(engine, stats)
         if empty:
@@ -163,15 +163,16 @@ def draw_frames(
 def write_picture(
     engine: Engine, file: PictureFile, *, rows_written: RowsWritten = lambda rows: None
 ) -> DeepReport | None:
-    """Draw one picture at the engine's time into its file; return what is known of a deep one.
+    """Draw one picture at the engine's time into its file. Return a report for a deep picture.
 
     Args:
-        engine: Draws it.
-        file: What is drawn, and where to.
-        rows_written: Called after each band; what it raises ends the drawing, without a file.
+        engine: Engine that draws.
+        file: The picture and its file.
+        rows_written: Called after each band. An exception that it raises ends the drawing, and no
+            file is left.
 
     Raises:
-        UsageError: If a deep picture is asked for in an order that has no depths.
+        UsageError: If a deep picture is requested and splats are not sorted by planar depth.
         OutputError: If the file cannot be written.
     """
     if file.plan.deep:
@@ -181,7 +182,7 @@ def write_picture(
 
 
 def _go_to(engine: Engine, plan: PicturePlan, frame: float, camera: CameraSpec | None) -> View:
-    """Bring the engine to a frame; return the view of the picture there."""
+    """Set the engine to a frame, and return the view of the picture there."""
     engine.set_refinement(plan.settings.refinement)
     engine.set_time(frame)
     engine.set_purposes(plan.purposes)
@@ -199,7 +200,7 @@ def _budgets(
     limit: int | None,
     tell: Callable[..., None],
 ) -> dict[PicturePlan, Budget]:
-    """Choose the bands of each picture by its first frame, before anything is drawn."""
+    """Choose the bands of each picture by its first frame, before any picture is drawn."""
     budgets: dict[PicturePlan, Budget] = {}
     for plan, frame, path in jobs:
         if plan in budgets:
@@ -218,7 +219,7 @@ def _budgets(
 
 
 def _once(remark: Remark) -> Callable[..., None]:
-    """Return a function that makes each remark once, about the first file that it is true of."""
+    """Return a function that passes on each remark once, with the first file it applies to."""
     told: set[str] = set()
 
     def tell(text: str, where: str = "") -> None:
@@ -240,7 +241,7 @@ def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:
 
 
 def _check_holdouts(jobs: Sequence[_Job]) -> None:
-    """Refuse to begin what could not be finished: all holdouts must be there."""
+    """Raise an error before drawing if a holdout is missing."""
     for plan, frame, _ in jobs:
         if plan.holdout is not None:
             path = frame_path(plan.holdout, frame)
@@ -254,7 +255,7 @@ def _check_holdouts(jobs: Sequence[_Job]) -> None:
 def _framing_camera(
     engine: Engine, plan: PicturePlan, frames: Sequence[float]
 ) -> CameraSpec | None:
-    """Return one camera for all frames if the picture has none, so that motion shows."""
+    """Return one camera for all frames if the picture has none, so that motion is visible."""
     if plan.camera is not None:
         return None
     engine.set_purposes(plan.purposes)
@@ -263,7 +264,7 @@ def _framing_camera(
 
 
 def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
-    """Return what is to be drawn into which file, frame after frame."""
+    """Return the pictures to draw with their files, frame by frame."""
     names = [frame_paths(plan.output, frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):

@@ -16,18 +16,19 @@ from usdsplat.render.output import view_of
 
 
 def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> None:
-    """Draw a picture at the engine's time; the file appears when it is complete.
+    """Draw a picture at the engine's time. The file appears when it is complete.
 
     Args:
-        engine: Draws it.
-        file: What is drawn, and where to.
-        rows_written: Called after each band; what it raises ends the drawing, without a file.
+        engine: Engine that draws.
+        file: The picture and its file.
+        rows_written: Called after each band. An exception that it raises ends the drawing, and no
+            file is left.
 
     Raises:
         OutputError: If the file cannot be written.
     """
     plan, layout = file.plan, file.layout
-    # A premultiplied colour goes through a view by the coverage of the pixel.
+    # The view transform of a premultiplied colour needs the coverage of the pixel.
     with_color = plan.is_baked and "albedo" in plan.aovs
     names = dict.fromkeys((*plan.aovs, *(("color",) if with_color else ())))
     by_hydra = {AOVS[name].hydra: AOVS[name] for name in names}
@@ -41,7 +42,7 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     )
     with open_writer(file.path, layout) as writer:
         for band in bands:
-            # -1, which stands for nothing among the renderer's ids, is 2**32 - 1 in the file.
+            # The renderer's id for no prim, -1, is 2**32 - 1 in the file.
             arrays = {
                 aov.name: array.view(np.uint32) if aov.kind == "id" else array
                 for aov, array in ((by_hydra[key], band.arrays[key]) for key in by_hydra)
@@ -55,7 +56,7 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
 def _baked(
     through: ViewTransform, arrays: dict[str, npt.NDArray[Any]]
 ) -> dict[str, npt.NDArray[Any]]:
-    """Take all colours through a view."""
+    """Return the colour AOVs after the view transform."""
     shown: dict[str, npt.NDArray[Any]] = {}
     if "albedo" in arrays:
         image = np.concatenate([arrays["albedo"], arrays["color"][..., 3:]], axis=-1)

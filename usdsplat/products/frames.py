@@ -1,4 +1,4 @@
-"""Decide which frames of a stage are drawn."""
+"""Select the frames of a stage to draw."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from usdsplat.products.request import PicturePlan
 
 
 def first_frame(stage: Stage, asked: str | None) -> float:
-    """Return the first frame to draw, which is known before there are plans.
+    """Return the first frame to draw. It does not depend on plans.
 
     Args:
-        stage: What is drawn.
-        asked: Frames that the user asks for, as `parse_frames` reads them; None if none.
+        stage: The stage to draw.
+        asked: Requested frames in the format of `parse_frames`; None for the stage's own.
 
     Raises:
-        UsageError: If `asked` is no range.
+        UsageError: If `asked` is not a valid range.
     """
     return frames_to_draw(stage, asked, ())[0]
 
@@ -25,18 +25,18 @@ def first_frame(stage: Stage, asked: str | None) -> float:
 def frames_to_draw(
     stage: Stage, asked: str | None, plans: Sequence[PicturePlan]
 ) -> tuple[float, ...]:
-    """Return the frames that the user asks for, or the stage's own.
+    """Return the requested frames, or the stage's own.
 
-    Without a wish it is the stage's whole range if a file name has a place for the frame number,
-    else its first frame; 0 on a stage without a range.
+    Without a request, these are the stage's whole range if a file name has a placeholder for the
+    frame number, otherwise its first frame, and 0 for a stage without a range.
 
     Args:
-        stage: What is drawn.
-        asked: As in `first_frame`.
-        plans: What is drawn into which files.
+        stage: The stage to draw.
+        asked: See `first_frame`.
+        plans: The pictures with their file names.
 
     Raises:
-        UsageError: If `asked` is no range.
+        UsageError: If `asked` is not a valid range.
     """
     if asked is not None:
         return parse_frames(asked)

@@ -1,7 +1,7 @@
-"""What the file of a picture says about it: one function makes the entries of every file.
+"""Make the headers of picture files, for all file formats.
 
-`picture_header` is called for pictures that `usdsplat render` writes, for what a window saves, and
-for movies, so that all of them name their stage, frame, camera and how they were drawn alike.
+`picture_header` serves pictures of `usdsplat render`, pictures saved from a window, and movies. All
+of them therefore name stage, frame, camera and drawing settings in the same way.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from usdsplat.render.specs import View
 
 DISPLAY = "srgb_rec709_display"
 UNKNOWN = "unknown"
-"""Interop name of a space that has none: the code values of a display other than sRGB."""
+"""Interop name of a colour space without one: display code values other than sRGB."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Origin:
-    """Where a picture comes from, in the words that its header uses."""
+    """Origin of a picture, as its header states it."""
 
     stage: str
     """Name of the stage, as the user gave it."""
     frame: float
     """Time code."""
     camera: str = "framing the scene"
-    """What a camera that is no prim of the stage is called."""
+    """Name of a camera that is not a prim of the stage."""
     shown: Mapping[str, str | float] = field(default_factory=dict)
-    """Adjustments of a screen that the pixels contain, such as its exposure; none in an EXR."""
+    """Viewer adjustments that are part of the pixels, such as exposure; empty for an EXR."""
 
 
 def output_space(plan: PicturePlan) -> str:
-    """Return the colour space of the numbers in a picture's colour channels."""
+    """Return the colour space of a picture's colour channels."""
     settings = plan.settings
     if plan.deep:
         return settings.working_space
@@ -51,7 +51,7 @@ def output_space(plan: PicturePlan) -> str:
 
 
 def layout_of(plan: PicturePlan) -> ImageLayout:
-    """Return what the file of a picture is going to hold, without its header."""
+    """Return the layout of a picture's file, without its header."""
     return ImageLayout(
         resolution=plan.framing.resolution,
         data_window=plan.framing.data_window,
@@ -65,13 +65,13 @@ def layout_of(plan: PicturePlan) -> ImageLayout:
 def labelled_layout(
     engine: Engine, plan: PicturePlan, view: View, *, origin: Origin
 ) -> ImageLayout:
-    """Return what the file of one frame is going to hold, with its header.
+    """Return the layout of the file of one frame, with its header.
 
     Args:
-        engine: At the picture's time.
-        plan: How it is drawn.
-        view: What is looked at.
-        origin: Stage, frame and camera as the header names them.
+        engine: Engine at the picture's time.
+        plan: Plan of the picture.
+        view: View of the picture.
+        origin: Stage, frame and camera for the header.
     """
     _, pixel_aspect_ratio = conform(view.camera.window, view.framing)
     return replace(
@@ -82,7 +82,7 @@ def labelled_layout(
 
 
 def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
-    """Return all entries of a picture's header; arguments as in `labelled_layout`."""
+    """Return all entries of a picture's header. For arguments see `labelled_layout`."""
     window, _ = conform(view.camera.window, view.framing)
     entries = {
         **camera_metadata(
@@ -108,7 +108,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
 
 
 def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
-    """How the splats are drawn, and how their colours become those of the file."""
+    """Return the header entries on how splats are drawn and colours are converted."""
     fields = [drawn.spec for _, drawn, _ in engine.render_scene.drawn()]
     settings = plan.settings.resolved(spec.sorting_mode for spec in fields)
     if plan.deep:

@@ -1,4 +1,5 @@
-"""What `usdsplat match` does: draw, compare, fit, write, and draw again to say what came of it."""
+"""Match the colours of splats to a plate or a chart: draw, compare, fit a grade, write it, and
+compare again."""
 
 from __future__ import annotations
 
@@ -28,25 +29,25 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
 OPAQUE = 0.99
-"""Coverage from which on a pixel shows nothing but splats."""
+"""Coverage from which a pixel counts as opaque."""
 CODES = (0.02, 0.98)
-"""sRGB code values of the splats between which nothing is clipped."""
+"""Range of sRGB code values of the splats without clipping."""
 MOST = 200_000
-"""Pixels that are fitted to; of more, every so many."""
+"""Maximum number of pixels for the fit; a larger set is subsampled evenly."""
 
 ROOT_METADATA = (
     "defaultPrim", "upAxis", "metersPerUnit", "kilogramsPerUnit", "timeCodesPerSecond",
     "framesPerSecond", "framePrecision", "startTimeCode", "endTimeCode", "colorManagementSystem",
     "colorConfiguration", "renderSettingsPrimPath", "fallbackPrimTypes",
 )  # fmt: skip
-"""What a stage reads of its root layer only, so that the new root must say it again."""
+"""Metadata that USD reads from the root layer only. The new root layer must repeat it."""
 
 Pixels = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatchRequest:
-    """What the user asks for; either a reference or a chart with patches."""
+    """Request to match, with either a reference or a chart with patches."""
 
     target: Path
     camera: str | None
@@ -61,7 +62,7 @@ class MatchRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatchReport:
-    """What was found. The matrix is for column vectors and linear Rec.709."""
+    """Result of a match. The matrix is for column vectors and linear Rec.709."""
 
     target: str
     prim_paths: tuple[str, ...]
@@ -78,21 +79,21 @@ class MatchReport:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Goal:
-    """What is compared: how to take it from a picture, and what it should be."""
+    """Target of the fit: how to measure colours in a picture, and the wanted colours."""
 
     measure: Callable[[Pixels], F64]
-    """Straight linear Rec.709 colours of a picture, shape (n, 3)."""
+    """Return the unpremultiplied linear Rec.709 colours of a picture, shape (n, 3)."""
     wanted: F64
     kind: str
-    """What the colours are of, "pixels" or "patches"."""
+    """Kind of the colours, "pixels" or "patches"."""
 
 
 def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchReport:
-    """Grade splats to look as they should, in a new layer; the stage's own are not touched.
+    """Fit a grade and write it to a new layer. The stage's own layers are not changed.
 
     Raises:
-        StageError: If there is no such camera or field, or none can be graded.
-        UsageError: If the pictures have nothing in common, or an option is wrong.
+        StageError: If the camera or a field does not exist, or no field can be graded.
+        UsageError: If there are no pixels to compare, or an option is wrong.
         FormatError: If a file cannot be read.
     """
     camera = _camera(engine, request.camera)
@@ -116,7 +117,7 @@ def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchRepor
     after = goal.measure(_draw(engine, view, fields)[0])
     differences = [delta_e(colors, goal.wanted) for colors in (found, after)]
     if differences[1].mean() > differences[0].mean():
-        notes.append("the grade is no improvement: are both of the same view?")
+        notes.append("the grade is no improvement: check that both show the same view")
     _save(grades, stage, request.target)
     return MatchReport(
         target=str(request.target),
@@ -137,12 +138,12 @@ def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchRepor
 
 
 def _camera(engine: Engine, name: str | None) -> str:
-    """The camera that is meant: a comparison needs to know."""
+    """Return the camera. A comparison needs exactly one."""
     if name is not None:
         return find_camera(engine, name)
     paths = engine.cameras()
     if len(paths) != 1:
-        expected = f"one of {', '.join(paths)}" if paths else "a stage that has one"
+        expected = f"one of {', '.join(paths)}" if paths else "a stage with a camera"
         raise StageError("--camera", "none", expected)
     return paths[0]
 
@@ -150,22 +151,22 @@ def _camera(engine: Engine, name: str | None) -> str:
 def _fields(
     engine: Engine, stage: Usd.Stage, prims: tuple[str, ...]
 ) -> tuple[list[Usd.Prim], list[str]]:
-    """The fields to grade, and notes on those that cannot be."""
+    """Return the fields to grade, and notes on those that cannot be graded."""
     shown = sorted({path for path, _, _ in engine.render_scene.drawn()})
     for prim in prims:
         if not any(_is_beneath(path, prim) for path in shown):
-            raise StageError("--prim", prim, f"a field that shows: {', '.join(shown) or 'none'}")
+            raise StageError("--prim", prim, f"a visible field: {', '.join(shown) or 'none'}")
     chosen = [path for path in shown if not prims or any(_is_beneath(path, p) for p in prims)]
     fields = [stage.GetPrimAtPath(path) for path in chosen]
     able = [prim for prim in fields if prim and not prim.IsInstanceProxy()]
     notes = [
-        f"{path} left alone: it is inside an instance"
+        f"{path} is not graded: it is inside an instance"
         for path, prim in zip(chosen, fields, strict=True)
         if prim not in able
     ]
     if not able:
-        found = f"none that a layer can say something of ({', '.join(chosen) or 'nothing shows'})"
-        raise StageError("fields", found, "one that shows and is not inside an instance")
+        found = f"none that a layer can change ({', '.join(chosen) or 'nothing is visible'})"
+        raise StageError("fields", found, "one that is visible and not inside an instance")
     return able, notes
 
 
@@ -174,7 +175,7 @@ def _is_beneath(path: str, prim: str) -> bool:
 
 
 def _author(stage: Usd.Stage, layer: Sdf.Layer, fields: list[Usd.Prim], grade: Grade) -> None:
-    """All that a grade says, so that nothing of an older one is left."""
+    """Author all attributes of a grade, so that nothing of an older grade is left."""
     with Usd.EditContext(stage, layer):
         for prim in fields:
             own = in_primaries(grade, schema.color_space(prim))
@@ -192,7 +193,7 @@ def _author(stage: Usd.Stage, layer: Sdf.Layer, fields: list[Usd.Prim], grade: G
 def _draw(
     engine: Engine, view: View, fields: list[Usd.Prim]
 ) -> tuple[Pixels, npt.NDArray[np.bool_]]:
-    """Straight linear Rec.709 colours, and where there is nothing but the fields."""
+    """Return unpremultiplied linear Rec.709 colours, and where only the fields are visible."""
     pictures = engine.picture(view, RenderSettings(color_mode="scene"), ("color", "primId"))
     color = np.asarray(pictures["color"])
     paths = {str(prim.GetPath()) for prim in fields}
@@ -204,12 +205,12 @@ def _draw(
 
 
 def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, where: str) -> _Goal:
-    """Pixel by pixel."""
+    """Return the target for a comparison by pixels."""
     code = convert(picture, "lin_rec709_scene", "srgb_rec709_scene")
     usable = usable & (code > CODES[0]).all(axis=2) & (code < CODES[1]).all(axis=2)
     at = np.flatnonzero(usable)
     if not len(at):
-        expected = "opaque pixels, neither black nor clipped, that the camera sees splats in too"
+        expected = "opaque pixels, neither black nor clipped, in which the camera sees splats"
         raise UsageError("--reference", f"none in {where}", expected)
     at = at[:: -(-len(at) // MOST)]
 
@@ -220,7 +221,7 @@ def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, wher
 
 
 def _patches(own: npt.NDArray[np.bool_], request: MatchRequest) -> _Goal:
-    """Patch by patch, each the mean of its region."""
+    """Return the target for a comparison by patches, each the mean of its region."""
     assert request.chart is not None and request.patches is not None
     colors = chart(request.chart)
     regions = _regions(request.patches, tuple(colors))
@@ -242,13 +243,13 @@ def _patches(own: npt.NDArray[np.bool_], request: MatchRequest) -> _Goal:
 
 
 def _regions(text: str, names: tuple[str, ...]) -> dict[str, tuple[int, int, int, int]]:
-    """Name of a patch -> its region."""
+    """Return patch name -> region."""
     listed: Any
     if text.lower().endswith(".json"):
         try:
             listed = json.loads(Path(text).read_text(encoding="utf-8"))
         except ValueError as error:
-            raise FormatError(text, f"no JSON ({error})", "a list or an object") from None
+            raise FormatError(text, f"invalid JSON ({error})", "a list or an object") from None
     else:
         listed = [part.split(",") for part in text.split(";") if part.strip()]
     if isinstance(listed, dict):
@@ -258,7 +259,7 @@ def _regions(text: str, names: tuple[str, ...]) -> dict[str, tuple[int, int, int
     elif isinstance(listed, list) and len(listed) == len(names):
         listed = dict(zip(names, listed, strict=True))
     else:
-        found = f"{len(listed)} regions" if isinstance(listed, list) else "neither list nor object"
+        found = f"{len(listed)} regions" if isinstance(listed, list) else "no list and no object"
         raise UsageError("--patches", found, f"{len(names)}, one for each patch of the chart")
     return {name: _region(name, value) for name, value in listed.items() if value is not None}
 
@@ -272,9 +273,9 @@ def _region(name: str, value: Any) -> tuple[int, int, int, int]:
 
 
 def _save(grades: Sdf.Layer, stage: Usd.Stage, target: Path) -> None:
-    """The grades as a layer of their own over the stage's root layer."""
+    """Save the grades as a separate layer over the stage's root layer."""
     root = stage.GetRootLayer()
-    layer = Sdf.Layer.CreateAnonymous(".usda")  # the grades are in use: they must not change
+    layer = Sdf.Layer.CreateAnonymous(".usda")  # a copy, because the stage uses the grades
     layer.TransferContent(grades)
     for key in ROOT_METADATA:
         if root.pseudoRoot.HasInfo(key):

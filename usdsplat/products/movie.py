@@ -1,4 +1,4 @@
-"""Write pictures as a movie, by the ffmpeg that is on PATH, or as an animated WebP."""
+"""Write pictures as a movie, with ffmpeg from PATH, or as an animated WebP."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ from usdsplat.products.display_image import Image, exif
 
 SUFFIXES = (".mp4", ".mov")
 QUALITY = "16"
-"""x264's constant rate factor: what an eye cannot tell from the pictures."""
+"""x264's constant rate factor; compression is not visible at this value."""
 
 
 class Movie:
-    """An H.264 movie that is being written: a context manager fed with frames.
+    """Writer of an H.264 movie: a context manager that receives frames.
 
-    The file appears under its name when the context ends without an error, else not at all. Numbers
-    are those of the pictures, sRGB, tagged as BT.709, which is how players and editors show them.
+    The file appears when the context ends without an error, otherwise not at all. Code values are
+    those of the pictures, sRGB, tagged as BT.709, as players and editors expect.
 
     Args:
         path: The file, .mp4 or .mov.
-        size: Of every frame, width and height [pixel]; the last of an odd number is doubled.
-        rate: Frames in a second.
-        metadata: Header of its first frame, which the comment of the movie holds as JSON.
+        size: Width and height of every frame [pixel]. For an odd size the last row or column is
+            repeated.
+        rate: Frame rate [frame/s].
+        metadata: Header of the first frame, stored as JSON in the comment of the movie.
 
     Raises:
-        OutputError: On entering, if there is no ffmpeg or no place to write; later, if ffmpeg
-            refuses or the disk fills up.
+        OutputError: On entering, if ffmpeg is missing or the file cannot be written; later, if
+            ffmpeg fails or the disk is full.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class Movie:
             raise OutputError(str(self._path), "no ffmpeg", expected)
         with ExitStack() as stack:
             temporary = stack.enter_context(atomic_path(self._path))
-            # A file, for nobody reads a pipe of complaints while frames are written to another.
+            # A file, because nothing reads a stderr pipe while frames are written to stdin.
             self._said = stack.enter_context(tempfile.TemporaryFile())
             self._process = subprocess.Popen(
                 [program, *self._arguments(temporary)],
@@ -92,10 +93,10 @@ class Movie:
                 raise self._refused()
 
     def write(self, image: Image) -> None:
-        """Append a frame; RGB, row 0 at the top, shape (height, width, 3).
+        """Append a frame: RGB, row 0 at the top, shape (height, width, 3).
 
         Raises:
-            OutputError: If ffmpeg refuses what it has so far.
+            OutputError: If ffmpeg has failed.
         """
         columns, rows = self._size
         if image.shape != (rows, columns, 3):
@@ -109,7 +110,7 @@ class Movie:
     def _arguments(self, target: Path) -> list[str]:
         columns, rows = (side + side % 2 for side in self._size)
         pixels = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}"]
-        # Without a matrix ffmpeg takes that of standard definition, and colours shift in players.
+        # Without a matrix ffmpeg uses that of standard definition, which shifts colours in players.
         coded = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
         tags = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"]
         return [
@@ -122,13 +123,14 @@ class Movie:
         ]
 
     def _even(self, image: Image) -> Image:
-        """H.264 has colour for every other pixel only."""
+        """Return the frame padded to even sizes, because H.264 stores colour for every other pixel
+        only."""
         columns, rows = self._size
         filled = np.pad(image, ((0, rows % 2), (0, columns % 2), (0, 0)), mode="edge")
         return np.ascontiguousarray(filled)
 
     def _refused(self) -> OutputError:
-        """What ffmpeg said last."""
+        """Return the error for a failure of ffmpeg, with its last message."""
         self._process.wait()
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").split("\n")
@@ -138,22 +140,22 @@ class Movie:
         return OutputError(str(self._path), found, "a movie that ffmpeg can write")
 
     def _end(self) -> None:
-        """Whatever happened, leave no process."""
+        """End the process, in any case."""
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
         assert self._process.stdin is not None
-        with suppress(OSError):  # what a frame left in the buffer has nowhere to go
+        with suppress(OSError):  # a frame may be left in the buffer, and flushing it fails
             self._process.stdin.close()
 
 
 def save_animation(pictures: Sequence[Path], path: Path, *, rate: float) -> Path:
-    """Write PNGs that `draw_frames` wrote as an animated WebP that repeats; return the file.
+    """Write PNGs from `draw_frames` as a looping animated WebP, and return its path.
 
     Args:
-        pictures: In their order; the header of the first becomes that of the animation.
-        path: The file, replaced when the new one is complete.
-        rate: Frames in a second.
+        pictures: PNGs in order. The header of the first becomes that of the animation.
+        path: The file; an existing one is replaced when the new one is complete.
+        rate: Frame rate [frame/s].
 
     Raises:
         OutputError: If the file cannot be written.

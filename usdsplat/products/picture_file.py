@@ -1,4 +1,4 @@
-"""One picture of one frame, and the file that it is drawn into."""
+"""Describe one picture of one frame and its file."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 RowsWritten = Callable[[int], None]
-"""Told how many rows of a picture are in its file."""
+"""Receive the number of rows of a picture that are in its file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PictureFile:
-    """A picture that is about to be drawn at the engine's time."""
+    """Picture to draw at the engine's time, and its file."""
 
     plan: PicturePlan
     path: Path
     view: View
-    """What is looked at."""
+    """View of the picture."""
     layout: ImageLayout
-    """What the file is going to hold, with its header."""
+    """Layout of the file, with its header."""
     holdout: ReadHoldout | None = None
-    """What else hides, as `Engine.render` takes it."""
+    """External holdout, see `Engine.render`."""
     band_pixels: int = BAND_PIXELS
-    """As `Engine.render` takes it."""
+    """See `Engine.render`."""

@@ -1,4 +1,4 @@
-"""Decide which pictures to draw: those that the stage asks for, as the user changes them."""
+"""Plan the pictures to draw: the stage's products with the user's changes."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from usdsplat.render.specs import Framing
 
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")
-"""The `productType`s that we draw."""
+"""Supported `productType` values."""
 DEEP_AOVS = ("color", "Z")
-"""What a deep picture holds, and nothing else."""
+"""AOVs of a deep picture."""
 
 
 def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
-    """Return the pictures to draw: the stage's products as the user changes them.
+    """Return the pictures to draw: the stage's products with the user's changes.
 
-    A stage without products gets one picture. A file that the user names gets one picture too: of
-    several products the first.
+    A stage without products gets one picture. If the user names a file, there is also only one
+    picture, that of the first product.
 
     Raises:
-        UsageError: If there is no file to write to, or a flag is wrong.
-        StageError: If there is no such camera, product or settings prim.
+        UsageError: If no output file is given, or a flag is wrong.
+        StageError: If the camera, product or settings prim does not exist.
     """
     _check(request)
     camera = None if request.camera is None else find_camera(engine, request.camera)
@@ -53,12 +53,14 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
     pictures = tuple(_of_product(engine, request, product) for product in products)
     pictures = pictures or (_own(engine, request, camera),)
     if request.deep_compression is not None and not any(picture.deep for picture in pictures):
-        raise UsageError("--deep-compression", "no deep picture", "one, by --deep or a deepRaster")
+        raise UsageError(
+            "--deep-compression", "no deep picture", "one, from --deep or a deepRaster product"
+        )
     return pictures
 
 
 def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PicturePlan:
-    """Plan the picture of a stage that asks for none."""
+    """Plan the picture of a stage without products."""
     spec = ProductSpec(
         path="render",
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
@@ -69,17 +71,17 @@ def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PictureP
 
 
 def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
-    """Plan the picture that a product asks for."""
+    """Plan the picture of a product."""
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
     return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
 
 
 def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
-    """Choose the colour mode by the file, and refuse what no file can hold."""
+    """Complete a plan: choose the colour mode by the file, and check what the file can hold."""
     where, output = spec.path, request.output or spec.name
     if not output:
-        raise UsageError(where, "no file to write", "-o FILE, or productName on the product")
+        raise UsageError(where, "no output file", "-o FILE, or productName on the product")
     deep = request.deep or spec.kind == "deepRaster"
     warnings = spec.warnings
     suited = default_color_mode(frame_path(output, 0))
@@ -88,13 +90,13 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         others = [name for name in names if name not in DEEP_AOVS]
         _check_deep(request, output, others)
         if others:
-            text = f"{where}: a deep picture holds color and Z, {', '.join(others)} is left out"
+            text = f"{where}: a deep picture holds only color and Z; left out: {', '.join(others)}"
             warnings = (*warnings, text)
         names = ("color",)
     settings = spec.settings
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
-    view_of(settings)  # refuses a view that is not there
+    view_of(settings)  # raises an error if the view does not exist
     is_png = suited == COLOR_MODES[".png"]
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
@@ -104,7 +106,7 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         settings=settings,
         aovs=names,
         purposes=request.purposes or spec.purposes,
-        # What vars say about precision is about EXRs; a PNG has no such numbers.
+        # The precision in RenderVars applies to EXRs only.
         pixel_type=request.pixel_type or (None if is_png else spec.pixel_type or None),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         holdout=request.holdout,
@@ -125,9 +127,9 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
 
 
 def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
-    """Refuse options that a deep picture cannot have."""
+    """Raise an error for options that do not apply to a deep picture."""
     if default_color_mode(frame_path(output, 0)) != COLOR_MODES[".exr"]:
-        raise UsageError(output, "a deep picture", "the suffix .exr for one")
+        raise UsageError(output, "a deep picture", "the suffix .exr")
     if request.bake_view:
         raise UsageError("--bake-view", "a deep picture", "a flat one: views are not linear")
     if request.aovs and others:
@@ -135,7 +137,7 @@ def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
 
 
 def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:
-    """Return how the image samples the aperture, as the user changes it."""
+    """Return the product's framing with the user's changes."""
     if request.conform is not None:
         framing = replace(framing, conform=request.conform)
     if request.pixel_aspect is not None:
@@ -157,7 +159,7 @@ def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:
 
 
 def _check(request: RenderRequest) -> None:
-    """Refuse options that are wrong by themselves, or contradict each other."""
+    """Raise an error for options that are invalid or contradict each other."""
     find_aovs(request.aovs or ("color",), where="--aovs")
     _check_purposes("--purposes", request.purposes or ())
     if request.conform not in (None, *CONFORM):
@@ -175,28 +177,28 @@ def _check_purposes(where: str, purposes: tuple[str, ...]) -> None:
 
 
 def find_camera(engine: Engine, name: str) -> str:
-    """Return the path of the camera that the user means, by its path or its name.
+    """Return the path of a camera, given its path or its name.
 
     Raises:
-        StageError: If there is none, or several.
+        StageError: If there is no such camera, or several.
     """
     paths = engine.cameras()
     matching = [path for path in paths if name in (path, path.rsplit("/", 1)[-1])]
     if not paths:
-        raise StageError("--camera", repr(name), "no --camera, as the stage has none")
+        raise StageError("--camera", repr(name), "no --camera, because the stage has none")
     if len(matching) != 1:
         raise StageError("--camera", repr(name), f"one of {', '.join(matching or paths)}")
     return matching[0]
 
 
 def _camera_of(engine: Engine, product: ProductSpec) -> str:
-    """Return the camera of a product, if the stage has it."""
+    """Return the camera of a product, and check that it exists."""
     if product.camera and product.camera not in engine.cameras():
-        known = ", ".join(engine.cameras()) or "none, as the stage has none"
+        known = ", ".join(engine.cameras()) or "none, because the stage has none"
         raise StageError(f"{product.path}.camera", product.camera, f"one of {known}")
     return product.camera
 
 
 def _first_camera(engine: Engine) -> str | None:
-    """Return the stage's first camera by path; None if it has none and the scene is framed."""
+    """Return the stage's first camera by path, or None if it has none."""
     return next(iter(engine.cameras()), None)

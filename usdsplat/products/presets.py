@@ -1,4 +1,4 @@
-"""Make a stage that is ready to be simulated, from a capture or from a stage with one field."""
+"""Make a stage that is ready for simulation, from a capture or from a stage with one field."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def make_stage(
         preset: One of `PresetName`.
         source: A capture, which is imported into a .usdc beside the target, or a stage with one
             splat field, which the target refers to.
-        target: A .usda or .usdc file that is not there yet.
-        axes: Where x, y and z of a capture point; None believes the file.
-        progress: Told about the import.
+        target: A .usda or .usdc file that does not exist yet.
+        axes: Directions of a capture's x, y and z; None to use the file's own.
+        progress: Receives the progress of the import.
 
     Returns:
         The files that were written, the target last.
 
     Raises:
-        UsageError: If there is no such preset, or `axes` is given for a stage.
+        UsageError: If the preset does not exist, or `axes` is given for a stage.
         OutputError: If the target exists or cannot be written.
     """
     if preset not in get_args(PresetName):
@@ -47,7 +47,7 @@ def make_stage(
         return [target]
     capture = target.with_name(f"{target.stem}_capture.usdc")
     if capture.exists():
-        raise OutputError(str(capture), "a file", f"no such file: {target} needs the name")
+        raise OutputError(str(capture), "a file", f"no such file, because {target} needs this name")
     import_capture(source, capture, options=ImportOptions(axes=axes), progress=progress)
     author_preset(name, open_stage(capture), target)
     return [capture, target]

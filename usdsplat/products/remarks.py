@@ -1,4 +1,4 @@
-"""Sentences about pictures: what their user would not see by looking at them."""
+"""Make sentences about pictures, on problems that are not visible in them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usdsplat.render.specs import CameraSpec
 
 
 def why_nothing(engine: Engine, stats: FrameStats) -> str:
-    """Say why there is nothing in a picture, at the engine's time; "" if there may be something."""
+    """Return the reason for an empty picture at the engine's time; "" if it may not be empty."""
     if stats.visible or engine.render_scene.drawn_meshes():
         return ""
     if not engine.fields():
@@ -25,7 +25,7 @@ def why_nothing(engine: Engine, stats: FrameStats) -> str:
 
 
 def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
-    """Say that a picture is sharp though its camera would blur it; "" if there is no more to it."""
+    """Return a remark if a picture is sharp although its camera has blur; otherwise ""."""
     settings = plan.settings
     blurs = []
     if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
@@ -35,29 +35,30 @@ def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
     if not blurs or settings.samples > 1 or plan.deep:
         return ""
     words = " and ".join(blurs)
-    return f"{camera.path}: one sample is sharp whatever the {words}; --samples 64 blurs"
+    return f"{camera.path}: one sample does not show the blur of the {words}; --samples 64 does"
 
 
 def what_is_forced(plan: PicturePlan) -> str:
-    """Say what a deep picture does other than a flat one would."""
+    """Return a remark on settings that differ between a deep and a flat picture."""
     samples = plan.settings.samples
     sharp = f", of one sharp sample instead of {samples}" if samples > 1 else ""
     return (
         f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
-        f"blended so (--blend-space linear){sharp}"
+        f"blended in that space (--blend-space linear){sharp}"
     )
 
 
 def what_fails(path: Path, stats: FrameStats) -> str:
-    """Say how much of an `inverseView` picture the view cannot show as it was captured."""
+    """Return the share of an `inverseView` picture whose captured colours the view cannot
+    produce."""
     part = stats.failed / stats.asked if stats.asked else 0.0
     amount = f"{100 * part:.2g} %" if stats.failed else "none"
-    cause = "; it cannot show their colours, or --inverse-max is in the way" if part else ""
-    return f"{path.name}: {amount} of the splats' pixels fail to come back through the view{cause}"
+    cause = "; it cannot produce their colours, or --inverse-max is too low" if part else ""
+    return f"{path.name}: pixels of splats that the view cannot reproduce: {amount}{cause}"
 
 
 def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
-    """Say what a deep picture holds, and how far it is from the flat one."""
+    """Return the size of a deep picture, and its difference from the flat one."""
     mean = report.samples / max(1, report.pixels)
     held = (
         f"{path.name}: {report.samples:,} samples, {mean:.1f} a pixel, "
@@ -68,4 +69,4 @@ def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
     away = ""
     if report.worst > 0:
         away = f" {report.decibels:.1f} dB (at most {report.worst:.2g}) from"
-    return f"{held}; flattened it is{away} the picture that is blended as the captures were trained"
+    return f"{held}; flattened it is{away} the picture blended in the captures' training space"

@@ -1,4 +1,4 @@
-"""What a user asks for, and the plan of each picture that results from it."""
+"""Describe a user's request, and the resulting plan of each picture."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
 MOST_PIXELS = 65536
-"""Of a side: more is a slip of the finger, not a picture."""
+"""Maximum size of a side [pixel]; larger values are typing errors."""
 
 Window = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderRequest:
-    """A user's wishes that replace what the stage says; None keeps what the stage says."""
+    """Values that replace the stage's own; None keeps the stage's value."""
 
     output: str | None = None
-    """File to write, with a place for the frame number when there are several frames."""
+    """File to write, with a placeholder for the frame number if there are several frames."""
     camera: str | None = None
-    """Path of a camera, or its name where there is one of that name."""
+    """Path of a camera, or its name if it is unique."""
     resolution: tuple[int, int] | None = None
-    """[pixel]"""
+    """Width and height [pixel]."""
     conform: str | None = None
     """A UsdRender aspectRatioConformPolicy token."""
     pixel_aspect: float | None = None
@@ -33,37 +33,38 @@ class RenderRequest:
     crop: Window | None = None
     """(x0, y0, x1, y1) [pixel], ends exclusive."""
     overscan: Window | None = None
-    """Pixels more at the left, top, right and bottom."""
+    """Additional pixels at the left, top, right and bottom."""
     aovs: tuple[str, ...] | None = None
     purposes: tuple[str, ...] | None = None
     matte: tuple[str, ...] = ()
-    """Paths of prims that hold out, besides those of the product."""
+    """Paths of mattes in addition to those of the product."""
     holdout: str | None = None
-    """File with depth that holds out, with a place for the frame number if there are several."""
+    """File with the depth of a holdout, with a placeholder for the frame number if there are
+    several."""
     pixel_type: PixelType | None = None
     deep: bool = False
-    """Whether every contribution to a pixel is kept; a product may ask for it too."""
+    """Whether every contribution to a pixel is kept. A product can request it too."""
     deep_compression: str | None = None
     compare: bool = True
     """Whether a deep picture is compared with a flat one."""
     bake_view: bool = False
-    """Whether a picture goes through the view when it is written; PNGs always do."""
+    """Whether the view transform is applied when a picture is written; PNGs always have it."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
     settings_prim: str | None = None
-    """Path of the RenderSettings to follow."""
+    """Path of the RenderSettings prim to use."""
     product: str | None = None
-    """Path of the one product to draw."""
+    """Path of the only product to draw."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PicturePlan:
-    """A picture with everything decided; one file for each frame."""
+    """Complete plan of a picture, with one file for each frame."""
 
     output: str = ""
-    """File, with a place for the frame number; empty where whoever draws names each file."""
+    """File, with a placeholder for the frame number; empty if the caller names each file."""
     camera: str | None
-    """Path of the camera; None for one that is given, or that frames the scene."""
+    """Path of the camera; None for a camera that is given separately or frames the scene."""
     framing: Framing
     settings: RenderSettings
     aovs: tuple[str, ...]
@@ -75,9 +76,9 @@ class PicturePlan:
     deep_compression: str = "none"
     compare: bool = True
     is_baked: bool = False
-    """Whether it goes through the view when it is written."""
+    """Whether the view transform is applied when the picture is written."""
     warnings: tuple[str, ...] = ()
-    """One sentence for each thing that its product asks for and does not get."""
+    """One sentence for each setting of the product that cannot be followed."""
 
     @property
     def rows(self) -> int:

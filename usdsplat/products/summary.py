@@ -1,4 +1,4 @@
-"""What is in a capture or a stage, in values that JSON can hold."""
+"""Describe a capture or a stage in values that JSON can hold."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from usdsplat.schema.validation import splat_fields
 
 PERCENTILES = (1, 25, 50, 75, 99)
 ROBUST = (1, 99)
-"""Percentiles, axis by axis, that bound what is not far away from all else."""
+"""Percentiles on each axis that bound the subject without outliers."""
 
 
 def of_capture(capture: Capture) -> dict[str, Any]:
@@ -41,9 +41,10 @@ def of_capture(capture: Capture) -> dict[str, Any]:
 
 
 def _guessed(capture: Capture) -> dict[str, Any]:
-    """What the splats say about where up is, beside what was assumed."""
+    """Return the up direction guessed from the splats, and whether it agrees with the assumed
+    axes."""
     guess = guess_frame(capture.cloud, capture.frame)
-    wrong = f"{guess.up} looks like up, as in {guess.suggested!r}: --axes if that is so"
+    wrong = f"{guess.up} looks like up, as in {guess.suggested!r}: set --axes if it is"
     return {
         "up": guess.up,
         "suggested": guess.suggested,
@@ -59,9 +60,9 @@ def of_stage(
     """Describe a stage and every splat field on it.
 
     Args:
-        stage: Is not changed.
-        time: Time code at which fields are read; None is the default value, or the first sample.
-        progress: Told about each field.
+        stage: The stage; it is not changed.
+        time: Time code at which fields are read; None for the default value, or the first sample.
+        progress: Receives the progress by fields.
     """
     up_axis = str(UsdGeom.GetStageUpAxis(stage))
     frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
@@ -87,13 +88,13 @@ def of_stage(
 
 
 def _drawn(stage: Usd.Stage, time: float | None) -> int:
-    """Splats in a picture, as a render counts them: instances each, what is hidden not."""
+    """Return the number of splats in a picture. Each instance counts, hidden splats do not."""
     with Engine(stage, time=time) as engine:
         return sum(len(field.spec.cloud) for _, field, _ in engine.render_scene.drawn())
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
-    """Describe one splat field, or say why it cannot be read."""
+    """Describe one splat field, or the reason why it cannot be read."""
     identity = {"path": str(prim.GetPath()), "type": str(prim.GetTypeName())}
     try:
         cloud = schema.fetch(prim, time)
@@ -123,7 +124,7 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
 
 
 def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
-    """What a simulation remembers of itself, without what only a resumption compares."""
+    """Describe a bake from its provenance, without the entries that only resuming needs."""
     first, last = record["frameRange"]
     return {
         "mode": record["mode"],
@@ -138,26 +139,27 @@ def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stored_bytes(prim: Usd.Prim, time: float | None) -> int:
-    """Size of a field's arrays at one time, as they are authored."""
+    """Return the size of a field's authored arrays at one time [byte]."""
     code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     values = (prim.GetAttribute(name).Get(code) for name in schema.DATA_ATTRIBUTES)
     return sum(np.asarray(value).nbytes for value in values if hasattr(value, "__len__"))
 
 
 def _plain(value: Any) -> Any:
-    """USD's dictionaries and arrays as JSON can hold them."""
+    """Return USD's dictionaries and arrays as values that JSON can hold."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
 def of_cloud(cloud: SplatCloud) -> dict[str, Any]:
-    """Return count, degree, bounds of the centres and percentiles, as JSON can hold them.
+    """Return count, degree, bounds of the centres and percentiles, in values that JSON can hold.
 
-    Values that are not finite are counted and otherwise left out. `bounds` hold every centre and
+    Values that are not finite are counted and otherwise ignored. `bounds` contain every centre and
     `bounds_robust` those within `ROBUST` on each axis. `scale` is the geometric mean of the three
-    standard deviations of a splat [scene unit], `opacity` its peak [0..1] and `anisotropy` its
-    longest deviation over its shortest, of those that have one; all are given at the `PERCENTILES`.
+    standard deviations of a splat [scene unit], `opacity` its peak [0..1] and `anisotropy` the
+    ratio of its longest to its shortest deviation, if the shortest is not 0. All are given at the
+    `PERCENTILES`.
     """
     finite = cloud.positions[np.isfinite(cloud.positions).all(axis=1)]
     bounds, robust = None, None
@@ -181,15 +183,16 @@ def of_cloud(cloud: SplatCloud) -> dict[str, Any]:
 
 
 def mean_scales(cloud: SplatCloud) -> F64:
-    """Geometric mean of the three standard deviations [scene unit], shape (n,)."""
-    # Logarithms, since the product of three small float32 numbers may underflow.
+    """Return the geometric mean of the three standard deviations [scene unit], shape (n,)."""
+    # Logarithms, because the product of three small float32 numbers may underflow.
     with np.errstate(divide="ignore", invalid="ignore"):
         means: F64 = np.exp(np.log(cloud.scales.astype(np.float64)).mean(axis=1))
     return means
 
 
 def anisotropies(cloud: SplatCloud) -> F64:
-    """Longest standard deviation over the shortest; infinite or NaN where that is 0, shape (n,)."""
+    """Return the ratio of the longest to the shortest standard deviation, shape (n,). It is
+    infinite or NaN if the shortest is 0."""
     scales = cloud.scales.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios: F64 = scales.max(axis=1) / scales.min(axis=1)
@@ -197,7 +200,7 @@ def anisotropies(cloud: SplatCloud) -> F64:
 
 
 def _percentiles(values: F32 | F64) -> dict[str, float] | None:
-    """Percentile -> value; None where there is none."""
+    """Return percentile -> value; None without finite values."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None

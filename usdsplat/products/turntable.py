@@ -1,4 +1,4 @@
-"""A stage that shows a capture: one camera around it, and what to draw of it."""
+"""Write a stage with a turntable around a capture, and render products for it."""
 
 from __future__ import annotations
 
@@ -18,33 +18,34 @@ from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
 
 FOCAL_LENGTH = 50.0
-"""[tenth of a scene unit]; a camera prim says its field of view by this and its aperture."""
+"""Focal length of the camera prim [0.1 scene unit]. With the aperture it defines the field of
+view."""
 CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
-"""[pixel]"""
+"""Resolutions of the products [pixel]."""
 ASIDE = 80.0
-"""Between the camera's view and the way of what passes [degree]."""
+"""Angle between the view direction and the path of the passing prim [degree]."""
 TIPS = 0.25
-"""How far beyond its bounds things belong to the subject, as a part of its size."""
+"""Distance beyond its bounds that still belongs to the subject, as a fraction of its size."""
 POINTS, TURNS = 5000, 24
-"""How many splats, at how many angles, are looked at to find the distance."""
+"""Number of splats, and of angles, that are tested to find the camera distance."""
 
 _PRODUCTS = {
     "still": (STILL, ("color",)),
     "layers": (STILL, ("color", "depth", "primId", "elementId")),
     "sequence": (MOVING, ("color",)),
 }
-"""Product -> resolution [pixel] and the sources of its vars, in Hydra's words."""
+"""Product -> resolution [pixel] and the sources of its vars, under Hydra's names."""
 
 
 def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
     """Write a stage in which a camera goes once around a capture.
 
     Args:
-        target: A .usda file, replaced when complete; it refers to `capture` by a relative path.
+        target: A .usda file, written when complete. It refers to `capture` by a relative path.
         capture: A USD file with a default prim, in the same folder, upAxis Y.
-        frames: Length of the way around; frame `frames + 1` would be the first again.
+        frames: Number of frames of a full turn; frame `frames + 1` would equal the first.
 
     Raises:
         StageError: If `capture` cannot be opened.
@@ -66,11 +67,12 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
 
 
 def look_across(stage: Usd.Stage, path: str) -> None:
-    """Stop the turntable where a prim is seen to pass by: `ASIDE` from its way.
+    """Stop the turntable at an angle at which a moving prim passes the camera, `ASIDE` from its
+    path.
 
     Args:
-        stage: Its root layer is stronger than that of the turntable.
-        path: Of a prim that is moved from one place to another.
+        stage: A stage whose root layer is stronger than that of the turntable.
+        path: Path of a prim that moves from one place to another.
     """
     moved = UsdGeom.Xformable(stage.GetPrimAtPath(path))
     times = moved.GetTimeSamples()
@@ -89,12 +91,13 @@ def look_across(stage: Usd.Stage, path: str) -> None:
 
 
 def _heading(vector: Gf.Vec3d) -> float:
-    """From z towards x, about the upright axis [degree]."""
+    """Return the angle of a vector around the up axis, from z towards x [degree]."""
     return math.degrees(math.atan2(vector[0], vector[2]))
 
 
 def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
-    """The nearest camera that has the subject in the picture all the way around, and its centre."""
+    """Return the nearest camera that sees the whole subject at every turn, and the subject's
+    centre."""
     with Engine(stage) as engine:
         scene = engine.render_scene
         spec, subject = engine.view(resolution=STILL).camera, scene.subject()
@@ -102,7 +105,7 @@ def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
     if subject is None:
         return spec, np.zeros(3)
     center = (subject[0] + subject[1]) / 2
-    # The subject leaves out a part of the splats on every side, which may be a tip worth seeing.
+    # The subject's bounds cut off a few splats on every side, which may be a visible tip.
     reach = (0.5 + TIPS) * (subject[1] - subject[0])
     is_subject = (np.abs(points - center) <= reach).all(axis=1)
     camera = matrix(spec.world_to_camera)
@@ -122,7 +125,7 @@ def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
 
 
 def _some_points(scene: RenderScene) -> F64:
-    """Centres of splats in the world, a few thousand of each instance, shape (n, 3)."""
+    """Return world centres of splats, a few thousand per instance, shape (n, 3)."""
     parts = [np.empty((0, 3))]
     for _, field, instance in scene.drawn():
         positions = field.spec.cloud.positions
@@ -134,7 +137,7 @@ def _some_points(scene: RenderScene) -> F64:
 
 
 def _swept(points: F64, rotation: F64) -> F64:
-    """Points at every turn around the upright axis, in a camera's axes, shape (3, TURNS * n)."""
+    """Return the points at every turn around the up axis, in camera axes, shape (3, TURNS * n)."""
     angles = 2 * np.pi * np.arange(TURNS) / TURNS
     cos, sin, zero, one = np.cos(angles), np.sin(angles), np.zeros(TURNS), np.ones(TURNS)
     turns = np.array([[cos, zero, sin], [zero, one, zero], [-sin, zero, cos]])
@@ -142,7 +145,7 @@ def _swept(points: F64, rotation: F64) -> F64:
 
 
 def _author_camera(stage: Usd.Stage, spec: CameraSpec, center: F64, frames: int) -> None:
-    """A turntable at `center` that turns once, and on it the camera."""
+    """Author a turntable at `center` that turns once, and the camera on it."""
     turntable = UsdGeom.Xform.Define(stage, Sdf.Path(CAMERA).GetParentPath())
     turntable.AddTranslateOp().Set(Gf.Vec3d(*center))
     turn = turntable.AddRotateYOp()
@@ -159,7 +162,7 @@ def _author_camera(stage: Usd.Stage, spec: CameraSpec, center: F64, frames: int)
 
 
 def _author_settings(stage: Usd.Stage) -> None:
-    """Render settings with the three products."""
+    """Author render settings with the three products."""
     settings = UsdRender.Settings.Define(stage, "/Render/Settings")
     settings.GetCameraRel().SetTargets([CAMERA])
     settings.GetResolutionAttr().Set(Gf.Vec2i(*STILL))

@@ -1,1 +1,1 @@
-"""From a render scene and a view to AOVs. It knows nothing of USD."""
+"""Render AOVs from a render scene and a view. This package does not depend on USD."""

@@ -15,7 +15,7 @@ from usdsplat.render.frame_buffers import SumBuffers
 
 
 class SampleAccumulator:
-    """Sums of the samples of one band.
+    """Weighted averages of the samples of one band.
 
     Args:
         shape: Rows and columns.
@@ -29,7 +29,7 @@ class SampleAccumulator:
         self._names = names
         self._count = 0
         self._prims: dict[str, int] = {}
-        """Paths of the prims of all samples, numbered as they come."""
+        """Path -> number of each prim, in the order of first appearance."""
         self._sums: dict[str, npt.NDArray[Any]] = {}
         sums = {"color": buffers.color, "albedo": buffers.albedo}
         for name in names:
@@ -47,7 +47,7 @@ class SampleAccumulator:
 
         Args:
             arrays: AOV -> pixels; cryptoObject is a list of (prims, weights).
-            prims: Paths that its numbers of prims stand for.
+            prims: Path of each prim; the sample's prim numbers index this list.
         """
         self._count += 1
         run = self._device.run
@@ -61,7 +61,7 @@ class SampleAccumulator:
                     run(cryptomatte.gather, ids, weights, numbers, self._ids, self._weights)
 
     def finish(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the averages, of the device."""
+        """Return the averages as arrays of the device."""
         run, scale = self._device.run, np.float32(1 / self._count)
         for each in self._sums.values():
             run(total.scale, each, scale)

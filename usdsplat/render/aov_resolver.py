@@ -1,4 +1,4 @@
-"""The AOVs of one band of one sample, from its tile lists and surfaces."""
+"""Compute the AOVs of one band of one sample from its tile lists and surfaces."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
 AVERAGED = ("color", "albedo", "cryptoObject")
-"""AOVs that are averaged over samples; nothing else may be mixed."""
+"""AOVs that are averaged over samples. Averages of other AOVs, such as ids, have no meaning."""
 SUMMED = {"Neye", "depthExpected", "albedo"}
 """AOVs that are sums of a feature over all contributions of a pixel."""
 
 
 BESIDE_MEDIAN = {*AVERAGED, *SUMMED, "depthFront"}
-"""AOVs that are not read off the median splat."""
+"""AOVs that do not depend on the median splat."""
 PRODUCT = {
     "albedo": "albedo",
     "Neye": "normals",
@@ -30,20 +30,20 @@ PRODUCT = {
     "depthFront": "front",
     "cryptoObject": "prims",
 }
-"""AOV -> what it is made of, see `tile_lists.PRODUCTS`."""
+"""AOV -> the product it is computed from, see `tile_lists.PRODUCTS`."""
 
 
 def products_of(aovs: set[str]) -> frozenset[str]:
-    """Return what must be drawn beside colour."""
+    """Return the products that must be drawn beside colour."""
     products = {PRODUCT[name] for name in aovs if name in PRODUCT}
     return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
 
 
 class AovResolver:
-    """Rasterizes the splats of one band, and composites them over its surfaces.
+    """Rasterizer of one band's splats, which composites them over the band's surfaces.
 
     Args:
-        surfaces: The band's surfaces; None without any.
+        surfaces: The band's surfaces; None if there are none.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class AovResolver:
     def resolve(
         self, aovs: tuple[str, ...], motion: Motion | None, y0: int, *, raw: bool
     ) -> dict[str, Any]:
-        """Return AOVs, arrays of the device.
+        """Return AOVs as arrays of the device.
 
         Args:
-            motion: How things move to the neighbouring frames; None if no AOV asks.
+            motion: Motion to the neighbouring frames; None if no AOV needs it.
             y0: First row of the band.
-            raw: Whether mattes are returned as (ids, weights), to be accumulated.
+            raw: Whether mattes are returned as (ids, weights), for accumulation.
         """
         wanted, surfaces = set(aovs), self._surfaces
         color, through = self._tiles.color(products_of(wanted))
@@ -90,7 +90,7 @@ class AovResolver:
     # --- private ---------------------------------------------------------------------------
 
     def _left(self, color: F32, through: F32 | None) -> F32:
-        """The transmittance of the splats to the surfaces behind them, shape (h, w)."""
+        """Return the transmittance of the splats to the surfaces behind them, shape (h, w)."""
         left: F32 = self._buffers.left(*color.shape[:2])
         nothing = np.empty((0, 0), np.float32)
         self._run(
@@ -100,7 +100,7 @@ class AovResolver:
         return left
 
     def _nearest(self, name: str) -> dict[str, Any]:
-        """Depth and ids of "median" or "front", surfaces included."""
+        """Return depth and ids of "median" or "front", surfaces included."""
         depth, ids = self._tiles.median(name)
         if self._surfaces is not None:
             occluders = self._occluders
@@ -119,7 +119,7 @@ class AovResolver:
     def _places(
         self, median: dict[str, Any], motion: Motion | None, y0: int, wanted: set[str]
     ) -> dict[str, Any]:
-        """Positions and motion of what is at the median depth."""
+        """Return positions and motion of the splat or surface at the median depth."""
         arrays: dict[str, Any] = {}
         depth, screen = median["depth"], self._sample.screen
         x0 = screen.window[0]
@@ -137,7 +137,7 @@ class AovResolver:
         return arrays
 
     def _features(self, left: F32 | None, wanted: set[str]) -> dict[str, Any]:
-        """Sums of features over all contributions of a pixel."""
+        """Return sums of features over all contributions to a pixel."""
         arrays: dict[str, Any] = {}
         surfaces, nothing = self._surfaces, np.empty((0, 0), np.float32)
         if "albedo" in wanted:
@@ -163,7 +163,7 @@ class AovResolver:
         return arrays
 
     def _mattes(self, left: F32 | None, *, raw: bool) -> Any:
-        """How much each prim covers of each pixel."""
+        """Return the coverage of each pixel by each prim."""
         ids, weights = self._tiles.weigh()
         shown, part = np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
         if left is not None and self._surfaces is not None:
@@ -174,7 +174,7 @@ class AovResolver:
             if shown.size:
                 found.append((shown.reshape((*shown.shape, 1)), part.reshape((*part.shape, 1))))
             return found
-        # averaging one sample would read and write twelve slots of each pixel three times
+        # averaging a single sample would read and write twelve slots of each pixel three times
         mattes = self._buffers.mattes(*self._tiles.shape)
         prims = self._sample.splats.layout.prims
         hashes = np.array([object_hash(path) for path in prims], np.float32)
@@ -197,8 +197,8 @@ def composited(
 
     Args:
         splats: Premultiplied RGBA in the blend space, shape (h, w, 4). It may be changed.
-        left: Transmittance to the surfaces, shape (h, w); None without any.
-        behind: Their colours, linear Rec.709, shape (h, w, 3); None without any.
+        left: Transmittance to the surfaces, shape (h, w); None without surfaces.
+        behind: Colours of the surfaces, linear Rec.709, shape (h, w, 3); None without surfaces.
         counts: Whether pixels count in `Output.failed` and `Output.covered`.
     """
     image = frame.output.splats(splats, counts=counts)

@@ -1,4 +1,4 @@
-"""Rows of a picture, as the renderer finishes them."""
+"""Finished rows of a picture."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """Rows y0 to y1 - 1 of a picture, the whole data window wide; y counts in the display window.
+    """Rows y0 to y1 - 1 of a picture, over the full width of the data window.
 
-    The arrays are the renderer's own, and valid only until the next band is asked for.
+    y is counted in the display window. The arrays belong to the renderer and are valid only until
+    the next band is requested.
     """
 
     y0: int

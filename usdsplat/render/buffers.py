@@ -1,11 +1,11 @@
-"""Buffers that are declared once, by shape and type; allocation and memory estimate read that.
+"""Buffers declared by shape and type, for allocation and for the memory estimate.
 
-A group of buffers is a class, a buffer an attribute of it:
+A group of buffers is a class, and each buffer is an attribute of it:
 
     class SplatBuffers(BufferGroup):
         keys = Buffer(lambda slots: (slots,), np.float32)
 
-`SplatBuffers.keys.nbytes(sizes)` is its size, `group.keys(slots)` the array.
+`SplatBuffers.keys.nbytes(sizes)` is the size of a buffer, `group.keys(slots)` its array.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ import numpy.typing as npt
 
 Shape = tuple[int, ...]
 Empty = Callable[[int, Any], Any]
-"""Allocate so many elements of a type: `Device.resident`."""
+"""Allocate a number of elements of a type: `Device.resident`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """The numbers that shapes of buffers depend on; parameters of `Buffer` shapes have their
-    names."""
+    """Numbers that shapes of buffers depend on.
+
+    Parameters of `Buffer` shapes have the names of these fields.
+    """
 
     slots: int = 0
     """Rows of the draw list, visible or not."""
@@ -38,9 +40,9 @@ class Sizes:
     visible: int = 0
     """Visible splats."""
     shown: int = 0
-    """Splats that a display mode draws in their place."""
+    """Splats that a display mode draws instead."""
     chunks: int = 0
-    """Pieces of the depth order that threads take."""
+    """Chunks of the depth order, each sorted by one thread at a time."""
     height: int = 0
     """Rows of a band [pixel]."""
     width: int = 0
@@ -58,13 +60,13 @@ class Sizes:
 
 
 class Buffer:
-    """The declaration of a buffer.
+    """Declaration of a buffer.
 
     Args:
         shape: Its shape as a function of some of `Sizes`, by their names.
         dtype: Type of its elements.
-        touched: Shape of the part that is written, where that is less: pages that nobody touches
-            take no memory. None is all of it.
+        touched: Shape of the part that is written, if it is smaller: pages that are never touched
+            take no memory. None stands for the whole buffer.
     """
 
     def __init__(
@@ -91,15 +93,15 @@ class Buffer:
         if group is None:
             return self
         memory = Memory(group.empty, self)
-        group.__dict__[self.name] = memory  # found before the declaration from now on
+        group.__dict__[self.name] = memory  # an instance's own attribute precedes the declaration
         return memory
 
     def nbytes(self, sizes: Sizes) -> int:
-        """Bytes that are allocated."""
+        """Return the number of allocated bytes."""
         return self._bytes(self.shape, sizes)
 
     def touched_bytes(self, sizes: Sizes) -> int:
-        """Bytes that are written."""
+        """Return the number of written bytes."""
         return self._bytes(self._touched, sizes)
 
     def _bytes(self, shape: Callable[..., Shape], sizes: Sizes) -> int:
@@ -108,20 +110,20 @@ class Buffer:
 
 
 class Memory:
-    """The memory of one buffer. It grows and never shrinks.
+    """Memory of one buffer, which grows and never shrinks.
 
     Args:
-        empty: Allocates.
-        buffer: The declaration; None for a buffer that only a kernel of one device knows.
+        empty: Allocates memory.
+        buffer: The declaration; None for a buffer that only kernels of one device use.
     """
 
     def __init__(self, empty: Empty, buffer: Buffer | None = None) -> None:
         self._empty, self._buffer = empty, buffer
         self._array: Any = None
         self._none: Any = None
-        """An array without elements, which a device takes long to make."""
+        """Empty array, cached because a device takes long to allocate one."""
         self.content: Any = None
-        """What the caller says about the contents; None once other memory is allocated."""
+        """Description of the contents, set by the caller. None after a new allocation."""
 
     def __call__(self, *counts: int) -> Any:
         """Return the buffer in its declared shape; its contents are undefined.
@@ -129,7 +131,7 @@ class Memory:
         Args:
             counts: Sizes, in the order in which the declared shape takes them.
         """
-        assert self._buffer is not None  # what is not declared is taken by `take`
+        assert self._buffer is not None  # undeclared buffers use `take`
         return self.take(self._buffer.shape(*counts), self._buffer.dtype)
 
     def take(self, shape: Shape, dtype: npt.DTypeLike) -> Any:
@@ -154,7 +156,7 @@ class BufferGroup:
     """Buffers that one step of a frame uses.
 
     Args:
-        empty: Allocates.
+        empty: Allocates memory.
     """
 
     def __init__(self, empty: Empty) -> None:
@@ -162,23 +164,23 @@ class BufferGroup:
 
     @classmethod
     def declared(cls) -> dict[str, Buffer]:
-        """The declarations, by name."""
+        """Return the declarations by name."""
         return {name: each for name, each in vars(cls).items() if isinstance(each, Buffer)}
 
     def allocated(self) -> dict[str, int]:
-        """Bytes of each buffer that has memory, by name."""
+        """Return the bytes of each allocated buffer, by name."""
         memories = ((name, each) for name, each in vars(self).items() if isinstance(each, Memory))
         return {name: each.nbytes for name, each in memories if each.nbytes}
 
 
 class KernelBuffers(BufferGroup):
-    """Buffers that kernels ask for by name, because they alone know how large they are.
+    """Buffers that kernels request by name, because only the kernels know the sizes.
 
-    Names that are declared are those of the CPU's kernels. A GPU's kernels may ask for others.
+    Declared names are those of the CPU's kernels. A GPU's kernels may request others.
     """
 
     PREFIX = ""
-    """What the kernels put before the declared names."""
+    """Prefix that kernels put before the declared names."""
 
     def get(self, name: str, shape: Shape, dtype: npt.DTypeLike) -> Any:
         """Return a buffer of this shape; its contents are undefined."""

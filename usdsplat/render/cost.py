@@ -1,7 +1,7 @@
-"""Estimate how long pictures take on the CPU, before any is drawn.
+"""Estimate how long pictures take on the CPU, before any is rendered.
 
-The costs were measured by `benchmarks.frame` and `benchmarks.passes` (two threads, medians). They
-are right within a factor of two, which is enough to decide whether starting a GPU is worth it.
+The costs were measured with `benchmarks.frame` and `benchmarks.passes` (two threads, medians). They
+are accurate within a factor of two, which is enough to decide whether starting a GPU is worth it.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from usdsplat.render.settings import RenderSettings
 
 PER_SPLAT = 70e-9
-"""Projecting, shading and sorting one splat in one sample [s of one thread]."""
+"""Time to project, shade and sort one splat in one sample [s of one thread]."""
 PER_PIXEL = 65e-9
-"""Blending colour in one pixel of one sample [s of one thread]."""
+"""Time to blend colour in one pixel of one sample [s of one thread]."""
 PASSES = {"color": 1.0, "cryptoObject": 11.0}
-"""AOV -> its cost, in units of PER_PIXEL."""
+"""AOV -> cost in units of PER_PIXEL."""
 OTHER = 0.7
 """Cost of an AOV that PASSES does not list, in units of PER_PIXEL."""
 BY_RAY = 20.0
-"""Factor on the cost of a pixel when each pixel sorts its own splats (rayHitDistance)."""
+"""Factor on the cost of a pixel if splats are sorted for each pixel (rayHitDistance)."""
 DEEP = 6.0
 """Cost of a deep picture, in units of PER_PIXEL."""
 SHARE = 0.7
@@ -30,12 +30,12 @@ SHARE = 0.7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Work:
-    """Pictures that share their settings."""
+    """Pictures that share their settings, as input of the time estimate."""
 
     pixels: int
-    """Of all pictures together."""
+    """Pixels of all pictures together."""
     pictures: int
-    """How many."""
+    """Number of pictures."""
     settings: RenderSettings
     aovs: Collection[str] = ("color",)
     deep: bool = False

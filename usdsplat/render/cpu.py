@@ -1,4 +1,4 @@
-"""The rasterizer of the CPU: each step by itself, band after band."""
+"""The CPU's rasterizer, which takes each step separately for each band."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from usdsplat.render.tile_lists import TileLists
 
 
 class CpuRasterizer:
-    """Takes the steps of a frame one by one."""
+    """Rasterizer that takes the steps of a frame one by one."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
@@ -36,7 +36,7 @@ class CpuRasterizer:
         *,
         sort_by_ray_hit: bool,
     ) -> TileLists:
-        """As `Rasterizer.bin`."""
+        """Return the tile lists of a band, see `Rasterizer.bin`."""
         return TileLists(
             self.device, buffers, splats, window, occluders, sort_by_ray_hit=sort_by_ray_hit
         )

@@ -1,4 +1,4 @@
-"""Garbage mattes as the kernels take them."""
+"""Convert garbage mattes to arrays for kernels."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ SHAPES = {
 
 
 def volumes(crops: tuple[CropSpec, ...], transforms: F64) -> tuple[npt.NDArray[Any], F64]:
-    """Return the CROP records of volumes, shape (k,), and the matrices that take the own space of
-    each of m appearances to theirs, shape (m, k, 3, 4).
+    """Return CROP records and matrices of the volumes of one field.
+
+    The records have shape (k,). The matrices have shape (m, k, 3, 4); for each of m appearances
+    they take the field's local space to the space of each volume.
 
     Args:
-        crops: Of one field.
-        transforms: Local to world of its appearances, shape (m, 4, 4).
+        crops: Volumes of one field.
+        transforms: Local to world of the field's appearances, shape (m, 4, 4).
     """
     records = np.array([(SHAPES[c.shape], c.keeps, c.length) for c in crops], crop.CROP)
     to_shapes = np.array([c.world_to_shape for c in crops], np.float64).reshape(-1, 4, 4)

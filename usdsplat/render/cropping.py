@@ -1,4 +1,4 @@
-"""Which points a garbage matte keeps, in float64: what the kernels are compared with."""
+"""Test in float64 which points a garbage matte keeps. Tests compare the kernels with it."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ Mask = npt.NDArray[np.bool_]
 
 
 def inside(crops: Iterable[CropSpec], points: npt.NDArray[np.floating]) -> Mask:
-    """Say which points volumes leave in the picture.
+    """Return which points the volumes keep in the picture.
 
     Args:
-        crops: Of one field. Surfaces of volumes belong to them.
-        points: In the world [scene unit], shape (n, 3).
+        crops: Volumes of one field. The surface of a volume belongs to it.
+        points: World positions [scene unit], shape (n, 3).
 
-    Returns:
-        Shape (n,): inside at least one volume that keeps, where there is any, and inside none that
-        does not. A point that is not finite is inside of nothing.
+    Shape (n,). A kept point is inside at least one including volume, if there is any, and inside no
+    excluding volume. A point that is not finite is inside no volume.
     """
     crops = tuple(crops)
     kept = np.full(len(points), not any(crop.keeps for crop in crops))
@@ -43,7 +42,7 @@ def _holds(crop: CropSpec, points: npt.NDArray[np.floating]) -> Mask:
 
 
 def _is_within(shape: CropShape, local: F64, length: float) -> Mask:
-    """The canonical shapes, as `CropSpec` describes them."""
+    """Return which points are inside a canonical shape, see `CropSpec`."""
     x, y, z = local.T
     from_axis = x * x + y * y
     if shape == "sphere":

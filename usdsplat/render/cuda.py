@@ -1,4 +1,5 @@
-"""The rasterizer of a GPU: the CPU's steps, and colour alone in two recorded launches."""
+"""The GPU's rasterizer: the CPU's steps, or a fused path for colour alone in two recorded
+launches."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ from usdsplat.render.projector import Projector
 from usdsplat.render.rasterizer import WholeImage
 
 MOST_PIXELS = 1 << 26
-"""[pixel] of the largest picture that is drawn at once; larger ones are drawn in bands."""
+"""Largest picture that is drawn at once [pixel]. Larger ones are drawn in bands."""
 
 
 class CudaRasterizer(CpuRasterizer):
-    """Takes the CPU's steps with a GPU's kernels, or fuses them for colour alone."""
+    """Rasterizer that takes the CPU's steps with GPU kernels, or fuses them for colour alone."""
 
     def __init__(self, device: CudaDevice) -> None:
         super().__init__(device)
@@ -37,7 +38,8 @@ class CudaRasterizer(CpuRasterizer):
         buffers: FrameBuffers,
         stats: FrameStats,
     ) -> WholeImage | None:
-        """As `Rasterizer.draw_color`; the pixels are valid until the next picture."""
+        """Return the picture, see `Rasterizer.draw_color`. Its pixels are valid until the next
+        picture."""
         if not _is_color_alone(projector, matte):
             return None
         if not isinstance(buffers.fused, ColorPicture):
@@ -46,14 +48,15 @@ class CudaRasterizer(CpuRasterizer):
 
 
 class ColorPicture:
-    """Draws colour alone, one picture at a time; it keeps its buffers."""
+    """Fused path for colour alone, one picture at a time. It keeps its buffers."""
 
     def __init__(self, device: CudaDevice) -> None:
         self._device, self._picture = device, FramePicture(device)
         self._words = _Words()
 
     def draw(self, projector: Projector, stats: FrameStats) -> WholeImage | None:
-        """Draw all splats of a view. None if they touch too many tiles: a band has fewer."""
+        """Draw all splats of a view. Return None if they touch too many tiles; a band touches
+        fewer."""
         layout, window = projector.layout, projector.window
         numbers = [projector.conversion(group) for group in layout.groups]
         view = FrameView(
@@ -92,7 +95,10 @@ class ColorPicture:
 
 
 def _is_color_alone(projector: Projector, matte: tuple[tuple[str, bool], ...]) -> bool:
-    """Whether colours depend on nothing but whole splats in one order."""
+    """Return whether the fused path can draw the picture.
+
+    It can if colours depend only on complete splats in one order for all pixels.
+    """
     left, top, right, bottom = projector.window
     return (
         projector.settings.display_mode == "splats"
@@ -105,19 +111,19 @@ def _is_color_alone(projector: Projector, matte: tuple[tuple[str, bool], ...]) -
 
 
 class _Words:
-    """Packed splats in the order of memory, taken once for each layout."""
+    """Packed splats in spatial order, gathered once for each layout."""
 
     def __init__(self) -> None:
         self._taken: dict[int, tuple[weakref.ref[Any], I32, I32]] = {}
-        """Identity of rows -> they, the words that were taken, and what that gave."""
+        """id(rows) -> (reference to the rows, input words, gathered words)."""
 
     def of(self, words: I32, rows: I32) -> I32:
-        """Rows of `words`, all of them as they are where there are no `rows`."""
+        """Return the `rows` of `words`, or `words` itself if there are no rows."""
         if not len(rows):
             return words
         key, taken = id(rows), self._taken
         found = taken.get(key)
-        # colours are in the words too: they may be others while no splat moves
+        # words contain colours too, which may change while no splat moves
         if found is None or found[0]() is not rows or found[1] is not words:
             gone = weakref.ref(rows, lambda _: taken.pop(key, None))
             found = taken[key] = gone, words, words[rows]

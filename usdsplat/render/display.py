@@ -1,6 +1,6 @@
-"""Display modes: dots, ellipses or normals in place of the splats.
+"""Display modes: draw dots, ellipses or normals instead of the splats.
 
-They replace the splats before any pixel is drawn, so that AOVs, surfaces and holdouts treat them
+Splats are replaced before any pixel is drawn. AOVs, surfaces and holdouts treat the replacements
 like splats.
 """
 
@@ -19,18 +19,18 @@ from usdsplat.render.frame_buffers import DisplayBuffers
 from usdsplat.render.projector import ProjectedSplats
 
 RADIUS, SMALLEST = 1.5, 0.7
-"""[pixel] of a dot: in the full picture, and the least in a coarse one."""
+"""Radius of a dot [pixel]: in the full picture, and the minimum in a coarse preview."""
 
 
 def displayed(
     device: Device, buffers: DisplayBuffers, seen: ProjectedSplats, mode: str, pixel_scale: float
 ) -> ProjectedSplats:
-    """Return what a display mode draws in place of the splats.
+    """Return the splats that a display mode draws instead of the visible ones.
 
     Args:
-        seen: The splats; for "normals" with features. Its arrays may be changed.
+        seen: The visible splats; for "normals" with features. Their arrays may be changed.
         mode: One of `RenderSettings.display_mode`.
-        pixel_scale: As `Framing` has it.
+        pixel_scale: See `Framing.pixel_scale`.
     """
     if seen.order.shape[0] == 0:
         return seen
@@ -51,7 +51,7 @@ def displayed(
 def _taken(
     device: Device, buffers: DisplayBuffers, seen: ProjectedSplats, ranks: I32
 ) -> ProjectedSplats:
-    """These of the splats, in this order."""
+    """Return the splats of these ranks, in this order."""
 
     places = device.keep(ranks)
 

@@ -1,6 +1,7 @@
-"""The splats of a render scene in drawing order, as kernels take them. It depends on no view.
+"""Lay out the splats of a render scene in drawing order for kernels.
 
-Consecutive instances of the same field form one group, which one launch draws.
+The layout does not depend on the view. Consecutive instances of the same field form a group, which
+is drawn in one launch.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ from usdsplat.render.splat_budget import SplatSubset, shares
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Instances of one field, next to each other in the drawing order."""
+    """Consecutive instances of one field in drawing order."""
 
     field: Field
     cloud: SplatCloud
-    """The field's splats, or those that a budget lets it keep."""
+    """The field's splats, or the subset that a budget selects."""
     rows: I32 | None
-    """Where they are in the field's arrays; None where they are those."""
+    """Rows of the subset in the field's arrays; None without a subset."""
     transforms: F64
     """Local to world, shape (m, 4, 4)."""
     turns: F64
-    """Orthogonal factors Q of the transforms' 3x3, reflections included, shape (m, 3, 3)."""
+    """Orthogonal factors Q of the transforms' 3x3 parts, reflections included, shape (m, 3, 3)."""
     stretches: F64
-    """Symmetric factors P: the transforms' 3x3 is Q P, shape (m, 3, 3)."""
+    """Symmetric factors P, shape (m, 3, 3): the transforms' 3x3 parts are Q P."""
     block: int
-    """Slots of a block."""
+    """Slots per block."""
     blocks: int
-    """Blocks of one instance."""
+    """Blocks per instance."""
     slot: int
     """First slot of the group."""
 
@@ -53,21 +54,22 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawList:
-    """All groups, and where each appearance has its slots."""
+    """All groups, and the slots of each appearance."""
 
     groups: tuple[Group, ...]
     first_slots: I64
     """First slot of each appearance, ascending, shape (n,)."""
     labels: npt.NDArray[np.int32]
-    """(number of the prim, index of the instance) of each appearance, shape (n, 2)."""
+    """(prim number, instance index) of each appearance, shape (n, 2)."""
     block_starts: I64
     """First slot of each block."""
     prims: tuple[str, ...]
-    """Paths of all prims that are drawn, surfaces too, sorted; a prim's number is its place."""
+    """Paths of all drawn prims, surfaces included, sorted. The number of a prim is its index
+    here."""
     splats: int
-    """Splats that are drawn, instances counted each."""
+    """Number of drawn splats; each instance counts."""
     total: int
-    """Splats that would be drawn without a budget."""
+    """Number of splats that would be drawn without a budget."""
 
     @property
     def slots(self) -> int:
@@ -76,11 +78,12 @@ class DrawList:
 
 
 def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:
-    """Lay out `drawn`, which is in drawing order.
+    """Lay out appearances of splats.
 
     Args:
-        others: The prims that are not splats.
-        budget: Most splats, instances counted each; 0 for all.
+        drawn: The appearances in drawing order.
+        others: Paths of the drawn prims that are not splats.
+        budget: Maximum number of splats; each instance counts. 0 for all.
     """
     parts = _parts(drawn, budget)
     groups: list[Group] = []
@@ -112,7 +115,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
 
 
 def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
-    """What each field keeps, by its id; nothing where all is drawn."""
+    """Return the subset of each field by its id; empty if all splats are drawn."""
     fields = {id(field): field for _, field, _ in drawn}
     instances = Counter(id(field) for _, field, _ in drawn)
     sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]

@@ -1,4 +1,4 @@
-"""The fields of splats and the meshes of a render scene."""
+"""Fields of splats and meshes of a render scene."""
 
 from __future__ import annotations
 
@@ -23,35 +23,38 @@ DrawnMesh = tuple[str, "Mesh", InstanceSpec]
 
 @dataclass(slots=True)
 class Field:
-    """One range of splats and where it is seen."""
+    """Splats of one prim and their instances."""
 
     spec: FieldSpec
     instances: tuple[InstanceSpec, ...] = ()
     visible: bool = True
     crops: tuple[CropSpec, ...] = ()
-    """Volumes in the world by which its splats are kept or left out."""
+    """Volumes in the world that keep or remove splats."""
     local: Box | None = None
-    """Bounds in its own space, conservative; computed when first asked for."""
+    """Conservative bounds in local space; computed on first use."""
     subject: Box | None = None
-    """Bounds of the centres without strays; computed when first asked for."""
+    """Bounds of the centres without outliers; computed on first use."""
     thinning: SplatBudget | None = None
-    """What a budget leaves of it; made when first asked for."""
+    """Subsets for splat budgets; created on first use."""
     laying: SpatialOrder = field(default_factory=SpatialOrder)
-    """How its splats lie in memory."""
+    """Spatial order of the splats in memory."""
     shapes: object = field(default_factory=object)
-    """Another one whenever its splats are elsewhere or of another form or opacity."""
+    """Token that is replaced whenever geometry or opacity changes."""
     radiance: object = field(default_factory=object)
-    """Another one whenever their harmonics are others."""
+    """Token that is replaced whenever harmonics change."""
 
     def thinned(self, count: int) -> SplatSubset:
-        """Return its `count` most conspicuous splats."""
+        """Return the `count` most conspicuous splats of the field."""
         if self.thinning is None:
             self.thinning = SplatBudget(self.spec.cloud)
         return self.thinning.part(count)
 
     def replace(self, spec: FieldSpec) -> None:
-        """Take other splats; arrays with the same numbers as before stay the same objects, and all
-        that was made of them stays with them."""
+        """Replace the splats.
+
+        Arrays with the same values as before stay the same objects, and everything computed from
+        them is kept.
+        """
         before, now = self.spec.cloud, spec.cloud
         equal = {
             name: _equal(getattr(before, name), getattr(now, name)) for name in (*SHAPES, "sh")
@@ -66,30 +69,33 @@ class Field:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether there is anything of it to see."""
+        """Whether the field is visible, and has instances and splats."""
         return self.visible and bool(self.instances) and len(self.spec.cloud) > 0
 
 
 @dataclass(slots=True)
 class Mesh:
-    """One opaque prim and where it is seen."""
+    """One opaque prim and its instances."""
 
     spec: MeshSpec
     instances: tuple[InstanceSpec, ...] = ()
     visible: bool = True
     local: Box | None = None
-    """Bounds in its own space; computed when first asked for."""
+    """Bounds in local space; computed on first use."""
     subject: Box | None = None
-    """The same: a surface has no strays."""
+    """Bounds in local space; a surface has no outliers."""
 
     @property
     def is_drawn(self) -> bool:
-        """Whether there is anything of it to see."""
+        """Whether the mesh is visible, and has instances and triangles."""
         return self.visible and bool(self.instances) and len(self.spec.triangles) > 0
 
 
 def _equal(a: F32, b: F32) -> bool:
-    """Whether two arrays hold the same numbers; those of an animation differ at first sight."""
+    """Return whether two arrays have the same values.
+
+    A few rows are compared first: frames of an animation differ there already.
+    """
     few = slice(None, None, max(1, len(a) // 64))
     return a is b or (
         a.shape == b.shape and np.array_equal(a[few], b[few]) and np.array_equal(a, b)

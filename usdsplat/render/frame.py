@@ -1,4 +1,4 @@
-"""A frame: from a scene and a view to bands of pixels.
+"""Render a frame: from a scene and a view to bands of pixels.
 
     place surfaces, project, shade, sort          once for each sample
     rasterize surfaces, bin, rasterize, resolve   for each band of the sample
@@ -35,7 +35,7 @@ from usdsplat.render.surfaces import SurfaceBand, Surfaces
 from usdsplat.render.tile_lists import DeepSamples, TileLists
 
 MOTION = {"motionForward", "motionBackward"}
-"""AOVs that look at the neighbouring frames."""
+"""AOVs that need the neighbouring frames."""
 
 
 def render_frame(
@@ -54,7 +54,7 @@ def render_frame(
     for y0, y1 in screen.bands(band_pixels):
         try:
             arrays = average_band(frame, plan, center, screen, (y0, y1))
-        finally:  # samples move the scene through the shutter: back to the frame, also on an error
+        finally:  # samples move the scene in time; return to the frame, also after an error
             frame.sampler(0.0)
         yield Band(y0, y1, arrays)
 
@@ -68,7 +68,7 @@ def average_band(
 ) -> dict[str, npt.NDArray[Any]]:
     """Return one band of many samples, on the host.
 
-    Sampling moves the scene in time; the caller brings it back with `frame.sampler(0.0)`.
+    Sampling moves the scene in time. The caller returns it with `frame.sampler(0.0)`.
     """
     (x0, _, x1, _), (y0, y1) = screen.window, rows
     window = x0, y0, x1, y1
@@ -85,7 +85,7 @@ def average_band(
             sample = prepare(frame, each, window, averaged)
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
             sums.add(drawn, sample.splats.layout.prims)
-            frame.clock.lap("sums")
+            frame.clock.lap("accumulate")
         arrays |= fetched(frame.device, sums.finish())
     return arrays
 
@@ -119,7 +119,7 @@ def prepare(
 
     Args:
         window: Pixels x0, y0, x1, y1 that will be drawn, end exclusive.
-        aovs: What will be drawn.
+        aovs: The AOVs that will be drawn.
     """
     scene, view = frame.sampler(sample.time)
     screen = replace(Screen.of(view), window=window).through(
@@ -135,7 +135,7 @@ def prepare(
         # None unless this device fuses the steps for such a picture
         whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
         if whole is not None:
-            frame.clock.lap("frame")
+            frame.clock.lap("draw color")
             return FrameSample(screen, whole, None)
     splats = _projected(frame, projector, view.matte, aovs, occludes=occludes)
     mode = frame.settings.display_mode
@@ -162,13 +162,13 @@ def _projected(
     projector.project()
     lap("project")
     projector.shade()
-    lap("radiance")
+    lap("shade")
     if occludes or frame.sorts_by_ray_hit:
         projector.find_ray_hits()
-        lap("ray hits")
+        lap("find ray hits")
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
         projector.find_features()
-        lap("features")
+        lap("find features")
     splats = projector.sort(matte, labels="cryptoObject" in aovs)
     lap("sort")
     stats.splats, stats.total = splats.layout.splats, splats.layout.total
@@ -185,11 +185,11 @@ def draw_band(
     *,
     raw: bool = False,
 ) -> dict[str, Any]:
-    """Draw one band of one sample; arrays of the device.
+    """Draw one band of one sample. Return arrays of the device.
 
     Args:
         rows: First row of the band, and the row after its last.
-        motion: How things move to the neighbouring frames; None if no AOV asks.
+        motion: Motion to the neighbouring frames; None if no AOV needs it.
         raw: Whether cryptoObject is returned as unranked (prim ids, weights), for the accumulator,
             which ranks the sums over all samples.
     """
@@ -205,7 +205,7 @@ def draw_band(
 def bin_band(
     frame: FrameContext, sample: FrameSample, rows: tuple[int, int]
 ) -> tuple[TileLists, Occluders, SurfaceBand | None]:
-    """Rasterize the surfaces of a band, and list its splats by tile."""
+    """Rasterize the surfaces of a band, and bin its splats."""
     assert isinstance(sample.splats, ProjectedSplats)
     (x0, _, x1, _), (y0, y1) = sample.screen.window, rows
     surfaces, occluders = None, Occluders()
@@ -225,16 +225,16 @@ def bin_band(
         sort_by_ray_hit=frame.sorts_by_ray_hit,
     )
     frame.stats.pairs += tiles.pairs
-    frame.clock.lap("bins")
+    frame.clock.lap("bin")
     return tiles, occluders, surfaces
 
 
 def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sample) -> Motion | None:
-    """Find where everything is in the neighbouring frames, if an AOV asks."""
+    """Find the motion to the neighbouring frames. Return None if no AOV needs it."""
     if not MOTION & set(frame.aovs):
         return None
     motion = Motion.between(frame.sampler, center.time, sample.screen)
-    frame.clock.lap("motion")
+    frame.clock.lap("find motion")
     return motion
 
 

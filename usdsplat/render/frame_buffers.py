@@ -1,4 +1,4 @@
-"""The buffers of a frame, which are reused from picture to picture."""
+"""Buffers of a frame, reused from picture to picture."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ F32, I32, I64, U8, U32 = np.float32, np.int32, np.int64, np.uint8, np.uint32
 
 
 class SplatBuffers(BufferGroup):
-    """Splats on their way to one view: by slot of the draw list, then nearest first.
+    """Splats of one view, first by slot of the draw list, then sorted nearest first.
 
-    Visible splats are packed at the beginning of their block, so that many pages of wide rows are
+    Visible splats are packed at the beginning of their block. Many pages of wide rows are therefore
     never touched.
     """
 
@@ -32,7 +32,7 @@ class SplatBuffers(BufferGroup):
     found = Buffer(lambda blocks: (blocks,), I32)
     """Visible splats of each block, shape (blocks,)."""
     closed = Buffer(lambda boxes: (boxes,), U8)
-    """Whether a bounded block is out of view, shape (boxes,), of one group at a time."""
+    """Whether a bounded block is out of view, shape (boxes,), for one group at a time."""
     ray_hits = Buffer(
         lambda slots: (slots, ray_hit.RAY_HIT),
         F32,
@@ -47,13 +47,13 @@ class SplatBuffers(BufferGroup):
     visible = Buffer(lambda slots: (slots,), I32, touched=lambda visible: (visible,))
     """Slots of visible splats, shape (slots,)."""
     sort_keys = Buffer(lambda visible: (2, visible), U32)
-    """Both halves of the sort, shape (2, visible)."""
+    """Keys of the sort, source and destination of a pass, shape (2, visible)."""
     sort_slots = Buffer(lambda visible: (2, visible), I32)
-    """Slots beside `sort_keys`, shape (2, visible)."""
+    """Slots that belong to `sort_keys`, shape (2, visible)."""
     histogram = Buffer(lambda chunks: (chunks, sort.DIGITS), I64)
     """Counts of digits, shape (chunks, DIGITS)."""
     ties = Buffer(lambda visible: (visible,), I64)
-    """Splats of equal depth, where memory is not in the order of rows, shape (visible,)."""
+    """Splats of equal depth, needed if memory is not in the order of rows, shape (visible,)."""
     ordered = Buffer(lambda visible: (visible, project.RECORD), F32)
     """`records` in order of depth, shape (visible, RECORD)."""
     ordered_ray_hits = Buffer(lambda visible: (visible, ray_hit.RAY_HIT), F32)
@@ -67,7 +67,7 @@ class SplatBuffers(BufferGroup):
 
 
 class DisplayBuffers(BufferGroup):
-    """Splats that a display mode draws in place of the visible ones, nearest first."""
+    """Splats that a display mode draws instead of the visible ones, nearest first."""
 
     opaque = Buffer(lambda visible: (visible,), U8)
     """Whether an ellipse is drawn, shape (visible,)."""
@@ -86,26 +86,26 @@ class DisplayBuffers(BufferGroup):
 
 
 class TileBuffers(KernelBuffers):
-    """Lists of the splats of each tile, made by `kernels.bins.tile_lists`."""
+    """Lists of the splats of each tile, filled by `kernels.bins.tile_lists`."""
 
     row_places = Buffer(lambda chunks, tile_rows: (chunks, tile_rows + 1), I64)
-    """Where each chunk writes in each row of tiles, shape (chunks, tile rows + 1)."""
+    """Offset at which each chunk writes in each row of tiles, shape (chunks, tile rows + 1)."""
     row_ends = Buffer(lambda tile_rows: (tile_rows,), I64)
     """End of each row's crossings, shape (tile rows,)."""
     crossings = Buffer(lambda crossings: (crossings, 2), I32)
     """Splat and columns of each crossing, shape (crossings, 2)."""
     counts = Buffer(lambda tile_rows, tile_columns: (tile_rows, tile_columns + 1), I32)
-    """Splats of each tile, shape (tile rows, tile columns + 1)."""
+    """Number of splats of each tile, shape (tile rows, tile columns + 1)."""
     starts = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns + 1,), I64)
     """First pair of each tile, shape (tiles + 1,)."""
     lists = Buffer(lambda pairs: (pairs,), I32)
     """Splats of each tile, tile after tile, shape (pairs,)."""
     work = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns,), I64)
-    """Rows of pixels that each tile took, shape (tiles,)."""
+    """Rows of 16 pixels blended in each tile, shape (tiles,)."""
 
 
 class ImageBuffers(BufferGroup):
-    """One feature of the splats of a band, blended."""
+    """One blended feature of the splats of a band."""
 
     image = Buffer(lambda height, width: (height, width, 4), F32)
     """Three sums and coverage, shape (h, w, 4)."""
@@ -114,12 +114,12 @@ class ImageBuffers(BufferGroup):
 
 
 class NearestBuffers(BufferGroup):
-    """Depth and ids of the splat at which a part of a pixel's coverage is passed."""
+    """Depth and ids of the splat at which a given part of a pixel's coverage is reached."""
 
     ranks = Buffer(lambda height, width: (height, width), I32)
     """Rank of the splat, shape (h, w)."""
     ray_depths = Buffer(lambda height, width: (height, width), F32)
-    """Depths of ray hits, where contributions are taken one by one, shape (h, w)."""
+    """Depths of ray hits, used if contributions are evaluated one by one, shape (h, w)."""
     depth = Buffer(lambda height, width: (height, width), F32)
     """Planar depth, shape (h, w)."""
     ids = Buffer(lambda height, width: (4, height, width), I32)
@@ -127,7 +127,7 @@ class NearestBuffers(BufferGroup):
 
 
 class PixelBuffers(BufferGroup):
-    """Further AOVs of a band, and what they need."""
+    """Further AOVs of a band, and intermediate arrays for them."""
 
     left = Buffer(lambda height, width: (height, width), F32)
     """Transmittance of the splats to the surfaces, shape (h, w)."""
@@ -142,15 +142,15 @@ class PixelBuffers(BufferGroup):
     motion_backward = Buffer(lambda height, width: (height, width, 2), F32)
     """Motion from the previous frame [pixel], shape (h, w, 2)."""
     motion_rows = Buffer(lambda height, width: (height, width), I32)
-    """What moves, splats or surfaces, shape (h, w)."""
+    """Row of the moving appearance, splats or surfaces, shape (h, w)."""
     motion_elements = Buffer(lambda height, width: (height, width), I32)
-    """Which splat or triangle of it, shape (h, w)."""
+    """Splat or triangle of that appearance, shape (h, w)."""
     motion_weights = Buffer(lambda height, width: (height, width, 2), F32)
-    """Where in the triangle, shape (h, w, 2)."""
+    """Barycentric weights in the triangle, shape (h, w, 2)."""
     prims = Buffer(lambda height, width: (height, width, weigh.RANKS), I32)
     """Prims that contribute most, shape (h, w, RANKS)."""
     weights = Buffer(lambda height, width: (height, width, weigh.RANKS), F32)
-    """How much they contribute, shape (h, w, RANKS)."""
+    """Their contributions, shape (h, w, RANKS)."""
     mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
     """Ranked (hash, coverage) pairs of one sample, shape (h, w, 2 RANKS)."""
     surface_prims = Buffer(lambda height, width: (height, width), I32)
@@ -158,13 +158,13 @@ class PixelBuffers(BufferGroup):
     holdout_depth = Buffer(lambda height, width: (height, width), F32)
     """Depths of a flat holdout without surfaces, shape (h, w)."""
     holdout_covered = Buffer(lambda height, width: (height, width), U8)
-    """Where it is, shape (h, w)."""
+    """Whether the holdout covers a pixel, shape (h, w)."""
     deep_offsets = Buffer(lambda height, width: (height * width + 1,), I64)
     """First deep sample of each pixel, shape (h w + 1,)."""
 
 
 class SurfaceBuffers(BufferGroup):
-    """The surfaces of a band, see `surfaces.SurfaceBand`."""
+    """Surfaces of a band, see `surfaces.SurfaceBand`."""
 
     winner = Buffer(lambda height, width: (height, width), I32)
     """Nearest triangle, shape (h, w)."""
@@ -187,14 +187,14 @@ class SurfaceBuffers(BufferGroup):
 
 
 class TriangleBuffers(KernelBuffers):
-    """Lists of the triangles of each tile, made by `kernels.raster.tile_lists`."""
+    """Lists of the triangles of each tile, filled by `kernels.raster.tile_lists`."""
 
     PREFIX = "surface "
 
     counts = Buffer(
         lambda chunks, tile_rows, tile_columns: (chunks, tile_rows * tile_columns + 1), I32
     )
-    """Triangles of each tile, shape (chunks, tiles + 1)."""
+    """Number of triangles of each tile, shape (chunks, tiles + 1)."""
     starts = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns + 1,), I64)
     """First pair of each tile, shape (tiles + 1,)."""
     lists = Buffer(lambda triangle_pairs: (triangle_pairs,), I32)
@@ -211,17 +211,17 @@ class SumBuffers(BufferGroup):
     prims = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), I32)
     """Prims that contributed, shape (h, w, SLOTS)."""
     weights = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), F32)
-    """How much they contributed, shape (h, w, SLOTS)."""
+    """Their contributions, shape (h, w, SLOTS)."""
     mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
     """Ranked (hash, coverage) pairs, shape (h, w, 2 RANKS)."""
 
 
 class FrameBuffers:
-    """All buffers of a frame. A frame allocates nothing that the last one had.
+    """All buffers of a frame, reused by the next frame.
 
     Args:
-        empty: Allocates so many elements of a type: `Device.resident`, so that what one kernel
-            writes the next one reads where it is. NumPy reads what `Device.fetch` brings.
+        empty: Allocates a number of elements of a type on the device: `Device.resident`. Arrays
+            stay there between kernels; the host reads copies made by `Device.fetch`.
     """
 
     splats: SplatBuffers
@@ -232,9 +232,9 @@ class FrameBuffers:
     normals: ImageBuffers
     depths: ImageBuffers
     median: NearestBuffers
-    """Where half of the coverage is passed."""
+    """Splat at which half of the coverage is reached."""
     front: NearestBuffers
-    """Where coverage begins."""
+    """First splat that contributes."""
     pixels: PixelBuffers
     surfaces: SurfaceBuffers
     triangles: TriangleBuffers
@@ -244,7 +244,7 @@ class FrameBuffers:
         for name, group in self.groups().items():
             setattr(self, name, group(empty))
         self.fused: Any = None
-        """What a device keeps for pictures whose steps it fuses, see `Rasterizer.draw_color`."""
+        """State that a device keeps for its fused path, see `Rasterizer.draw_color`."""
 
     def image(self, name: str) -> ImageBuffers:
         """Return the group of "color", "albedo", "normals" or "depths"."""
@@ -258,11 +258,11 @@ class FrameBuffers:
 
     @classmethod
     def groups(cls) -> dict[str, type[BufferGroup]]:
-        """The groups, by name."""
+        """Return the types of the groups by name."""
         return get_type_hints(cls)
 
     def allocated(self) -> dict[str, int]:
-        """Bytes of each buffer that has memory, by "group.buffer"."""
+        """Return the bytes of each allocated buffer, by "group.buffer"."""
         return {
             f"{group}.{name}": size
             for group in self.groups()

@@ -1,4 +1,4 @@
-"""What all bands and samples of one picture share."""
+"""Values that all bands and samples of one picture share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from usdsplat.render.surfaces import Surfaces
 
 Moment = tuple[RenderScene, View]
 TimeSampler = Callable[[float], Moment]
-"""Return the scene and the view at a time [time code] relative to the frame; 0 returns to it."""
+"""Return the scene and the view at a time [time code] relative to the frame. 0 returns the scene to
+the frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,14 +31,14 @@ class FrameSample:
 
     screen: Screen
     splats: ProjectedSplats | WholeImage
-    """The splats in order of depth; or their whole picture, if a device has drawn it at once."""
+    """The splats in order of depth, or the finished picture of a device that fuses the steps."""
     surfaces: Surfaces | None
-    """The scene's meshes; None without any."""
+    """The scene's meshes; None if there are none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameContext:
-    """What all bands and samples of one picture share."""
+    """Values that all bands and samples of one picture share."""
 
     rasterizer: Rasterizer
     surface_cache: SurfaceCache

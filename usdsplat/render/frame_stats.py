@@ -1,4 +1,4 @@
-"""What a picture took."""
+"""Counts and times of a picture."""
 
 from __future__ import annotations
 
@@ -8,40 +8,41 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class FrameStats:
-    """What one picture took; of several samples, all of them together."""
+    """Counts and times of one picture, added over its samples."""
 
     splats: int = 0
-    """Splats that were drawn, instances counted each."""
+    """Number of drawn splats; each instance counts."""
     total: int = 0
-    """Splats that would be drawn without a budget."""
+    """Number of splats that would be drawn without a budget."""
     visible: int = 0
     """Splats that may touch the data window."""
     pairs: int = 0
-    """Splats times the tiles that each touches."""
+    """Pairs of a splat and a tile that it touches."""
     rows: int = 0
     """Rows of 16 pixels that were blended; 0 on a GPU, which does not count them."""
     failed: int = 0
-    """Pixels that no view can show as they were captured; `inverseView` only."""
+    """Pixels whose captured colour the view cannot produce; only for `inverseView`."""
     asked: int = 0
-    """Pixels with splats that `inverseView` took back through the view."""
+    """Pixels with splats that `inverseView` converted back through the view."""
     wall_ms: dict[str, float] = field(default_factory=dict)
     cpu_ms: dict[str, float] = field(default_factory=dict)
-    """Milliseconds by stage."""
+    """Stage -> time [ms], also for `wall_ms`."""
 
 
 class Clock:
-    """Adds up what each stage takes."""
+    """Stopwatch that adds up the time of each stage."""
 
     def __init__(self, stats: FrameStats) -> None:
         self._stats = stats
         self.resume()
 
     def resume(self) -> None:
-        """Book nothing for the time since the last lap: the caller had its turn."""
+        """Restart the clock without counting the time since the last lap, in which the caller
+        worked."""
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def lap(self, stage: str) -> None:
-        """Book the time since the last lap to `stage`."""
+        """Add the time since the last lap to `stage`."""
         wall, cpu = time.perf_counter(), time.process_time()
         for book, spent in (
             (self._stats.wall_ms, wall - self._wall),

@@ -1,7 +1,7 @@
-"""How an image and a camera's aperture meet: conforming the aspect ratio, crop and overscan.
+"""Fit a camera's aperture to an image: conform the aspect ratio, crop and overscan.
 
-Windows are (left, bottom, right, top) with y up, in whatever unit the aperture has; pixel windows
-are (x0, y0, x1, y1) with y down and the end excluded.
+Windows are (left, bottom, right, top) with y up, in the unit of the aperture. Pixel windows are
+(x0, y0, x1, y1) with y down and the end excluded.
 
 Source: the UsdRenderSettingsBase schema's documentation; the behaviour of OpenUSD's CameraUtil.
 """
@@ -23,22 +23,21 @@ CONFORM = (
     "adjustApertureHeight",
     "adjustPixelAspectRatio",
 )
-"""The tokens of `aspectRatioConformPolicy`."""
+"""Tokens of `aspectRatioConformPolicy`."""
 
 WHOLE = (0.0, 0.0, 1.0, 1.0)
-"""The `dataWindowNDC` that is the display window."""
+"""`dataWindowNDC` of the display window."""
 
 
 def conform(window: Window, framing: Framing) -> tuple[Window, float]:
-    """Make a camera's window and the image have one aspect ratio.
+    """Make the aspect ratios of a camera's window and the image equal.
 
     Args:
         window: The aperture, offsets included.
-        framing: The image; its data window plays no part.
+        framing: The image; its data window is not used.
 
-    Returns:
-        The window that the display window shows, and the pixels' width over height. Both are as
-        given, but for the one that the policy adjusts.
+    The camera window that the display window shows, and the pixels' width over height. The policy
+    adjusts one of the two; the other is as given.
 
     Raises:
         UsageError: If the policy is unknown or the window or the image has no area.
@@ -65,23 +64,22 @@ def conform(window: Window, framing: Framing) -> tuple[Window, float]:
 
 
 def _keeps_height(policy: str, aperture: float, image: float) -> bool:
-    """Whether it is the width that changes; both arguments are aspect ratios."""
+    """Return whether the policy changes the width. `aperture` and `image` are aspect ratios."""
     if policy in ("adjustApertureWidth", "adjustApertureHeight"):
         return policy == "adjustApertureWidth"
     return (policy == "expandAperture") == (aperture <= image)
 
 
 def data_window(ndc: Window, resolution: tuple[int, int]) -> PixelWindow | None:
-    """Turn a `dataWindowNDC` into pixels.
+    """Convert a `dataWindowNDC` to pixels.
 
     Args:
         ndc: (xmin, ymin, xmax, ymax), with (0, 0) the bottom left of the display window and (1, 1)
             its top right; it may reach outside.
-        resolution: Of the display window [pixel].
+        resolution: Columns and rows of the display window [pixel].
 
-    Returns:
-        The pixels whose centres are inside, those on the left and bottom edge included and those on
-        the right and top edge not; None when that is the display window.
+    The pixels whose centres are inside the window. Its left and bottom edges are included, its
+    right and top edges are not. None if that is the display window.
 
     Raises:
         UsageError: If no pixel is inside.

@@ -1,11 +1,14 @@
-"""Which prims hold out of a picture."""
+"""Find which prims are mattes."""
 
 from __future__ import annotations
 
 
 def is_matte(path: str, rules: tuple[tuple[str, bool], ...]) -> bool:
-    """Whether the prim at `path` is matte: the longest of the rules' paths that it is at or beneath
-    decides, and of equal ones the last. With none it is not."""
+    """Return whether the prim at `path` is a matte.
+
+    The rule with the longest path at or above the prim decides; of equal paths, the last. Without a
+    rule it is not a matte.
+    """
     longest, matte = -1, False
     for prefix, rule in rules:
         beneath = prefix.rstrip("/") + "/"

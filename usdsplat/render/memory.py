@@ -1,9 +1,9 @@
-"""Estimate how much memory a picture takes before it is drawn.
+"""Estimate the memory that a picture takes, before it is drawn.
 
-What is in memory already is read from the system, or counted. What a picture adds is the buffers
-that it uses, whose declarations in `frame_buffers` say how large they are. The numbers that those
-depend on, such as the number of visible splats, are estimated from a sample of all splats.
-`benchmarks/memory.py` compares the result with measured peaks.
+Memory that is already in use is read from the system, or counted. A picture adds the buffers that
+it uses; their sizes follow from the declarations in `frame_buffers`. The numbers that those depend
+on, such as the number of visible splats, are estimated from a sample of all splats.
+`benchmarks/memory.py` compares the estimate with measured peaks.
 """
 
 from __future__ import annotations
@@ -32,32 +32,34 @@ from usdsplat.render.specs import MeshSpec, View
 
 MIB = 1 << 20
 BASE = 250 * MIB
-"""Python and the libraries, where the system does not say what they take."""
+"""Memory of Python and the libraries, assumed where the system does not report it."""
 KERNELS = 85 * MIB
-"""What the kernels take once a picture is drawn that they do not take before."""
+"""Memory that kernels take from the first picture on."""
 PROBES = 100_000
-"""Splats that are looked at to estimate how many are seen."""
+"""Number of splats that are tested to estimate how many are visible."""
 UNEVEN = 1.5
-"""How many more pairs of splat and tile the fullest band has than a band on average."""
+"""Pairs of splat and tile in the fullest band, relative to the mean of all bands."""
 DEEP_SAMPLES = 48
-"""Of a deep pixel, on average: what a dense capture has where it fills the picture."""
+"""Mean number of samples in a deep pixel, as a dense capture that fills the picture has."""
 DEEP_SAMPLE = 80
-"""Bytes of each: 24 in arrays, the same again beside a surface's, and rows on their way to disk."""
+"""Bytes of a deep sample: 24 in arrays, 24 in the copy with surfaces, and rows that are being
+written."""
 WRITER, WRITER_ROWS = 4, 64
-"""Copies and number of the rows that are on their way to a file at a time."""
+"""Copies and number of the rows that are being written to a file at a time."""
 
 PARTIAL_PAGES = 2
-"""Bytes of a slot: pages of wide rows that are touched for a few rows only."""
+"""Bytes per slot: pages of wide rows of which only a few rows are touched."""
 RANKS = 8
-"""Bytes of a splat that a display mode draws: the ranks that it is taken from."""
+"""Bytes per splat that a display mode draws, for its rank."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
-"""Bytes of a corner and of a triangle on the screen."""
+"""Bytes per vertex and per triangle on the screen."""
 HOLDOUT_ROWS = 4
-"""Bytes of a pixel of a holdout, as it is read."""
+"""Bytes per pixel of a holdout that is being read."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
-"""Bytes of a pixel that goes through a view: straight colours and copies, of float64 or float32."""
+"""Bytes per pixel that a view transform converts: unpremultiplied colours and copies, in float64 or
+float32."""
 IMAGES = {"albedo": "albedo", "Neye": "normals", "depthExpected": "depths"}
-"""AOV -> the group of buffers that it is blended in."""
+"""AOV -> the group of buffers in which it is blended."""
 PIXELS = {
     "Neye": "normals",
     "depthExpected": "expected_depth",
@@ -70,37 +72,37 @@ PIXELS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Bytes that a picture takes, by what for."""
+    """Bytes that a picture takes, by purpose."""
 
     held: int
-    """What is there before: the program, the stage, splats, surfaces and textures."""
+    """Memory in use before the picture: the program, the stage, splats, surfaces and textures."""
     splats: int
-    """What is made of each splat and triangle that is seen."""
+    """Buffers for the visible splats and triangles."""
     band: int
-    """Pixels of a band, lists of its tiles, and what is on its way to the file."""
+    """Pixels of a band, its tile lists, and rows that are being written."""
     rows: int
     """Rows of a band."""
 
     @property
     def total(self) -> int:
-        """All of it."""
+        """The sum of all parts."""
         return self.held + self.splats + self.band
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureRequest:
-    """What is drawn of a view, as far as memory depends on it."""
+    """The properties of a requested picture that its memory depends on."""
 
     aovs: tuple[str, ...] = ("color",)
-    """Which of `renderer.AOVS`."""
+    """Names in `renderer.AOVS`."""
     holds_out: bool = False
-    """Whether there is a holdout from elsewhere."""
+    """Whether there is an external holdout."""
     deep: bool = False
     """Whether all contributions are kept."""
     baked: bool = False
-    """Whether the pixels go through a view transform once they are drawn."""
+    """Whether a view transform is applied to the drawn pixels."""
     pictures: int = 1
-    """How many such pictures are drawn at the same time."""
+    """Number of such pictures drawn at the same time."""
 
 
 COLOR_ALONE = PictureRequest()
@@ -115,12 +117,12 @@ def estimate(
     band_pixels: int,
     threads: int,
 ) -> Estimate:
-    """Estimate what drawing a picture takes.
+    """Estimate the memory of a picture.
 
     Args:
-        request: What is drawn.
-        band_pixels: As `Renderer.render` takes it.
-        threads: Of the device that draws.
+        request: The picture.
+        band_pixels: See `Renderer.render`.
+        threads: Threads of the device that draws.
     """
     screen = Screen.of(view)
     x0, y0, x1, y1 = screen.window
@@ -153,8 +155,8 @@ def buffers_of(
 ) -> dict[str, Buffer]:
     """Return the buffers of a frame that a picture uses, by their names in `FrameBuffers`.
 
-    A few may not be used: those for ties, and, if something else holds out, those that either a
-    flat or a deep holdout needs.
+    The result may contain a few that are not used: those for ties and, with an external holdout,
+    those for the other kind of holdout, flat or deep.
     """
     layout, meshes = scene.draw_list(settings.splat_budget), bool(scene.drawn_meshes())
     aovs, mode = set(request.aovs), settings.display_mode
@@ -212,12 +214,12 @@ def buffers_of(
 
 
 def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, Estimate]:
-    """Return the tallest bands that keep a picture under a limit, and what it takes with them.
+    """Return the largest band height that keeps a picture under a limit, and the estimate for it.
 
     Args:
-        of: What the picture takes with bands of so many rows of tiles.
-        most: Rows of tiles of a band where there is no limit.
-        limit: [byte]. One row of tiles is returned even where that takes more.
+        of: Returns the estimate for bands of a number of rows of tiles.
+        most: Rows of tiles of a band without a limit.
+        limit: Maximum memory [byte]. One row of tiles is returned even if it takes more.
     """
     found = of(most)
     if found.total <= limit:
@@ -234,17 +236,18 @@ def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, 
 
 
 def resident() -> int:
-    """Bytes of this process that are in memory now; 0 where the system does not say."""
+    """Return the resident bytes of this process; 0 if the system does not report them."""
     return _said("/proc/self/status", "VmRSS")
 
 
 def free() -> int:
-    """Bytes that programs can still take before others have to give way; 0 where nobody says."""
+    """Return the bytes that are available without swapping; 0 if the system does not report
+    them."""
     return _said("/proc/meminfo", "MemAvailable")
 
 
 def _said(file: str, name: str) -> int:
-    """A size that Linux says in kibibytes, in bytes; 0 where it does not."""
+    """Return a size that Linux reports in kibibytes, in bytes; 0 if it is not reported."""
     try:
         text = Path(file).read_text()
     except OSError:
@@ -254,7 +257,8 @@ def _said(file: str, name: str) -> int:
 
 
 def _held(scene: RenderScene) -> int:
-    """What there is before a picture, and the kernels: as the system says, or counted."""
+    """Return the memory in use before a picture, plus the kernels: as reported by the system, or
+    counted."""
     now = resident()
     if not now:
         clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}
@@ -264,13 +268,13 @@ def _held(scene: RenderScene) -> int:
 
 
 def _nbytes(thing: SplatCloud | MeshSpec) -> int:
-    """Bytes of all arrays of a value."""
+    """Return the bytes of all arrays of a value."""
     names = (item.name for item in fields(thing))
     return sum(getattr(getattr(thing, name), "nbytes", 0) for name in names)
 
 
 def _by_splat(name: str) -> bool:
-    """Whether a buffer is as large as the splats are many, not as large as a band."""
+    """Return whether the size of a buffer depends on the number of splats, not on the band."""
     return name.startswith(("splats.", "display."))
 
 
@@ -283,7 +287,7 @@ def _sizes(
     share: float,
     threads: int,
 ) -> Sizes:
-    """Estimate the sizes of the fullest band, in which there is a share of all tiles."""
+    """Estimate the sizes for the fullest band, which contains a `share` of all tiles."""
     x0, _, x1, _ = screen.window
     visible, crossings, pairs = _visible(layout, screen)
     grid = bins.grid_of(x0, rows[0], x1, rows[1])[0]
@@ -306,11 +310,11 @@ def _sizes(
 
 
 def _of_meshes(scene: RenderScene) -> int:
-    """Bytes that are made of the triangles and textures of a scene for a view."""
+    """Return the bytes that a view needs for the triangles and textures of a scene."""
     drawn = scene.drawn_meshes()
     specs = {id(mesh.spec): mesh.spec for _, mesh, _ in drawn}.values()
     size = sum(VERTEX * len(m.spec.points) + BOX * len(m.spec.triangles) for _, m, _ in drawn)
-    size += sum(_nbytes(spec) for spec in specs) if len(specs) > 1 else 0  # laid out side by side
+    size += sum(_nbytes(spec) for spec in specs) if len(specs) > 1 else 0  # copied into one array
     pictures = {
         id(material.texture.pixels): material.texture.pixels.nbytes
         for spec in specs
@@ -321,7 +325,7 @@ def _of_meshes(scene: RenderScene) -> int:
 
 
 def _of_view(settings: RenderSettings, request: PictureRequest) -> int:
-    """Bytes of a pixel that goes through a view."""
+    """Return the bytes per pixel for the view transform."""
     if not request.baked and settings.color_mode != "inverseView":
         return 0
     names = (settings.ocio_config, settings.ocio_display, settings.ocio_view, settings.ocio_look)
@@ -329,7 +333,8 @@ def _of_view(settings: RenderSettings, request: PictureRequest) -> int:
 
 
 def _visible(layout: DrawList, screen: Screen) -> tuple[int, int, int]:
-    """Estimate how many splats are visible, and their pairs with rows of tiles and with tiles."""
+    """Estimate the number of visible splats, and of their pairs with rows of tiles and with
+    tiles."""
     step = max(1, layout.splats // PROBES)
     found = np.array([_probed(group, screen, step) for group in layout.groups]).reshape(-1, 3)
     visible, crossings, pairs = found.sum(axis=0).tolist()
@@ -337,7 +342,7 @@ def _visible(layout: DrawList, screen: Screen) -> tuple[int, int, int]:
 
 
 def _probed(group: Group, screen: Screen, step: int) -> tuple[float, float, float]:
-    """`_visible` of one group, from every so many of its splats."""
+    """Return the estimate of `_visible` for one group, from every `step`-th of its splats."""
     cloud = group.cloud
     part = slice(None, None, step)
     matrices = screen.world_to_camera[:3] @ group.transforms
@@ -358,11 +363,11 @@ def _probed(group: Group, screen: Screen, step: int) -> tuple[float, float, floa
     u, v = fx * x / depth + cx, fy * y / depth + cy
     seen = (z > near) & (z < far) & (reach > 0)
     seen &= (u + long > x0) & (u - long < x1) & (v + long > y0) & (v - long < y1)
-    # Mean tiles that an ellipse at a random place touches: area, half its outline, and itself.
+    # Mean tiles that an ellipse at a random place touches: from area and perimeter, plus one.
     tile = bins.TILE
     touched = 1 + 4 / np.pi * (long + short) / tile + np.pi * long * short / tile**2
     touched = np.minimum(touched, (1 + (x1 - x0) / tile) * (1 + (y1 - y0) / tile))
-    # Mean extent of an ellipse along a fixed direction, over all its turns.
+    # Mean extent of an ellipse along a fixed direction, over all rotations.
     crossed = 1 + 2 * np.sqrt((long**2 + short**2) / 2) / tile
     crossed = np.minimum(crossed, 1 + (y1 - y0) / tile)
     return step * seen.sum(), step * crossed[seen].sum(), step * touched[seen].sum()

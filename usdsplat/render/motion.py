@@ -1,4 +1,4 @@
-"""Motion vectors to the next frame and from the previous one, in pixels."""
+"""Compute motion vectors to the next frame and from the previous one, in pixels."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from usdsplat.render.specs import InstanceSpec, MeshSpec, View
 from usdsplat.render.surfaces import SurfaceBand
 
 FRAMES = {"motionForward": 1, "motionBackward": -1}
-"""Which frame each AOV is about; both say how far things move as time goes on."""
+"""AOV -> frame offset. Both AOVs contain the motion in the direction of increasing time."""
 
 Thing = SplatCloud | MeshSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pose:
-    """Where everything is at one time: splats, then surfaces, in drawing order."""
+    """Transforms and geometry of all appearances at one time: splats, then surfaces, in drawing
+    order."""
 
     screen: Screen
     things: dict[tuple[str, int], tuple[F64, Thing]]
@@ -47,7 +48,7 @@ class _Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FrameMotion:
-    """From one frame to another, as the kernel takes it."""
+    """Motion from one frame to another, as arrays of the kernel."""
 
     views: npt.NDArray[Any]
     moves: F64
@@ -57,29 +58,29 @@ class _FrameMotion:
 
     @property
     def arrays(self) -> tuple[npt.NDArray[Any], ...]:
-        """All of it, in the kernel's order."""
+        """All arrays in the order of the kernel's arguments."""
         return self.views, self.moves, self.turns, self.first, self.deltas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What moves how between a frame and its neighbours."""
+    """Motion of all appearances between a frame and its neighbours."""
 
     splats: int
-    """Appearances of splats; those of surfaces follow."""
+    """Number of appearances of splats. Those of surfaces follow."""
     motions: dict[str, _FrameMotion]
-    """By AOV."""
+    """AOV -> motion."""
 
     @classmethod
     def between(
         cls, sampler: Callable[[float], tuple[RenderScene, View]], time: float, screen: Screen
     ) -> Motion:
-        """Look at a frame and at both of its neighbours.
+        """Compare a frame with both of its neighbours.
 
         Args:
-            sampler: As the renderer takes it; left at `time`, also where another cannot be seen.
-            time: Of the frame [time code], relative to that of the picture.
-            screen: Of the frame.
+            sampler: As in `Renderer.render`. It is left at `time`, also after an error.
+            time: Time of the frame [time code], relative to that of the picture.
+            screen: Screen of the frame.
         """
         try:
             others = {name: _Pose.of(*sampler(time + step)) for name, step in FRAMES.items()}
@@ -100,10 +101,11 @@ class Motion:
         corner: tuple[int, int],
         wanted: set[str],
     ) -> dict[str, F32]:
-        """Return the motion AOVs of one band, (right, up) [pixel], shape (h, w, 2), of the device.
+        """Return the motion AOVs of one band as arrays of the device: (right, up) [pixel], shape
+        (h, w, 2).
 
         Args:
-            median: Depth, primId, elementId and row of the appearance of what is seen.
+            median: Depth, primId, elementId and row of the visible appearance.
             drawn: The surfaces of the band.
             corner: Its first pixel, x and y.
             wanted: The AOVs.
@@ -135,7 +137,7 @@ class Motion:
 
 
 def _frame_motion(here: _Pose, other: _Pose, screen: Screen) -> _FrameMotion:
-    """What was here goes there; what is not there stays where it is."""
+    """Return the motion from `here` to `other`. What is missing in `other` stands still."""
     n = len(here.things)
     moves, turns = np.empty((n, 3, 4)), np.empty((n, 3, 3))
     first = np.full(n, position.STILL, np.int64)
@@ -161,8 +163,11 @@ def _frame_motion(here: _Pose, other: _Pose, screen: Screen) -> _FrameMotion:
 
 
 def _delta(thing: Thing, later: Thing) -> F32 | None:
-    """How points move by themselves, one row for each splat or each corner of each triangle; None
-    where they do not, or it cannot be said which is which."""
+    """Return the motion of points in local space, one row for each splat or each corner of each
+    triangle.
+
+    None if they do not move, or if the points of the two times do not correspond.
+    """
     if thing is later:
         return None
     if isinstance(thing, SplatCloud) and isinstance(later, SplatCloud):
@@ -177,7 +182,7 @@ def _delta(thing: Thing, later: Thing) -> F32 | None:
 
 
 def _splat_delta(thing: SplatCloud, later: SplatCloud) -> F32 | None:
-    """By identity where splats have one, else by place."""
+    """Return the motion of splats, matched by id if both clouds have ids, else by row."""
     if thing.ids is not None and later.ids is not None:
         if not np.array_equal(thing.ids, later.ids):
             order = np.argsort(later.ids, kind="stable")

@@ -1,4 +1,4 @@
-"""What hides splats of a band: surfaces of the scene, and a holdout from elsewhere."""
+"""Occluders of a band's splats: surfaces of the scene, and an external holdout."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import PixelBuffers
 
 DeepHoldout = tuple[I64, F32, F32]
-"""A deep holdout: first sample of each pixel, depths, transmittances, as `kernels.walk` has it."""
+"""A deep holdout: first sample of each pixel, depths and transmittances, see `kernels.walk`."""
 NO_HOLDOUT: DeepHoldout = (
     np.empty(0, np.int64),
     np.empty(0, np.float32),
     np.empty(0, np.float32),
 )
 for _each in NO_HOLDOUT:
-    _each.flags.writeable = False  # as those are that a device keeps: kernels are compiled once
+    _each.flags.writeable = (
+        False  # like arrays kept by a device, so that kernels are compiled for one type only
+    )
 NO_DEPTH = np.empty((0, 0), np.float32)
 NO_COVER = np.empty((0, 0), np.uint8)
 
 HoldoutRows = F32 | DeepHoldout
-"""Of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
+"""Holdout of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
 
 
 ReadHoldout = Callable[[int, int, int, int], HoldoutRows]
@@ -36,12 +38,12 @@ ReadHoldout = Callable[[int, int, int, int], HoldoutRows]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occluders:
-    """What is behind, or between, the splats of a band. Arrays are the device's."""
+    """Occluders behind or between the splats of a band. Arrays belong to the device."""
 
     depth: F32 = field(default_factory=lambda: NO_DEPTH)
-    """Planar depth of surfaces, +inf where there is none, shape (h, w); of no size without any."""
+    """Planar depth of surfaces, +inf where there is none, shape (h, w); empty without surfaces."""
     covered: npt.NDArray[np.uint8] = field(default_factory=lambda: NO_COVER)
-    """What they are, see `kernels.surface`, shape (h, w); of no size without any."""
+    """Kind of surface, see `kernels.surface`, shape (h, w); empty without surfaces."""
     holdout: DeepHoldout = NO_HOLDOUT
 
 
@@ -54,7 +56,7 @@ def with_holdout(
 ) -> Occluders:
     """Return the occluders of a band with a holdout added.
 
-    A flat holdout hides everything behind it, a deep one as much as its samples cover.
+    A flat holdout hides everything behind it. A deep one hides as much as its samples cover.
 
     Args:
         shape: Rows and columns of the band.
@@ -76,7 +78,7 @@ def with_holdout(
 
 
 def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
-    """Reject a holdout beyond whose end kernels would read."""
+    """Raise an error for a holdout of the wrong size, beyond which kernels would read."""
     if not isinstance(rows, tuple):
         if rows.shape != shape:
             raise UsageError("holdout", f"depths of shape {rows.shape}", str(shape))
@@ -86,13 +88,16 @@ def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
     if len(offsets) != pixels + 1:
         raise UsageError("holdout", f"{len(offsets)} offsets", f"{pixels + 1}")
     if offsets[0] != 0 or (np.diff(offsets) < 0).any() or offsets[-1] != len(depths):
-        raise UsageError("holdout", "offsets of other samples", f"0 to {len(depths)}, ascending")
+        raise UsageError(
+            "holdout", "offsets that do not match the samples", f"0 to {len(depths)}, ascending"
+        )
     if len(through) != len(depths):
         raise UsageError("holdout", f"{len(through)} transmittances", f"{len(depths)}")
 
 
 def remembering(read: ReadHoldout) -> ReadHoldout:
-    """Return `read` with its last result cached: all samples of a band ask for the same rows."""
+    """Return `read` with its last result cached, because all samples of a band read the same
+    rows."""
     last: dict[tuple[int, int, int, int], HoldoutRows] = {}
 
     def rows(x0: int, y0: int, x1: int, y1: int) -> HoldoutRows:

@@ -13,23 +13,23 @@ from usdsplat.render.settings import RenderSettings
 
 DISPLAY_SPACE, SURFACE_SPACE = "srgb_rec709_scene", "lin_rec709_scene"
 LINEAR_MATRIX = slice(2, 11)
-"""Of a `conversion`: its 3x3 in linear light."""
+"""Indices of the linear 3x3 matrix in the numbers of a `conversion`."""
 
 
 class Output:
-    """What one colour mode does to the two layers of a picture.
+    """Conversion of the two layers of a picture for one colour mode.
 
-    In `display` splats stay what they are and surfaces go through the view; in `scene` both are in
-    the working space; in `inverseView` splats come there back through the view. Exposure counts
-    for all light that is in the working space.
+    In `display`, splats are unchanged and surfaces are converted by the view. In `scene`, both are
+    converted to the working space. In `inverseView`, splats are converted to it by the inverse of
+    the view. Exposure applies to all light in the working space.
 
     Args:
-        settings: With no colour mode left to others.
-        blend_space: Where splats are blended.
-        exposure: Of the camera, linear.
+        settings: Settings whose colour mode is not auto.
+        blend_space: Colour space in which splats are blended.
+        exposure: Linear exposure factor of the camera.
 
     Raises:
-        UsageError: If there is no such OCIO view.
+        UsageError: If the OCIO view does not exist.
     """
 
     def __init__(
@@ -49,13 +49,16 @@ class Output:
         self._surfaces = conversion(SURFACE_SPACE, DISPLAY_SPACE if plain else working)
         self._surfaces[LINEAR_MATRIX] *= np.float32(exposure)
         self.failed = 0
-        """Pixels so far that the view cannot show as they were captured."""
+        """Number of pixels so far whose captured colour the view cannot produce."""
         self.covered = 0
-        """Pixels so far that were asked to; both count in `inverseView` only."""
+        """Number of pixels with splats so far. Both are counted in `inverseView` only."""
 
     def splats(self, image: F32, *, counts: bool = True) -> F32:
-        """Return a finished splat layer, premultiplied (h, w, 4), in the picture's space; `counts`
-        says whether it goes into `failed` and `covered`. Only a view needs it on the host."""
+        """Return a splat layer, premultiplied, shape (h, w, 4), in the picture's space.
+
+        `counts` says whether its pixels are added to `failed` and `covered`. The layer is copied to
+        the host only for a view.
+        """
         self._recolor(image, self._splats)
         if self._mode != "inverseView":
             return image
@@ -69,7 +72,7 @@ class Output:
         return linear
 
     def surfaces(self, rgb: F32) -> F32:
-        """Return shaded surfaces, linear Rec.709 (h, w, 3), in the picture's space."""
+        """Return shaded surfaces, linear Rec.709, shape (h, w, 3), in the picture's space."""
         self._recolor(rgb, self._surfaces)
         if self._mode == "display" and not self._view.is_plain:
             return self._view.forward(self._device.fetch(rgb))
@@ -81,10 +84,10 @@ class Output:
 
 
 def view_of(settings: RenderSettings) -> ViewTransform:
-    """The OCIO view that settings name.
+    """Open the OCIO view that the settings name.
 
     Raises:
-        UsageError: If there is none such.
+        UsageError: If it does not exist.
     """
     return open_view(
         config=settings.ocio_config,

@@ -1,4 +1,4 @@
-"""The splats that a view sees: projected, shaded and sorted, once for each view."""
+"""Project, shade and sort the splats of a view."""
 
 from __future__ import annotations
 
@@ -23,58 +23,58 @@ from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 
 DOT_REACH = 4
-"""[pixel] Beyond the data window that the dots of display mode points are kept for: the splats that
-they stand for may be smaller."""
+"""Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
+may be larger than the splats."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedSplats:
-    """The splats that a view sees, nearest first; row k of every array is rank k.
+    """Visible splats of a view, nearest first; row k of every array is rank k.
 
-    Arrays are the device's: fetch them before reading.
+    Arrays belong to the device; fetch them to read them on the host.
     """
 
     records: F32
     """Shape (n, project.RECORD)."""
     order: I32
-    """Slot of each, shape (n,)."""
+    """Slot of each splat, shape (n,)."""
     sources: I32
     """Row of each slot in its field."""
     layout: DrawList
     ray_hits: F32
-    """Shape (n, ray_hit.RAY_HIT), or of no size where nobody asks for ray hits."""
+    """Shape (n, ray_hit.RAY_HIT), or empty if ray hits are not needed."""
     features: F32
-    """Shape (n, feature.FEATURES), or of no size where nobody asks."""
+    """Shape (n, feature.FEATURES), or empty if not needed."""
     keeps: F32
-    """0 for what only holds out, shape (n,); of no size where nothing does."""
+    """0 for splats of mattes, shape (n,); empty without mattes."""
     labels: I32
-    """Number of each one's prim, shape (n,), or of no size where nobody asks."""
+    """Number of each splat's prim, shape (n,), or empty if not needed."""
     is_parallel: bool
-    """Whether rays are."""
+    """Whether all rays are parallel."""
     near: float
-    """Planar depth [scene unit] before which nothing is seen."""
+    """Planar depth in front of which nothing is visible [scene unit]."""
     stamp: object
     """Token that is replaced whenever a footprint or the order changes: tile lists depend on it."""
 
 
 @dataclass(slots=True, eq=False)
 class _Held:
-    """What the last picture left, by the first slot of each group."""
+    """Inputs of the last picture, by the first slot of each group, for reuse of its results."""
 
     shapes: dict[int, Any] = field(default_factory=dict)
-    """All that its footprints depend on; None where that is not said."""
+    """Everything that the footprints depend on; None if they cannot be reused."""
     radiance: dict[int, Any] = field(default_factory=dict)
-    """All that its colours depend on besides."""
+    """Everything else that the colours depend on."""
     order: Any = None
     stamp: object = None
 
 
 class Projector:
-    """The splats of a scene on their way to one view.
+    """The steps from a scene's splats to the sorted splats of a view.
 
     `project`, `shade`, `find_ray_hits` and `find_features` fill rows of splats in the order of
-    storage; `sort` gathers them in order of depth. Steps whose inputs did not change since the last
-    picture are skipped.
+    storage; `sort` gathers the rows in order of depth. A step is skipped if its inputs have not
+    changed since the last picture.
 
     Args:
         blend_space: Colour space in which splats are blended.
@@ -107,7 +107,7 @@ class Projector:
     # --- the steps, in their order ---------------------------------------------------------
 
     def project(self) -> None:
-        """Project all splats, and note which ones the view may see."""
+        """Project all splats, and record which ones may be visible."""
         buffers, slots = self._buffers, self.layout.slots
         self._records = buffers.records(slots)
         self._keys = buffers.keys(slots)
@@ -128,15 +128,14 @@ class Projector:
                 self._held.radiance.pop(group.slot, None)
 
     def shade(self) -> None:
-        """Evaluate the colours of what is seen, in the blend space."""
+        """Evaluate the colours of the visible splats in the blend space."""
         for group, found in self._parts:
             self._now.radiance[group.slot] = colors = self._colors(group)
             if self._held.radiance.get(group.slot) != colors:
                 self._radiance(group, found, self._records, project.RED, self._degree)
 
     def find_ray_hits(self) -> None:
-        """Find where the ray through each pixel meets the maximum of a splat, as
-        `kernels.ray_hit` has it."""
+        """Compute the coefficients of ray hits, see `kernels.ray_hit`."""
         self._ray_hits = self._buffers.ray_hits(self.layout.slots)
         for group, found in self._parts:
             self._find_ray_hits(group, found)
@@ -152,8 +151,8 @@ class Projector:
         """Return the visible splats, nearest first.
 
         Args:
-            matte: As `View.matte` has it.
-            labels: Whether the number of each one's prim is needed.
+            matte: See `View.matte`.
+            labels: Whether the number of each splat's prim is needed.
         """
         layout, buffers, now, held = self.layout, self._buffers, self._now, self._held
         for group in layout.groups:
@@ -170,7 +169,7 @@ class Projector:
         features = self._gather(buffers.ordered_features, order, self._features)
         for each in self._holding:
             each.content = now
-        # other modes draw into the records in their order
+        # other modes overwrite the sorted records
         is_plain = self.settings.display_mode == "splats"
         buffers.ordered.content = now if is_plain else None
         holds = [is_matte(path, matte) for path in layout.prims]
@@ -189,10 +188,10 @@ class Projector:
             stamp=now.stamp if is_plain else object(),
         )
 
-    # --- what holds ------------------------------------------------------------------------
+    # --- reuse between pictures ------------------------------------------------------------
 
     def _take_held(self) -> _Held:
-        """Take what the last picture left in the buffers, which are about to be written."""
+        """Return the inputs of the last picture, and mark its buffers as overwritten."""
         first, *others = (each.content for each in self._holding)
         ordered = self._buffers.ordered
         self._is_ordered = first is not None and ordered.content is first
@@ -208,8 +207,10 @@ class Projector:
         return b.records, b.keys, b.sources, b.found, b.sort_slots
 
     def _shape(self, group: Group, first: int) -> Any:
-        """All that the footprints of a group depend on, `first` its first block; None where a
-        budget leaves a part of it, whose rows are renamed."""
+        """Return everything that the footprints of a group depend on. `first` is its first block.
+
+        Return None for a group that a budget reduces, because its rows are renumbered.
+        """
         if group.rows is not None:
             return None
         arrays = self.matrices(group), self.record(group), group.transforms
@@ -224,29 +225,30 @@ class Projector:
         return self._screen.window
 
     def degree(self, group: Group) -> int:
-        """Of the harmonics that are evaluated."""
+        """Return the degree of the harmonics that are evaluated."""
         return min(self.settings.sh_degree, group.cloud.sh_degree)
 
     def conversion(self, group: Group) -> tuple[F32, bool]:
-        """From the field's space to the one in which splats are blended: 13 numbers, and whether
-        they change anything."""
+        """Return the conversion from the field's colour space to the blend space: 13 numbers, and
+        whether they change anything."""
         spec = group.field.spec
         numbers = conversion(spec.color_space, self._blend_space, grade=spec.grade)
         return numbers, not is_identity(numbers)
 
     def matrices(self, group: Group) -> F64:
-        """Local to camera, shape (m, 3, 4)."""
+        """Return the local-to-camera matrices, shape (m, 3, 4)."""
         return np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
 
     def record(self, group: Group) -> npt.NDArray[Any]:
-        """The view as `project` reads it: one CAMERA record."""
+        """Return the CAMERA record of `project` for a group."""
         spec, mode = group.field.spec, self.settings.rasterize_mode
         shape = self.settings.display_mode
         return self._screen.record(
             tangential=spec.projection_mode == "tangential",
             by_distance=self.settings.sorting == "cameraDistance",
             antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased"
-            and shape not in ("points", "ellipses"),  # which would vanish in the distance
+            and shape
+            not in ("points", "ellipses"),  # antialiasing would make them vanish in the distance
             margin=DOT_REACH if shape == "points" else 0,
         )
 
@@ -265,7 +267,7 @@ class Projector:
         )  # fmt: skip
 
     def _colors(self, group: Group) -> Any:
-        """All that the colours of a group depend on besides its footprints."""
+        """Return everything that the colours of a group depend on besides its footprints."""
         numbers, _ = self.conversion(group)
         return group.field.radiance, self.sights(group).tobytes(), self._degree, numbers.tobytes()
 
@@ -297,11 +299,11 @@ class Projector:
         )  # fmt: skip
 
     def sights(self, group: Group) -> F64:
-        """Affine maps from a splat's position to its direction of sight in the field's own space.
+        """Return affine maps from a splat's position to its view direction in local space.
 
-        A = Q P with Q orthogonal, reflections included: directions go back by Qᵀ, so Qᵀ A = P
-        takes the positions. Of an orthographic camera the direction is the same everywhere. Shape
-        (m, 3, 4).
+        Shape (m, 3, 4). With A = Q P and Q orthogonal, reflections included, directions go back to
+        local space by Qᵀ, and Qᵀ A = P applies to the positions. For an orthographic camera the
+        direction is constant.
         """
         screen, back = self._screen, group.turns.transpose(0, 2, 1)
         sights = np.zeros((len(back), 3, 4))
@@ -313,7 +315,7 @@ class Projector:
         return sights
 
     def _name_rows(self, group: Group, sources: Any) -> None:
-        """Where a budget leaves a part of a field, go from rows of the part to its own."""
+        """Convert rows of a splat budget's subset to rows of the field."""
         if group.rows is not None and group.slots > 0:
             used = sources[group.slot : group.slot + group.slots]
             self._device.run(sort.name_rows, self._device.keep(group.rows), used)
@@ -338,7 +340,7 @@ class Projector:
         return order
 
     def _gather(self, buffer: Memory, order: I32, rows: F32) -> F32:
-        """Rows of the slots in order of depth; nothing of nothing."""
+        """Return the rows of the slots in order of depth; empty if `rows` is empty."""
         count = order.shape[0] if rows.shape[0] > 0 else 0
         out: F32 = buffer(count)
         if count > 0:
@@ -346,7 +348,8 @@ class Projector:
         return out
 
     def _label(self, buffer: Memory, order: I32, numbers: Any, wanted: bool) -> Any:
-        """What belongs to the appearance of each splat, in order of depth."""
+        """Return a number of the appearance of each splat, in order of depth; empty if not
+        wanted."""
         count = order.shape[0] if wanted else 0
         out = buffer(count)
         if count > 0:
@@ -356,7 +359,8 @@ class Projector:
 
 
 def _inverses(matrices: F64) -> F64:
-    """Inverses of the 3x3 of local-to-camera matrices; flat ones count as hardly thick."""
+    """Return the inverses of the 3x3 parts of local-to-camera matrices; flat ones get a small
+    thickness."""
     linear = matrices[:, :, :3]
     try:
         inverses = np.linalg.inv(linear)

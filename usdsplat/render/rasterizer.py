@@ -1,7 +1,7 @@
-"""The protocol of a rasterizer: the steps of a frame that devices do differently.
+"""Define the protocol of a rasterizer: the steps of a frame that differ between devices.
 
-`frame.py` calls them. The projector and the tile lists that they return launch kernels through
-`Device.run`, which has each kernel for each device.
+`frame.py` calls these steps. The projector and the tile lists launch kernels through `Device.run`,
+which selects the kernel for the device.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from usdsplat.render.tile_lists import TileLists
 
 
 class WholeImage:
-    """All splats of a view, drawn at once.
+    """Picture of all splats of a view, drawn at once.
 
     Args:
-        image: Premultiplied RGBA in the blend space, shape (h, w, 4), of the device.
+        image: Premultiplied RGBA in the blend space, shape (h, w, 4), on the device.
         top: First row of the image [pixel].
     """
 
@@ -35,7 +35,7 @@ class WholeImage:
 
 
 class Rasterizer(Protocol):
-    """Draws splats on one device. Arrays of its results belong to the device."""
+    """Rasterizer of splats on one device. Arrays of its results belong to the device."""
 
     @property
     def device(self) -> Device:
@@ -48,9 +48,9 @@ class Rasterizer(Protocol):
         buffers: FrameBuffers,
         stats: FrameStats,
     ) -> WholeImage | None:
-        """Draw colour alone, all steps fused, where the device can.
+        """Draw colour alone with all steps fused, if the device can.
 
-        Called for a picture of splats without surfaces, holdout and further AOVs.
+        It is called for a picture of splats without surfaces, holdout and further AOVs.
 
         Returns:
             The picture; None if the steps must be taken one by one.
@@ -69,7 +69,7 @@ class Rasterizer(Protocol):
 
         Args:
             window: Pixels x0, y0, x1, y1 of the band, end exclusive.
-            by_ray_hit: Whether the splats of each pixel are sorted by their ray hits.
+            sort_by_ray_hit: Whether the splats of each pixel are sorted by their ray hits.
 
         Raises:
             UsageError: If splats touch 2**31 tiles or more.

@@ -1,4 +1,4 @@
-"""Pictures of render scenes on one device: checks, buffers between pictures, and a fallback."""
+"""Render pictures of scenes on one device, with checks, buffer reuse and a fallback to the CPU."""
 
 from __future__ import annotations
 
@@ -39,22 +39,24 @@ AOVS = (
     "motionForward",
     "motionBackward",
 )
-"""What can be rendered, in Hydra's words where it has one; `images.aovs` says what each means.
+"""AOVs that can be rendered, under Hydra's names where Hydra has one. See `images.aovs` for their
+meaning.
 
 `color` is premultiplied RGBA in the output space. `depth` is the planar camera depth at which half
-of the pixel's own coverage, surfaces included, is passed; the ids are those of what passes it, -1
-where nothing is: `primId` counts the drawn prims in the order of their paths, `instanceId` is the
-number within a point instancer, `elementId` a splat's row in its prim's arrays or a mesh's face."""
+of the pixel's own coverage, surfaces included, is reached. The ids are those of the splat or
+surface at that depth, -1 where nothing is: `primId` is the index of the prim in the sorted paths of
+drawn prims, `instanceId` the number within a point instancer, `elementId` a splat's row in its
+prim's arrays or a mesh's face."""
 
 BAND_PIXELS = 1 << 21
-"""[pixel] of a band: a 1920x1080 picture is one band, a 3840x2160 one four."""
+"""Pixels of a band: a 1920x1080 picture is one band, a 3840x2160 picture four."""
 ORDERED = ("zDepth", "rayHitDistance")
-"""Orders in which a deep picture's samples can be kept: those of planar depths."""
+"""Sorting modes of deep pictures: those that sort by planar depth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Workspace:
-    """The rasterizer and buffers of one picture, from its first band to its last."""
+    """Rasterizer and buffers of one picture, from its first band to its last."""
 
     rasterizer: Rasterizer
     surface_cache: SurfaceCache
@@ -91,10 +93,10 @@ class _Workspace:
 
 
 class Renderer:
-    """Draws views of render scenes on one device. It keeps buffers between pictures, not scenes.
+    """Renderer of views on one device. It keeps buffers between pictures, not scenes.
 
     Args:
-        falls_back: Whether the CPU draws the rest if a GPU fails.
+        falls_back: Whether the CPU draws the remaining bands if a GPU fails.
     """
 
     def __init__(self, device: Device, *, falls_back: bool = False) -> None:
@@ -104,7 +106,7 @@ class Renderer:
         self._closed = False
         self._surface_cache = SurfaceCache()
         self.stats = FrameStats()
-        """Of the last picture."""
+        """Statistics of the last picture."""
 
     @property
     def _device(self) -> Device:
@@ -117,11 +119,11 @@ class Renderer:
 
     @property
     def remark(self) -> str:
-        """Why it is not the fastest that this machine could have; mostly empty."""
+        """Reason why a faster device is not used, for the user; usually empty."""
         return self._device.remark
 
     def close(self) -> None:
-        """Release the buffers; those of a picture that is being drawn go with its last band."""
+        """Release the buffers. Those of a picture in progress are released after its last band."""
         self._closed = True
         self._idle.clear()
         self._surface_cache = SurfaceCache()
@@ -138,24 +140,26 @@ class Renderer:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[Band]:
-        """Draw the data window of `view`, band after band from the top.
+        """Draw the data window of `view`, band by band from the top.
 
         Args:
-            settings: With nothing left on auto but `rasterize_mode`.
-            aovs: Which of AOVS.
-            sampler: Scene and view at other times, for motion; None for a scene that stands still.
-            holdout: What else hides splats and surfaces, and is not in the picture.
-            band_pixels: About how many pixels to draw at a time.
+            settings: Settings in which only `rasterize_mode` may be auto.
+            aovs: Names in AOVS.
+            sampler: Scene and view at other times, for motion; None for a static scene.
+            holdout: External holdout that hides splats and surfaces.
+            band_pixels: Approximate number of pixels of a band.
 
         Raises:
-            UsageError: If an AOV is unknown, the view has no area, or there is no such OCIO view.
+            UsageError: If an AOV is unknown, the view has no area, or the OCIO view does not exist.
         """
         for name in aovs:
             if name not in AOVS:
                 raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
         screen = Screen.of(view)
         blend_space = blend_space_of(scene, settings)
-        _output(self._device, settings, blend_space, view)  # refused now, not at the first band
+        _output(
+            self._device, settings, blend_space, view
+        )  # raises errors now, not at the first band
 
         def still(_: float) -> Moment:
             return scene, view
@@ -180,12 +184,12 @@ class Renderer:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
-        """Return the contributions to every pixel, band after band: (y0, y1, samples).
+        """Return the contributions to every pixel, band by band: (y0, y1, samples).
 
-        Blended in the working space, one sharp sample. Surfaces are samples that hide all behind.
+        The picture has one sharp sample, blended in the working space. Surfaces are opaque samples.
 
         Raises:
-            UsageError: If the order of splats is not one of planar depths.
+            UsageError: If splats are not sorted by planar depth.
         """
         if settings.sorting not in ORDERED:
             expected = f"{' or '.join(ORDERED)} for a deep picture"
@@ -208,8 +212,10 @@ class Renderer:
     # --- private ---------------------------------------------------------------------------
 
     def _borrowing(self, bands: Callable[[_Workspace], Iterator[Any]]) -> Iterator[Any]:
-        """Run a generator with buffers of its own; the next picture uses them again. If a GPU fails
-        and the CPU may take over, the CPU draws the remaining bands."""
+        """Run a generator with its own buffers, which later pictures reuse.
+
+        If a GPU fails and `falls_back` is set, the CPU draws the remaining bands.
+        """
         workspace = self._take_workspace()
         taken = 0
         try:
@@ -231,7 +237,7 @@ class Renderer:
         return _Workspace(self._rasterizer, self._surface_cache, buffers)
 
     def _fall_back(self, failed: Device, error: BackendError) -> None:
-        """Draw with the CPU from now on, unless another picture has switched already."""
+        """Use the CPU from now on, unless another picture has switched already."""
         if self._device is not failed:
             return
         remark = f"{error}; the CPU does the work"
@@ -254,14 +260,18 @@ def open_rasterizer(device: Device) -> Rasterizer:
 
 
 def depends_on_time(settings: RenderSettings, camera: CameraSpec, aovs: tuple[str, ...]) -> bool:
-    """Whether a picture shows other times than its own."""
+    """Return whether a picture depends on other times than its own."""
     begin, end = camera.shutter
     blurred = settings.samples > 1 and settings.motion_blur and (begin != 0 or end != 0)
     return blurred or bool(MOTION & set(aovs))
 
 
 def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
-    """The space in which splats are blended: the captures' own where they agree, or linear."""
+    """Return the space in which splats are blended.
+
+    That is the captures' training space if they agree or sRGB if not, and the working space for
+    linear blending.
+    """
     if settings.blend_space == "linear":
         return settings.working_space
     spaces = {field.spec.color_space for field in scene.visible_fields()}

@@ -1,8 +1,9 @@
-"""Where in shutter, lens and pixel a picture is sampled.
+"""Select the samples of a picture in shutter, lens and pixel.
 
-Every sample is a whole sharp picture, and their plain average is the picture: a filter's weight is
-in how densely it is sampled. The points are fixed, evenly spread in each dimension and
-uncorrelated between dimensions, so a picture of n samples is always the same and has no noise.
+Every sample is a complete sharp picture. The picture is the plain average of its samples; a
+filter's weight is expressed by the density of the samples. The points are fixed, evenly spread in
+each dimension and uncorrelated between dimensions. A picture of n samples is therefore always the
+same and has no noise.
 
 Source: Vogel 1979 for points on a disc; Roberts 2018 for additive recurrences; Shirley 1990 for
 ranks as strata; Harris 1978 for the Blackman-Harris window.
@@ -21,30 +22,31 @@ from usdsplat.render.specs import CameraSpec
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 STEPS = (0.7548776662466927, 0.5698402909980532, math.sqrt(2.0) - 1.0)
-"""Of the additive recurrences for pixel x, pixel y and time: irrational, and so of each other."""
+"""Steps of the additive recurrences for pixel x, pixel y and time. They and their ratios are
+irrational."""
 WIDTHS = {"box": 1.0, "triangle": 2.0, "gaussian": 3.0, "blackmanHarris": 3.3}
-"""[pixel] of each filter, where the settings do not say."""
+"""Default width of each filter [pixel]."""
 GAUSSIAN_CUT = 3.0
-"""Standard deviations from the middle of a Gaussian filter to its edge."""
+"""Standard deviations from the centre of a Gaussian filter to its edge."""
 BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
 TABLE = 4097
-"""Points at which a filter's distribution is tabulated."""
+"""Number of points at which a filter's distribution is tabulated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
-    """One sharp picture of those that are averaged."""
+    """One of the sharp pictures that are averaged."""
 
     time: float = 0.0
-    """[time code] from the frame."""
+    """Time relative to the frame [time code]."""
     lens: tuple[float, float] = (0.0, 0.0)
-    """Where the ray goes through the lens, right and up [scene unit]."""
+    """Point of the lens that the ray passes, right and up [scene unit]."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """From the pixels' centres, right and down [pixel]."""
+    """Offset from the pixels' centres, right and down [pixel]."""
 
 
 def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
-    """Return the samples of a picture; a single one is sharp and at the frame itself."""
+    """Return the samples of a picture. A single sample is sharp and at the time of the frame."""
     n = settings.samples
     if n == 1:
         return (Sample(),)
@@ -64,20 +66,20 @@ def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
 
 
 def center(settings: RenderSettings, camera: CameraSpec) -> Sample:
-    """Return the sample that everything which must not be averaged is read from: the middle of the
-    shutter, through the middle of the lens."""
+    """Return the sample for AOVs that must not be averaged: in the middle of shutter and lens."""
     if settings.samples == 1 or not settings.motion_blur:
         return Sample()
     return Sample(time=0.5 * (camera.shutter[0] + camera.shutter[1]))
 
 
 def has_lens(camera: CameraSpec) -> bool:
-    """Whether a camera can blur what is out of focus."""
+    """Return whether a camera has depth of field."""
     return not camera.orthographic and camera.lens_radius > 0 and camera.focus_distance > 0
 
 
 def _strata(n: int, step: float) -> F64:
-    """Middles of n equal parts of [0, 1], in the order in which a recurrence visits them."""
+    """Return the centres of n equal parts of [0, 1] in the order in which a recurrence visits
+    them."""
     visited = np.argsort(np.arange(n) * step % 1.0, kind="stable")
     middles = np.empty(n)
     middles[visited] = (np.arange(n) + 0.5) / n
@@ -85,7 +87,8 @@ def _strata(n: int, step: float) -> F64:
 
 
 def _filter(name: str, width: float) -> tuple[F64, F64]:
-    """The distribution of a filter's weight and the offsets [pixel] at which it is reached."""
+    """Return the cumulative distribution of a filter's weight, and the offsets [pixel] of its
+    points."""
     half = 0.5 * (width or WIDTHS[name])
     at: F64 = np.linspace(-1.0, 1.0, TABLE)
     if name == "box":

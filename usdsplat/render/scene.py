@@ -1,4 +1,4 @@
-"""The resident splats, meshes and lights of one engine, without USD."""
+"""Hold the splats, meshes and lights of one engine, without USD."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from usdsplat.render.fields import Box, Drawn, DrawnMesh, Field, Mesh
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 
 SUBJECT = 0.004
-"""Part of the splats, at either end of each axis, that may be stray ones far from the subject."""
+"""Fraction of the splats, at either end of each axis, that may be outliers far from the subject."""
 
 FEW = 100_000
-"""Splats that are looked at, about, to find the subject."""
+"""Approximate number of splats that are sampled to find the subject."""
 
 
 def matrix(numbers: tuple[float, ...]) -> F64:
-    """The 4x4 of a `specs.Matrix`."""
+    """Return a `specs.Matrix` as an array, shape (4, 4)."""
     return np.array(numbers, np.float64).reshape(4, 4)
 
 
 def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
-    """The box around all instances of a box."""
+    """Return the box around all instances of a box."""
     m = np.array([each.transform for each in instances]).reshape(-1, 4, 4)
     center = m[:, :3, :3] @ (0.5 * (box[0] + box[1])) + m[:, :3, 3]
     half = np.abs(m[:, :3, :3]) @ (0.5 * (box[1] - box[0]))
@@ -34,7 +34,7 @@ def _place(box: Box, instances: tuple[InstanceSpec, ...]) -> Box:
 
 
 def _extent(spec: FieldSpec | MeshSpec) -> Box | None:
-    """Bounds of what can be seen, in its own space; None when nothing of it is finite."""
+    """Return the bounds in local space; None if nothing is finite."""
     if isinstance(spec, MeshSpec):
         return _box_of(spec.points)
     box = extent(spec.cloud)
@@ -42,7 +42,7 @@ def _extent(spec: FieldSpec | MeshSpec) -> Box | None:
 
 
 def _box_of(points: F32) -> Box | None:
-    """The box around all finite points."""
+    """Return the box around all finite points."""
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         return None
@@ -50,14 +50,14 @@ def _box_of(points: F32) -> Box | None:
 
 
 def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
-    """Bounds of a mesh, or of nearly all centres of a cloud, strays left out."""
+    """Return the bounds of a mesh, or of a cloud's centres without outliers."""
     if isinstance(spec, MeshSpec):
         return _box_of(spec.points)
     return _most_of(spec.cloud.positions)
 
 
 def _most_of(positions: F32 | F64) -> Box | None:
-    """The box around nearly all positions that are finite."""
+    """Return the box around all finite positions but outliers."""
     few = positions[:: max(1, len(positions) // FEW)]
     few = few[np.isfinite(few).all(axis=1)]
     if len(few) == 0:
@@ -67,14 +67,15 @@ def _most_of(positions: F32 | F64) -> Box | None:
 
 
 def _measured(thing: Field | Mesh, name: str, measure: Any) -> Any:
-    """A box of a thing, computed when it is first asked for."""
+    """Return a box of a field or mesh, computed on first use."""
     if getattr(thing, name) is None:
         setattr(thing, name, measure(thing.spec))
     return getattr(thing, name)
 
 
 def _left_by_crops(field: Field) -> list[Box]:
-    """Boxes in the world of nearly all centres that the field's volumes leave, by instance."""
+    """Return the world box of the centres that the crops keep, without outliers, for each
+    instance."""
     positions = field.spec.cloud.positions
     few = positions[:: max(1, len(positions) // FEW)].astype(np.float64)
     boxes = []
@@ -87,10 +88,9 @@ def _left_by_crops(field: Field) -> list[Box]:
 
 
 class RenderScene:
-    """Fields and meshes by prim path, with their transforms, and lights.
+    """Fields, meshes and lights of a scene by prim path, with their transforms.
 
-    A field is a resident range of splats. Nothing here is shared between scenes, and `close` lets
-    go of everything.
+    Nothing is shared between scenes. `close` releases everything.
     """
 
     def __init__(self) -> None:
@@ -120,18 +120,18 @@ class RenderScene:
             mesh.spec, mesh.local, mesh.subject = spec, None, None
 
     def set_light(self, path: str, spec: LightSpec | None) -> None:
-        """Add or replace the light at `path`; None takes it away."""
+        """Add or replace the light at `path`, or remove it if `spec` is None."""
         self._lights.pop(path, None)
         if spec is not None:
             self._lights[path] = spec
 
     def set_crops(self, path: str, crops: tuple[CropSpec, ...]) -> None:
-        """Say which splats of the field at `path` are kept."""
+        """Set the crops that keep or remove splats of the field at `path`."""
         self._forget_order()
         self._fields[path].crops = crops
 
     def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
-        """Say where the field or mesh at `path` is seen."""
+        """Set the instances of the field or mesh at `path`."""
         self._forget_order()
         self._at(path).instances = instances
 
@@ -141,12 +141,12 @@ class RenderScene:
         self._at(path).visible = visible
 
     def remove(self, path: str) -> None:
-        """Forget the field or mesh at `path`."""
+        """Remove the field or mesh at `path`."""
         self._forget_order()
         del (self._fields if path in self._fields else self._meshes)[path]
 
     def close(self) -> None:
-        """Let go of all arrays."""
+        """Release all arrays."""
         self._forget_order()
         self._fields.clear()
         self._meshes.clear()
@@ -166,16 +166,16 @@ class RenderScene:
 
     @property
     def splat_count(self) -> int:
-        """Splats held; instances count once."""
+        """Number of splats held; instances do not count."""
         return sum(len(field.spec.cloud) for field in self._fields.values())
 
     def visible_fields(self) -> list[Field]:
-        """Fields that are drawn at least once."""
+        """Return the fields that are drawn at least once."""
         return [field for field in self._fields.values() if field.is_drawn]
 
     def drawn(self) -> list[Drawn]:
-        """Each visible appearance of splats, in the order that breaks ties of depth: by path, then
-        index."""
+        """Return each visible appearance of splats, by path, then index. This order breaks ties of
+        depth."""
         if self._drawn is None:
             seen = [
                 (path, field, instance)
@@ -187,7 +187,7 @@ class RenderScene:
         return self._drawn
 
     def drawn_meshes(self) -> list[DrawnMesh]:
-        """Each visible appearance of a mesh, by path, then index."""
+        """Return each visible appearance of a mesh, by path, then index."""
         seen = [
             (path, mesh, instance)
             for path, mesh in self._meshes.items()
@@ -197,32 +197,35 @@ class RenderScene:
         return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
 
     def prims(self) -> tuple[str, ...]:
-        """Paths of all that is drawn, sorted; a prim's number is its place here."""
+        """Return the paths of all drawn prims, sorted. The number of a prim is its index here."""
         return self.draw_list().prims
 
     def draw_list(self, budget: int = 0) -> DrawList:
-        """What is drawn, laid out for the kernels; it stays as it is until the next edit.
+        """Return the visible splats, laid out for kernels. The result is cached until the next
+        edit.
 
         Args:
-            budget: Most splats, instances counted each; 0 for all.
+            budget: Maximum number of splats; each instance counts. 0 for all.
         """
         if budget not in self._draw_lists:
             for other in self._draw_lists.keys() - {0}:
-                del self._draw_lists[other]  # which holds splats
+                del self._draw_lists[other]  # releases its splats
             surfaces = {instance.path for _, _, instance in self.drawn_meshes()}
             self._draw_lists[budget] = draw_list(self.drawn(), surfaces, budget=budget)
         return self._draw_lists[budget]
 
     def bounds(self) -> Box | None:
-        """Lowest and highest corner in the world of all that may be seen, or None if nothing is."""
+        """Return the lowest and highest corner of everything visible, in the world. None if nothing
+        is."""
         return self._union("local", _extent)
 
     def subject(self) -> Box | None:
-        """Like `bounds`, with centres for splats, and without the few far from all others."""
+        """Return the bounds of the subject: as `bounds`, but from splat centres and without
+        outliers."""
         return self._union("subject", _subject)
 
     def subject_of(self, thing: Field | Mesh) -> Box | None:
-        """`subject` of one thing, in its own space and without its volumes."""
+        """Return the subject of one field or mesh in local space, ignoring its crops."""
         return _measured(thing, "subject", _subject)
 
     # --- private ---------------------------------------------------------------------------

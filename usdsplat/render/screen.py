@@ -1,4 +1,4 @@
-"""Camera and framing of a view in pixels, as kernels take them."""
+"""Convert camera and framing of a view to pixels, for kernels."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from usdsplat.render.scene import matrix
 from usdsplat.render.specs import View
 
 USD_TO_SCREEN = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Camera space of USD (y up, looking down -z) to the kernels' (y down, looking along z)."""
+"""Transform from camera space of USD (y up, view along -z) to that of kernels (y down, view along
+z)."""
 MARGIN = 0.3
-"""Part of the display window's half width by which the affine map's clamp is wider, on each
-side."""
+"""Margin of the clamp of the affine approximation on each side, as a fraction of half the display
+window."""
 NEAREST = 1e-6
-"""Near plane, as a part of the far plane, of a perspective camera whose own is not in front of it:
-nothing at or behind the eye can be seen."""
+"""Near plane as a fraction of the far plane, for a perspective camera whose own near plane is not
+in front of it. Nothing at or behind the eye can be visible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screen:
-    """A pinhole or parallel projection onto pixels; pixel (0, 0) is centred on (0, 0)."""
+    """Pinhole or parallel projection onto pixels; pixel (0, 0) is centred on (0, 0)."""
 
     world_to_camera: F64
     """Shape (4, 4): x right, y down, z forward."""
@@ -37,7 +38,7 @@ class Screen:
     focal: tuple[float, float]
     """[pixel]; for an orthographic camera [pixel / scene unit]."""
     center: tuple[float, float]
-    """Where the axis meets the picture [pixel]."""
+    """Point of the picture on the optical axis [pixel]."""
     size: tuple[int, int]
     """Display window [pixel]."""
     window: tuple[int, int, int, int]
@@ -78,25 +79,25 @@ class Screen:
 
     @property
     def eye(self) -> F64:
-        """Where the camera stands in the world, shape (3,)."""
+        """Position of the camera in the world, shape (3,)."""
         return np.asarray(np.linalg.inv(self.world_to_camera)[:3, 3])
 
     @property
     def forward(self) -> F64:
-        """Where it looks, in the world, unit length, shape (3,)."""
+        """View direction in the world, unit length, shape (3,)."""
         axis = np.linalg.inv(self.world_to_camera)[:3, 2]
         return np.asarray(axis / np.linalg.norm(axis))
 
     def through(
         self, lens: tuple[float, float], focus: float, offset: tuple[float, float]
     ) -> Screen:
-        """Return the view through another point of the lens, and of other points of the pixels.
+        """Return the screen for another point of the lens and other points of the pixels.
 
-        What is at the focus distance stays where it is.
+        Points at the focus distance stay at the same pixel.
 
         Args:
             lens: Right and up from the middle of the lens [scene unit].
-            focus: Planar depth that is sharp [scene unit]; of use only with a lens.
+            focus: Planar depth in focus [scene unit]; used only with a lens.
             offset: From the pixels' centres, right and down [pixel].
         """
         shift = np.eye(4)
@@ -112,12 +113,13 @@ class Screen:
         )
 
     def view_record(self) -> npt.NDArray[Any]:
-        """The VIEW record of `kernels.position`, shape (1,)."""
+        """Return the VIEW record of `kernels.position`, shape (1,)."""
         values = (*self.focal, *self.center, self.orthographic)
         return np.array([values], position.VIEW)
 
     def bands(self, pixels: int) -> Iterator[tuple[int, int]]:
-        """Cut the data window into bands of whole rows of tiles, of about `pixels` pixels each."""
+        """Divide the data window into bands of whole rows of tiles, of about `pixels` pixels
+        each."""
         x0, y0, x1, y1 = self.window
         rows = max(1, pixels // max(1, x1 - x0) // bins.TILE) * bins.TILE
         while y0 < y1:
@@ -128,8 +130,10 @@ class Screen:
     def record(
         self, *, tangential: bool, by_distance: bool, antialiased: bool, margin: int = 0
     ) -> npt.NDArray[Any]:
-        """The CAMERA record of the kernels, shape (1,); splats that are up to `margin` pixels
-        outside of the data window are kept."""
+        """Return the CAMERA record of the kernels, shape (1,).
+
+        Splats up to `margin` pixels outside the data window are kept.
+        """
         (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
         x0, y0, x1, y1 = self.window
         record = np.zeros(1, project.CAMERA)

@@ -1,11 +1,11 @@
 """Reorder the splats of a large field along the Z-order curve, so that whole blocks can be culled.
 
-A block of BLOCK splats is then a small part of space with tight bounds. Only the arrays that
-projection reads are copied; others are read by the row that each visible splat has in the field.
+A block of BLOCK splats then covers a small part of space with tight bounds. Only the arrays that
+projection reads are copied. Other arrays are read by each visible splat's row in the field.
 
-A field is reordered when the same splats are projected for the second time: a single picture, or
-splats that move, would not repay the copy. Pictures do not depend on it: splats of equal depth are
-drawn in the order of their rows in the field, see `sort.settle`.
+A field is reordered when the same splats are projected for the second time. The copy does not pay
+for a single picture or for moving splats. Pictures do not depend on the order: splats of equal
+depth are drawn in the order of their rows in the field, see `sort.settle`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.project import BLOCK
 
 LEAST = 16 * BLOCK
-"""Splats of the smallest field that is reordered."""
+"""Number of splats of the smallest field that is reordered."""
 
 STRAY = 0.004
 """Fraction of the splats, at either end of each axis, that share the cells at the edge."""
@@ -29,23 +29,23 @@ FEW = 100_000
 """About how many splats are sampled to find the bounds of most of them."""
 
 PER_SPLAT = 4 * (3 + 4 + 3 + 1 + 1)
-"""Bytes of a splat in spatial order."""
+"""Bytes per splat in spatial order."""
 MAKING = 4 * 4
-"""Further bytes of a splat while the order is computed."""
+"""Further bytes per splat while the order is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OrderedSplats:
-    """The arrays of a field that projection reads, in the order of memory."""
+    """Arrays of a field that projection reads, in the order of memory."""
 
     rows: I32
-    """Where each splat is in the cloud, shape (n,); of no size where all are in order."""
+    """Row of each splat in the cloud, shape (n,); empty if the order is the cloud's own."""
     positions: F32
     rotations: F32
     scales: F32
     opacities: F32
     boxes: F32
-    """Bounds of each block, shape (blocks, blocks.BOX); of no size where all are looked at."""
+    """Bounds of each block, shape (blocks, blocks.BOX); empty if blocks are not culled."""
 
 
 def as_it_is(cloud: SplatCloud) -> OrderedSplats:
@@ -61,7 +61,7 @@ def as_it_is(cloud: SplatCloud) -> OrderedSplats:
 
 
 def laid_out(device: Device, cloud: SplatCloud) -> OrderedSplats:
-    """Return the cloud along the curve with the bounds of its blocks; at least one splat."""
+    """Return the cloud in Z-order, with bounds of its blocks. The cloud is not empty."""
     rows = _order(device, cloud.positions)
     positions, rotations, scales = (
         _taken(device, rows, array) for array in (cloud.positions, cloud.rotations, cloud.scales)
@@ -80,7 +80,7 @@ def laid_out(device: Device, cloud: SplatCloud) -> OrderedSplats:
 
 
 class SpatialOrder:
-    """The splats of one field in spatial order, computed when it repays."""
+    """Cache of one field's spatial order, computed when it pays."""
 
     def __init__(self) -> None:
         self._positions: F32 | None = None
@@ -96,7 +96,7 @@ class SpatialOrder:
         self._positions, self._layout = None, None
 
     def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
-        """Return `cloud`, which is about to be projected, in the order to use."""
+        """Return the splats of `cloud` in the order to use for the next projection."""
         if cloud.positions is not self._positions:
             self._positions, self._layout = cloud.positions, None
             return as_it_is(cloud)
@@ -109,7 +109,7 @@ class SpatialOrder:
 
 
 def _order(device: Device, positions: F32) -> I32:
-    """Rows along the curve; rows of one cell keep their order."""
+    """Return the rows in Z-order. Rows in one cell keep their order."""
     n = len(positions)
     low, scale = _cells(positions)
     codes = np.empty(n, np.uint32)
@@ -124,7 +124,8 @@ def _order(device: Device, positions: F32) -> I32:
 
 
 def _cells(positions: F32) -> tuple[F64, F64]:
-    """Lowest corner of the cells, and how many there are a scene unit, along each axis."""
+    """Return the lowest corner of the cells, and the number of cells per scene unit along each
+    axis."""
     few = positions[:: max(1, len(positions) // FEW)]
     few = few[np.isfinite(few).all(axis=1)]
     if len(few) == 0:

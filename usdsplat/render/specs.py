@@ -1,8 +1,8 @@
-"""Plain frozen values that cross from USD prims to the render scene.
+"""Frozen values that describe USD prims to the render scene.
 
-The scene delegate makes them, the renderer reads them, and neither needs the other: a picture can
-be rendered, and tested, with no USD at all. Matrices are 16 numbers, row-major, for column vectors
-(`world = M @ local`); Gf's row-vector matrices are transposed where they are read.
+The scene delegate creates them and the renderer reads them. A picture can therefore be rendered,
+and tested, without USD. Matrices are 16 numbers, row-major, for column vectors (`world = M @
+local`). Gf's row-vector matrices are transposed when they are read.
 """
 
 from __future__ import annotations
@@ -27,38 +27,40 @@ NO_GRADE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedSpec:
-    """Splats as a packed prim holds them, but for their centres; see `schema.packing`."""
+    """Splats in packed form without their centres, see `schema.packing`."""
 
     words: I32
     """Shape (n, 4)."""
     harmonics: I32
-    """All words of each splat in a row, shape (n, 4 w); of degree 0 no rows, shape (0, 4)."""
+    """All words of each splat in a row, shape (n, 4 w); shape (0, 4) for degree 0."""
     color_range: F32
-    """Lower, then upper end of red, green and blue, shape (6,)."""
+    """Lower, then upper limit of red, green and blue, shape (6,)."""
     steps: F32
-    """Size of a code of degree 1, 2, ..., shape (degree,)."""
+    """Step of the codes of degree 1, 2, ..., shape (degree,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FieldSpec:
-    """The splats of one prim, in its own space, and how it asks to be drawn."""
+    """Splats of one prim in local space, and the prim's rendering hints."""
 
     cloud: SplatCloud
     color_space: str = "srgb_rec709_scene"
-    """Space the harmonics were trained in, a Gf color space name."""
+    """Training space of the harmonics, a Gf colour space name."""
     rasterize_mode: RasterizeMode = "classic"
     projection_mode: ProjectionMode = "perspective"
     sorting_mode: SortingMode = "zDepth"
     grade: tuple[float, ...] = NO_GRADE
-    """What the prim's grade does to linear RGB in the primaries of `color_space`: exposure, white
-    balance, gain, saturation and matrix are all linear, so they are one 3x3, row-major."""
+    """The prim's grade for linear RGB in the primaries of `color_space`, a 3x3 matrix, row-major.
+    Exposure, white balance, gain, saturation and matrix are all linear, so one matrix holds them
+    all."""
     packed: PackedSpec | None = None
-    """The same splats in a third of the room, where the prim holds them so: for a GPU."""
+    """The same splats in packed form, a third of the size, if the prim stores them packed. GPUs use
+    it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CropSpec:
-    """One volume of a garbage matte: splats are kept or left out by their centres.
+    """One volume of a garbage matte, which keeps or removes splats by their centres.
 
     The canonical shapes: sphere, the unit ball; cube, [-1, 1] on each axis; cylinder, radius 1
     about z and z in [-1, 1]; cone, base of radius 1 at z = -1 and apex at z = 1; capsule, radius 1
@@ -69,36 +71,36 @@ class CropSpec:
     world_to_shape: Matrix
     """From the world to the space of the canonical shape."""
     keeps: bool
-    """Whether it includes; with any volume that includes, only what is inside one is kept. What
-    is inside a volume that does not include is left out, whatever else it is inside of."""
+    """Whether the volume includes. If any volume of a field includes, only splats inside an
+    including volume are kept. Splats inside a volume that does not include are always removed."""
     length: float = 0.0
-    """Of a capsule: half the height of its cylinder, in radii."""
+    """Half the height of a capsule's cylinder [radius]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TextureSpec:
-    """A picture on a surface."""
+    """Texture of a surface."""
 
     pixels: F32
     """Linear Rec.709, shape (h, w, 3), row 0 at the top (v = 1)."""
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
-    """What lies outside, along u and v."""
+    """Wrap modes along u and v."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MaterialSpec:
-    """What a surface reflects: diffuse × texture × the mesh's colours, each if it is there."""
+    """Reflectance of a surface: diffuse × texture × the mesh's colours, as far as they exist."""
 
     diffuse: tuple[float, float, float] = (0.18, 0.18, 0.18)
     """Linear Rec.709."""
     texture: TextureSpec | None = None
     uses_colors: bool = False
-    """Whether the mesh's own colours count."""
+    """Whether the mesh's own colours are used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeshSpec:
-    """The triangles of one opaque prim, in its own space, counter-clockwise seen from outside."""
+    """Triangles of one opaque prim in local space, counter-clockwise seen from outside."""
 
     points: F32
     """[scene unit], shape (p, 3)."""
@@ -107,27 +109,27 @@ class MeshSpec:
     faces: I32
     """Authored face that each triangle is a part of, shape (t,)."""
     normals: F32 | None = None
-    """Unit normal at each corner, shape (t, 3, 3); None for those of the triangles themselves."""
+    """Unit normal at each corner, shape (t, 3, 3); None for geometric normals."""
     colors: F32 | None = None
     """Linear Rec.709 at each corner, shape (t, 3, 3)."""
     uvs: F32 | None = None
     """Texture coordinates at each corner, shape (t, 3, 2)."""
     materials: tuple[MaterialSpec, ...] = (MaterialSpec(),)
     material_of: I32 | None = None
-    """Number of each triangle's material, shape (t,); None when all have the first."""
+    """Number of each triangle's material, shape (t,); None if all have the first one."""
     double_sided: bool = True
-    """Whether triangles seen from behind are there."""
+    """Whether triangles are visible from behind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightSpec:
-    """A light from infinitely far away."""
+    """Directional light, infinitely far away."""
 
     direction: tuple[float, float, float]
-    """Where the light travels, in the world, unit length."""
+    """Direction in which the light travels, in the world, unit length."""
     irradiance: tuple[float, float, float]
-    """On a surface that faces it, divided by π: what a white diffuse surface then sends out.
-    Linear Rec.709."""
+    """Irradiance on a surface that faces the light, divided by π: the radiance of a white diffuse
+    surface. Linear Rec.709."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +137,7 @@ class InstanceSpec:
     """One appearance of a field or a mesh in the world."""
 
     path: str
-    """Path of the prim that is seen; instances of one field differ in it or in `index`."""
+    """Path of the visible prim. Instances of one field differ in it or in `index`."""
     index: int = 0
     """Number within a point instancer, else 0."""
     transform: Matrix = IDENTITY
@@ -144,7 +146,7 @@ class InstanceSpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSpec:
-    """A camera that looks down its own -Z with +Y up."""
+    """Camera that looks along its local -Z axis, with +Y up."""
 
     path: str = ""
     world_to_camera: Matrix = IDENTITY
@@ -155,18 +157,19 @@ class CameraSpec:
     clipping_range: tuple[float, float] = (1.0, 1e6)
     """Near and far planar depth [scene unit]."""
     exposure: float = 1.0
-    """What the camera's exposure attributes multiply linear light by."""
+    """Factor on linear light from the camera's exposure attributes."""
     lens_radius: float = 0.0
-    """Of the entrance pupil [scene unit]: focal length / (2 fStop); 0 for a pinhole."""
+    """Radius of the entrance pupil [scene unit]: focal length / (2 fStop); 0 for a pinhole."""
     focus_distance: float = 0.0
-    """Planar depth that is sharp [scene unit]; of use only with a lens radius."""
+    """Planar depth in focus [scene unit]; used only with a lens radius."""
     shutter: tuple[float, float] = (0.0, 0.0)
-    """When it opens and closes [time code], relative to the frame."""
+    """Times at which the shutter opens and closes, relative to the frame [time code]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Framing:
-    """How an image samples the camera's aperture. Pixel (0, 0) is the display window's top left."""
+    """Sampling of the camera's aperture by an image. Pixel (0, 0) is the display window's top
+    left."""
 
     resolution: tuple[int, int] = (1920, 1080)
     """Display window, width and height [pixel]."""
@@ -178,8 +181,8 @@ class Framing:
     conform: str = "expandAperture"
     """A UsdRender aspectRatioConformPolicy token."""
     pixel_scale: float = 1.0
-    """Side of a pixel, in pixels of the picture that this one stands for, such as 2 for a preview
-    at half the resolution: the low-pass filter is as wide as it is there."""
+    """Side of a pixel in pixels of the full-resolution picture, such as 2 for a preview at half the
+    resolution. The low-pass filter then has the same width as in the full picture."""
 
     @property
     def aspect(self) -> float:
@@ -188,16 +191,16 @@ class Framing:
 
     @property
     def window(self) -> tuple[int, int, int, int]:
-        """The data window, or the display window when there is none."""
+        """The data window, or the display window if there is none."""
         return self.data_window or (0, 0, *self.resolution)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """What is looked at and how it is sampled; as many views of one scene as anybody likes."""
+    """Camera and sampling of a picture. A scene can have any number of views."""
 
     camera: CameraSpec
     framing: Framing = Framing()
     matte: tuple[tuple[str, bool], ...] = ()
-    """Prims that hold out: they hide what is behind them and are not in the picture. A prim goes by
-    the longest of these paths that it is at or beneath; True makes it matte."""
+    """Rules (path, is matte). A matte hides what is behind it and is not in the picture. The
+    longest path at or above a prim decides."""

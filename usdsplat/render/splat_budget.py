@@ -1,7 +1,7 @@
 """Select the splats to draw under a splat budget: drop those with the smallest opacity × size.
 
-The selection depends on the cloud and the budget, not on the view, so nothing flickers as a camera
-moves. A smaller selection is always contained in a larger one.
+The selection depends on the cloud and the budget, not on the view. It does not flicker when a
+camera moves. A smaller selection is always contained in a larger one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class SplatSubset:
 
 
 class SplatBudget:
-    """Selections of one cloud; the last one is cached."""
+    """Selector of one cloud's subsets, with a cache of the last one."""
 
     def __init__(self, cloud: SplatCloud) -> None:
         self._cloud = cloud
@@ -33,7 +33,7 @@ class SplatBudget:
         self._last: SplatSubset | None = None
 
     def part(self, count: int) -> SplatSubset:
-        """Return the `count` most conspicuous splats; of equals, those with the lowest rows."""
+        """Return the `count` most conspicuous splats; of equal ones, those with the lowest rows."""
         if self._last is None or len(self._last.rows) != count:
             rows = most_conspicuous(self._weights, count)
             self._last = SplatSubset(take(self._cloud, rows), rows)
@@ -61,15 +61,14 @@ def most_conspicuous(weights: F32, count: int) -> I32:
 def shares(fields: Sequence[tuple[int, int]], budget: int) -> list[int]:
     """Share a budget among fields, in proportion to their splats.
 
-    A small field keeps one splat at least, as long as there is room for one in each of its
+    A small field keeps at least one splat, as long as there is room for one in each of its
     instances.
 
     Args:
-        fields: Splats and instances of each.
-        budget: Most splats of all instances together.
+        fields: Number of splats and of instances of each field.
+        budget: Maximum number of splats of all instances together.
 
-    Returns:
-        How many splats each field keeps.
+    The number of splats that each field keeps.
     """
     kept = [0] * len(fields)
     left = sum(count * instances for count, instances in fields)

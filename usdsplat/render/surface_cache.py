@@ -1,7 +1,7 @@
-"""Triangles, materials and textures of a scene's meshes, laid out for the kernels.
+"""Lay out triangles, materials and textures of a scene's meshes for kernels.
 
-It depends on no view and no transform. The last layout is kept, so that a picture of the same
-meshes lays out nothing.
+The layout does not depend on view or transforms. The last one is cached for pictures of the same
+meshes.
 """
 
 from __future__ import annotations
@@ -28,38 +28,37 @@ WRAPS = {
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedMeshes:
-    """All meshes of a scene, one after the other, where kernels reach them fastest. One mesh alone
-    is not copied."""
+    """Concatenated arrays of all meshes of a scene. A single mesh is not copied."""
 
     points: F32
     triangles: I32
     """Rows of the mesh's own points."""
     looks: tuple[npt.NDArray[Any], ...]
-    """What `shade.shade` has under that name."""
+    """The argument `looks` of `shade.shade`."""
     rows: dict[str, I64]
-    """First row of each mesh in each array by its APPEARANCE name, -1 where it has none."""
+    """APPEARANCE field -> first row of each mesh in that array, -1 for a mesh without one."""
     points_of: I64
-    """Points of each mesh."""
+    """Number of points of each mesh."""
     triangles_of: I64
-    """Triangles of each mesh."""
+    """Number of triangles of each mesh."""
 
 
 class SurfaceCache:
-    """The layout of the meshes that were drawn last."""
+    """Cache of the layout of the meshes that were drawn last."""
 
     def __init__(self) -> None:
         self._specs: tuple[MeshSpec, ...] = ()
         self._packed: PackedMeshes | None = None
 
     def clear(self) -> None:
-        """Let go of it."""
+        """Release the layout."""
         self._packed, self._specs = None, ()
 
     def packed(self, device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
-        """The layout of `specs`, each of which is there once."""
+        """Return the layout of `specs`, which are distinct."""
         same = len(specs) == len(self._specs) and all(map(_is, specs, self._specs))
         if self._packed is None or not same:
-            self._packed = None  # let go of it before another is made
+            self._packed = None  # released before another is allocated
             self._packed, self._specs = _pack(device, specs), tuple(specs)
         return self._packed
 
@@ -83,7 +82,7 @@ def _pack(device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
         looks.append(device.keep(array))
     numbers = np.array([len(spec.materials) for spec in specs], np.int64)
     rows["material"] = np.cumsum(numbers) - numbers
-    # a triangle's faces are where its corners are
+    # faces have the same rows as triangles
     del rows["faces"]
     materials = [material for spec in specs for material in spec.materials]
     return PackedMeshes(
@@ -99,7 +98,7 @@ def _pack(device: Device, specs: Sequence[MeshSpec]) -> PackedMeshes:
 def _joined(
     arrays: Sequence[npt.NDArray[Any] | None], shape: tuple[int, ...], dtype: npt.DTypeLike
 ) -> tuple[npt.NDArray[Any], I64]:
-    """All arrays that are there, one after the other, and the first row of each, else -1."""
+    """Return the arrays that are not None, concatenated, and the first row of each, -1 for None."""
     there = [array for array in arrays if array is not None]
     lengths = np.array([0 if array is None else len(array) for array in arrays], np.int64)
     firsts = np.cumsum(lengths) - lengths
@@ -112,8 +111,8 @@ def _joined(
 def _materials(
     device: Device, materials: Sequence[MaterialSpec]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any], F32]:
-    """MATERIAL records, LEVEL records and the texels of all pyramids; equal pictures are there
-    once."""
+    """Return MATERIAL records, LEVEL records and the texels of all mipmaps. Equal textures are
+    stored once."""
     records = np.zeros(len(materials), shade.MATERIAL)
     levels: list[tuple[int, int, int]] = []
     pictures: dict[int, tuple[int, int]] = {}
@@ -141,7 +140,7 @@ def _materials(
         start = table["first"][first]
         texels[start : start + picture.pixels.size] = picture.pixels.ravel()
         for k in range(first, first + count - 1):
-            # only what is read and what is written travels to a device of its own
+            # pass only the two levels, which are copied to a GPU
             pair = table[k : k + 2].copy()
             pair["first"] -= table["first"][k]
             size = pair["first"][1] + pair["width"][1] * pair["height"][1] * texture.CHANNELS
@@ -152,7 +151,7 @@ def _materials(
 
 
 def _halvings(height: int, width: int) -> Iterator[tuple[int, int]]:
-    """Sizes of the levels of a pyramid, down to one texel."""
+    """Yield the sizes of the levels of a mipmap, down to one texel."""
     yield height, width
     while height > 1 or width > 1:
         height, width = max(1, height // 2), max(1, width // 2)

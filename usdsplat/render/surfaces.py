@@ -1,4 +1,4 @@
-"""The meshes of a scene as a view sees them: the order of their kernels.
+"""Place, rasterize and shade the meshes of a scene for a view. Kernels are launched in this order:
 
 place, boxes            once per view
 count, fill, raster     once per band
@@ -28,33 +28,35 @@ from usdsplat.render.surface_cache import PackedMeshes, SurfaceCache
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceBand:
-    """The nearest surface of each pixel of a band. Arrays are the device's, and valid until the
-    next band."""
+    """Nearest surface of each pixel of a band.
+
+    Arrays belong to the device and are valid until the next band.
+    """
 
     depth: F32
     """Planar camera depth [scene unit], +inf where nothing is, shape (h, w)."""
     color: F32
-    """Linear Rec.709, shaded, 0 where nothing is or where it is matte, shape (h, w, 3)."""
+    """Shaded colour, linear Rec.709, 0 where there is no surface or a matte, shape (h, w, 3)."""
     normal: F32
-    """Unit, in camera space as USD has it: x right, y up, z towards the viewer; on the side of the
-    triangle that is seen; 0 where nothing is, shape (h, w, 3)."""
+    """Unit normal in USD's camera space: x right, y up, z towards the viewer. It is on the visible
+    side of the triangle, and 0 where there is no surface. Shape (h, w, 3)."""
     albedo: F32
-    """Diffuse colour, linear Rec.709, not shaded, of what is matte too, shape (h, w, 3)."""
+    """Diffuse colour, linear Rec.709, not shaded, mattes included, shape (h, w, 3)."""
     covered: npt.NDArray[np.uint8]
     """0 nothing, 1 drawn, 2 matte, shape (h, w)."""
     ids: I32
-    """Place of the prim in `RenderScene.prims`, number of the instance, authored face; -1 where
-    nothing is, shape (3, h, w)."""
+    """Number of the prim in `RenderScene.prims`, number of the instance, authored face; -1 where
+    there is no surface, shape (3, h, w)."""
     hit: I32
-    """Row of `RenderScene.drawn_meshes` and triangle of that mesh, -1 where nothing is, shape
-    (2, h, w)."""
+    """Row of `RenderScene.drawn_meshes` and triangle of that mesh, -1 where there is no surface,
+    shape (2, h, w)."""
     bary: F32
     """Weights of the triangle's corners 1 and 2 at the pixel's centre, shape (h, w, 2)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Surfaces:
-    """The opaque prims of a scene as one view sees them."""
+    """Opaque prims of a scene, placed for one view."""
 
     device: Device
     window: tuple[int, int, int, int]
@@ -62,7 +64,7 @@ class Surfaces:
     view: npt.NDArray[Any]
     """One VIEW record."""
     shapes: tuple[npt.NDArray[Any], ...]
-    """What `raster.raster` has under that name."""
+    """The argument `shapes` of `raster.raster`."""
     boxes: I32
     normal_matrices: F64
     looks: tuple[npt.NDArray[Any], ...]
@@ -78,11 +80,11 @@ class Surfaces:
         *,
         cache: SurfaceCache | None = None,
     ) -> Surfaces | None:
-        """Take all triangles of a scene to the screen; None where no mesh is drawn.
+        """Project all triangles of a scene to the screen. Return None if no mesh is drawn.
 
         Args:
-            matte: As `View.matte` has it.
-            cache: Keeps what depends on no view from one picture to the next.
+            matte: See `View.matte`.
+            cache: Keeps the layout of the meshes for the next picture.
 
         Raises:
             UsageError: If there are 2**31 triangles or more.
@@ -124,7 +126,7 @@ class Surfaces:
         )
 
     def draw(self, y0: int, y1: int, buffers: FrameBuffers) -> SurfaceBand:
-        """Rasterise and shade rows y0 to y1 - 1 of the data window.
+        """Rasterize and shade rows y0 to y1 - 1 of the data window.
 
         Raises:
             UsageError: If triangles touch 2**31 tiles or more.
@@ -165,14 +167,14 @@ class Surfaces:
 
 
 def view_record(screen: Screen) -> npt.NDArray[Any]:
-    """The VIEW record of the kernels, shape (1,)."""
+    """Return the VIEW record of the kernels, shape (1,)."""
     (fx, fy), (cx, cy), (near, far) = screen.focal, screen.center, screen.clipping_range
     values = (fx, fy, cx, cy, near, far, *screen.window, screen.orthographic)
     return np.array([values], triangles.VIEW)
 
 
 def _distinct(drawn: Sequence[DrawnMesh]) -> tuple[list[MeshSpec], I64]:
-    """Each mesh once, and the number of each appearance's."""
+    """Return the distinct meshes, and the number of each appearance's mesh."""
     numbers: dict[int, int] = {}
     specs: list[MeshSpec] = []
     for _, mesh, _ in drawn:
@@ -182,7 +184,7 @@ def _distinct(drawn: Sequence[DrawnMesh]) -> tuple[list[MeshSpec], I64]:
 
 
 def _running(lengths: I64) -> I64:
-    """Where each of these many begins, and the end of all."""
+    """Return the offset of each range of these lengths, and the end of the last one."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths)])
 
 
@@ -194,7 +196,7 @@ def _appearances(
     prims: Sequence[str],
     matte: tuple[tuple[str, bool], ...],
 ) -> npt.NDArray[Any]:
-    """The APPEARANCE records."""
+    """Return the APPEARANCE records."""
     places = {path: number for number, path in enumerate(prims)}
     paths = [instance.path for _, _, instance in drawn]
     mattes = {path: is_matte(path, matte) for path in set(paths)}
@@ -210,16 +212,17 @@ def _appearances(
 
 
 def _normal_matrices(linear: F64) -> F64:
-    """Cofactors: the inverse transposes times the determinants, which are there for any matrix.
+    """Return the cofactor matrices: the inverse transposes times the determinants.
 
-    The sign of a length does not matter: the side of a normal follows from the triangle.
+    They exist for singular matrices too. Their sign does not matter, because the side of a normal
+    follows from the triangle.
     """
     a, b, c = linear[:, 0], linear[:, 1], linear[:, 2]
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
 
 
 def _lights(lights: Sequence[LightSpec], screen: Screen) -> F32:
-    """Directions to the lights in camera space and their irradiances, shape (n, LIGHT)."""
+    """Return directions to the lights in camera space and their irradiances, shape (n, LIGHT)."""
     rows = np.zeros((len(lights), shade.LIGHT))
     for row, light in zip(rows, lights, strict=True):
         towards = -screen.world_to_camera[:3, :3] @ np.array(light.direction, np.float64)

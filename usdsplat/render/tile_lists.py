@@ -1,4 +1,4 @@
-"""The splats of one band, listed by tile, and what is rasterized from the lists."""
+"""List the splats of one band by tile, and rasterize the lists."""
 
 from __future__ import annotations
 
@@ -28,41 +28,45 @@ WANTS = {
     "counts": walk.COUNT,
     "deep": walk.FILL,
 }
-"""What a walk may be asked for."""
+"""Product -> its flag in a walk."""
 PRODUCTS = frozenset(WANTS) - {"color", "counts", "deep"}
-"""What may be drawn beside colour."""
+"""Products that can be drawn in addition to colour."""
 COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
-"""Sums over contributions -> first column of the features."""
+"""Product that is a sum over contributions -> first column of the features."""
 PARTS = {"median": 0.5, "front": 0.0}
-"""Which part of the coverage is passed in the splat that is looked for."""
+"""Product -> fraction of the coverage that is reached in the splat to find."""
 
 NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeepSamples:
-    """What the pixels of a band hold, near to far, pixel after pixel."""
+    """Deep samples of a band, near to far, pixel after pixel."""
 
     counts: npt.NDArray[np.uint32]
-    """Shape (h, w)."""
+    """Number of samples of each pixel, shape (h, w)."""
     depth: F32
-    """Nearest of each sample, shape (n,)."""
+    """Nearest depth of each sample, shape (n,)."""
     depth_back: F32
-    """Farthest, shape (n,)."""
+    """Farthest depth of each sample, shape (n,)."""
     color: F32
-    """Premultiplied RGBA of each by itself, shape (n, 4)."""
+    """Premultiplied RGBA of each sample alone, shape (n, 4)."""
 
     left: F32
-    """How much of a surface behind the samples of a pixel is there: 1 but where something else
-    holds out, shape (h, w)."""
+    """Transmittance of a deep holdout to a surface behind the samples of each pixel; 1 without a
+    holdout, shape (h, w)."""
 
     def with_surfaces(
         self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32
     ) -> DeepSamples:
-        """Return these and, behind those of each pixel where a surface is drawn, one of it.
+        """Return the samples with one sample added per pixel where a surface is drawn.
+
+        The added sample is the last one of its pixel.
 
         Args:
-            surface_depth: Its depth, shape (h, w); colors: linear RGB, shape (h, w, 3).
+            surface_depth: Depth of the surface, shape (h, w).
+            drawn: Whether a surface is drawn, shape (h, w).
+            colors: Its linear RGB, shape (h, w, 3).
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         more = np.cumsum(drawn.ravel(), dtype=np.int64)
@@ -114,7 +118,7 @@ class TileLists:
         self._sort_by_ray_hit = sort_by_ray_hit
         self._occluders = occluders
         self._walks = sort_by_ray_hit or splats.keeps.size > 0 or occluders.holdout[0].size > 0
-        """Whether contributions must be taken one by one."""
+        """Whether contributions must be evaluated one by one."""
         self._grid = bins.grid_of(x0, y0, x1, y1)
         key = splats.stamp, window
         held = buffers.tiles.lists
@@ -128,22 +132,22 @@ class TileLists:
         if self.pairs > bins.MOST_PAIRS:
             raise UsageError("band", f"{self.pairs} pairs of splat and tile", "less than 2**31")
         self._walked: dict[str, Any] = {}
-        """What the walk for colour has drawn beside it, by its product."""
+        """Product -> buffers that the walk for colour has filled too."""
         self.rows = 0
-        """Rows of 16 pixels blended so far; a GPU does not count them."""
+        """Number of rows of 16 pixels blended so far; a GPU does not count them."""
 
     # --- rasterizing -----------------------------------------------------------------------
 
     def color(self, products: frozenset[str] = frozenset()) -> tuple[F32, F32 | None]:
-        """Draw colour, before anything else.
+        """Draw colour. It must be drawn before other products.
 
         Args:
-            products: Which of PRODUCTS will be asked for: contributions that must be taken one by
-                one are found once for all of them.
+            products: The PRODUCTS that will be requested. If contributions are evaluated one by
+                one, a single walk finds them for all products.
 
         Returns:
             Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
-            (h, w), where it is not just what is missing from A.
+            (h, w), if it differs from 1 - A, else None.
         """
         if self._walks:
             color = self._buffers.color
@@ -156,15 +160,20 @@ class TileLists:
         return self._color, None
 
     def sums(self, name: str) -> F32:
-        """Sums of "albedo", "normals" or "depths" over all contributions: three numbers and
-        coverage, shape (h, w, 4). Of depths, two numbers are unused."""
+        """Return sums of "albedo", "normals" or "depths" over all contributions, shape (h, w, 4).
+
+        The channels are three numbers and coverage. For depths, two numbers are unused.
+        """
         if self._walks:
             return self._walked[name]
         return self._blend(name, self._splats.features, COLUMNS[name])
 
     def median(self, name: str) -> tuple[F32, I32]:
-        """Depth and ids, shapes (h, w) and (4, h, w), of the splats in which half of the coverage
-        is passed, or of "front", the first that contribute."""
+        """Return depth and ids of one splat per pixel, shapes (h, w) and (4, h, w).
+
+        For "median" it is the splat at which half of the coverage is reached, for "front" the first
+        that contributes.
+        """
         run, keep, splats = self._device.run, self._device.keep, self._splats
         buffers = self._buffers.nearest(name)
         depth, ids = buffers.depth(*self.shape), buffers.ids(*self.shape)
@@ -188,7 +197,8 @@ class TileLists:
         return depth, ids
 
     def weigh(self) -> tuple[I32, F32]:
-        """Prims that contribute most and by how much, shapes (h, w, weigh.RANKS)."""
+        """Return the prims that contribute most, and their contributions, shapes (h, w,
+        weigh.RANKS)."""
         if self._walks:
             return self._walked["prims"]
         splats = self._splats
@@ -201,7 +211,13 @@ class TileLists:
         return ids, weights
 
     def deep(self, error: float) -> DeepSamples:
-        """Every contribution, or runs of them; splats must be in a linear blend space."""
+        """Return deep samples: every contribution, or merged runs of contributions.
+
+        Splats must be in a linear blend space.
+
+        Args:
+            error: See `RenderSettings.deep_error`.
+        """
         resident, fetch = self._device.resident, self._device.fetch
         held = resident(self.shape, np.uint32)
         walks = self._walks or self._occluders.depth.size > 0
@@ -228,7 +244,7 @@ class TileLists:
     # --- private ---------------------------------------------------------------------------
 
     def _room(self, name: str) -> Any:
-        """Buffers for one of PRODUCTS."""
+        """Return the buffers for one of PRODUCTS."""
         shape = self.shape
         if name in PARTS:
             nearest = self._buffers.nearest(name)
@@ -239,7 +255,7 @@ class TileLists:
         return self._buffers.image(name).image(*shape)
 
     def _blend(self, name: str, paints: F32, column: int) -> F32:
-        """Blend three numbers of each splat in the order of centres, shape (h, w, 4)."""
+        """Blend three numbers of each splat in order of depth of the centres, shape (h, w, 4)."""
         run, splats = self._device.run, self._splats
         image: F32 = self._buffers.image(name).image(*self.shape)
         work = self._buffers.tiles.work(int(self._grid["rows"][0]), int(self._grid["columns"][0]))
@@ -261,14 +277,15 @@ class TileLists:
         counts: npt.NDArray[np.uint32],
         samples: tuple[F32, F32, F32],
     ) -> None:
-        """Count samples, or write them."""
+        """Count samples, or write them if `writes` is set."""
         self._device.run(
             deep.deep, self._splats.records, self._starts, self._lists, self._grid, project.RED,
             np.float32(error), writes, offsets, counts, *samples,
         )  # fmt: skip
 
     def _walk(self, wanted: AbstractSet[str], *, error: float = 0.0, **out: Any) -> None:
-        """Walk all pixels once for all that is wanted; `out` names what is read and written."""
+        """Walk all pixels once for all `wanted` products. `out` has the arrays that the walk reads
+        and writes."""
         splats = self._splats
         options = np.zeros(1, walk.WALK)
         options["wants"] = sum(WANTS[name] for name in wanted)

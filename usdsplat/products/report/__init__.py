@@ -1,6 +1,7 @@
-"""A page about a capture or a stage: pictures from three sides, histograms, and what `info` says.
+"""Make a page about a capture or a stage: pictures from three sides, histograms, and the text of
+`info`.
 
-One value, `Report`, and two ways to write it down: a PNG, and HTML that needs no other file.
+The page is a value, `Report`, with two writers: PNG, and HTML that needs no other file.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ _WRITERS = {".png": png_page.write, ".html": html_page.write}
 
 
 def check_target(path: Path, source: Path) -> None:
-    """Refuse, before any work is done, a page that cannot be written.
+    """Raise an error, before any work is done, for a page that cannot be written.
 
     Raises:
-        UsageError: If the suffix is neither .png nor .html, or it is the file that is described.
+        UsageError: If the suffix is neither .png nor .html, or the file is the described one.
     """
     if path.suffix.lower() not in _WRITERS:
         raise UsageError("--plot", f"suffix {path.suffix!r}", f"one of {', '.join(_WRITERS)}")
@@ -42,12 +43,12 @@ def check_target(path: Path, source: Path) -> None:
 
 
 def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:
-    """What there is to show of a capture that was read.
+    """Return the page of a capture.
 
     Args:
-        capture: Is not changed.
+        capture: The capture; it is not changed.
         title: Heading of the page.
-        lines: What `info` says.
+        lines: Text of `info`.
     """
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, None, None)
@@ -58,29 +59,29 @@ def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:
 
 
 def of_stage(stage: Usd.Stage, time: float | None, title: str, lines: Iterable[str]) -> Report:
-    """What there is to show of a stage at a time; fields that cannot be read are left out.
+    """Return the page of a stage at a time, without fields that cannot be read.
 
     Args:
-        stage: Is not changed.
+        stage: The stage; it is not changed.
         time: Time code; None for default values, or the first samples.
         title: Heading of the page.
-        lines: What `info` says.
+        lines: Text of `info`.
     """
     clouds = []
     for prim in splat_fields(stage):
         try:
             clouds.append(schema.fetch(prim, time))
         except UsdSplatError:
-            continue  # the lines say why
+            continue  # the text of `info` has the reason
     frame = UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
     return _report(clouds, stage, time, frame, title, lines)
 
 
 def write(report: Report, path: Path) -> None:
-    """Write the page; an older file there is replaced when it is complete.
+    """Write the page. An existing file is replaced when the new one is complete.
 
     Raises:
-        OutputError: If nothing can be written there.
+        OutputError: If the file cannot be written.
     """
     with atomic_path(path) as temporary:
         _WRITERS[path.suffix.lower()](report, temporary)

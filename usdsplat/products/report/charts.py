@@ -1,4 +1,4 @@
-"""Numbers of splats, and how they are spread."""
+"""Collect statistics of splats, and count them in histograms."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from usdsplat.products.summary import anisotropies, mean_scales
 
 BARS = 60
 _INNER = (0.1, 99.9)
-"""Percentiles between which bars lie; what is outside is counted in the first and the last."""
+"""Percentiles of the first and the last edge. Values outside are counted in the first and the last
+bar."""
 _LUMA = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Numbers:
-    """One value for each splat of all clouds together, in their own units."""
+    """Statistics of all clouds, one value per splat, each in its own unit."""
 
     scales: F64
-    """Geometric mean of the standard deviations."""
+    """Geometric means of the standard deviations [scene unit]."""
     opacities: F64
     anisotropies: F64
-    """Longest standard deviation over the shortest."""
+    """Ratios of the longest to the shortest standard deviation."""
     brightness: F64
-    """Of the colour without its higher harmonics."""
+    """Brightness of the degree-0 colour."""
 
     @classmethod
     def of(cls, clouds: Iterable[SplatCloud]) -> Numbers:
-        """Gather them."""
+        """Collect the statistics of clouds."""
         rows = [
             (
                 mean_scales(cloud),
@@ -48,7 +49,7 @@ class Numbers:
         return cls(**dict(zip(names, columns, strict=True)))
 
     def histograms(self) -> tuple[Histogram, ...]:
-        """Those of the numbers that any splat has."""
+        """Return the histograms that have at least one value."""
         found = (
             histogram("scale, mean of three deviations", self.scales, logarithmic=True),
             histogram("opacity", self.opacities, limits=(0.0, 1.0)),
@@ -68,13 +69,14 @@ def histogram(
     """Count values in `BARS` bars.
 
     Args:
-        title: What they are.
-        values: Shape (n,).
-        logarithmic: Whether bars are evenly spaced in the logarithm; only positive values count.
-        limits: Of the bars; None for those of nearly all values.
+        title: Title of the histogram.
+        values: The values, shape (n,).
+        logarithmic: Whether bars are evenly spaced on a logarithmic axis. Only positive
+            values count then.
+        limits: First and last edge; None for the percentiles `_INNER`.
 
     Returns:
-        None where no value counts.
+        The histogram; None if no value counts.
     """
     counted = values[np.isfinite(values) & ((values > 0) | (not logarithmic))]
     if not len(counted):

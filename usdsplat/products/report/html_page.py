@@ -1,4 +1,4 @@
-"""A page as HTML: pictures and charts are in the file itself, and nothing is fetched."""
+"""Write a page as HTML. Pictures and charts are embedded, and nothing is loaded."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pre { overflow-x: auto; background: #f1f1ec; padding: 1rem }
 
 
 def write(report: Report, path: Path) -> None:
-    """Write the page, UTF-8."""
+    """Write the page in UTF-8."""
     title = escape(report.title)
     parts = [
         '<!doctype html><html lang="en"><meta charset="utf-8">',
@@ -42,7 +42,7 @@ def write(report: Report, path: Path) -> None:
 
 
 def _picture(picture: Picture) -> str:
-    """A picture with a bar for scale."""
+    """Return a picture with a scale bar."""
     from PIL import Image
 
     data = io.BytesIO()
@@ -57,7 +57,7 @@ def _picture(picture: Picture) -> str:
 
 
 def _chart(histogram: Histogram) -> str:
-    """A histogram; each bar says what it counts."""
+    """Return a histogram whose bars have tooltips with range and count."""
     most, width = int(histogram.counts.max()), 1 / len(histogram.counts)
     bars = "".join(
         f'<rect x="{i * width:.4f}" width="{0.85 * width:.4f}" y="{1 - count / most:.4f}" '

@@ -1,4 +1,4 @@
-"""A page as a picture."""
+"""Write a page as PNG."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _BAR, _MARK = (70, 110, 170), (200, 80, 40)
 _TITLE, _TEXT = 26, 15
 _LINE = 21
 _KEY = 190
-"""[pixel] from a key to its value."""
+"""Distance from a key to its value [pixel]."""
 _LONGEST = 150
-"""Characters of a line that fit."""
+"""Maximum number of characters of a line."""
 
 
 def write(report: Report, path: Path) -> None:
@@ -53,7 +53,7 @@ def write(report: Report, path: Path) -> None:
 
 
 def _scale(draw: ImageDraw, picture: Picture, at: tuple[int, int]) -> None:
-    """A bar that says how large things are."""
+    """Draw the scale bar of a picture."""
     x, y = at[0] + 14, at[1] + SIDE - 16
     end = x + round(picture.bar * SIDE)
     draw.line([(x, y), (end, y)], fill=_PAPER, width=2)
@@ -63,7 +63,7 @@ def _scale(draw: ImageDraw, picture: Picture, at: tuple[int, int]) -> None:
 
 
 def _chart(draw: ImageDraw, histogram: Histogram, at: tuple[int, int]) -> None:
-    """A histogram with its title, its numbers and its median."""
+    """Draw a histogram with title, ticks and median."""
     x, y = at
     width, height = _CHART
     _write(draw, (x, y), histogram.title)
@@ -85,7 +85,7 @@ def _chart(draw: ImageDraw, histogram: Histogram, at: tuple[int, int]) -> None:
 
 
 def _line(draw: ImageDraw, line: str, y: int) -> None:
-    """A key and its value, indented as they were."""
+    """Draw a key and its value with the indentation of the line."""
     text = line.lstrip()
     x = _GAP + 7 * (len(line) - len(text))
     key, gap, value = text.partition("  ")
@@ -94,7 +94,7 @@ def _line(draw: ImageDraw, line: str, y: int) -> None:
 
 
 def _cut(text: str) -> str:
-    """As much of a text as fits on a line."""
+    """Return a text shortened to fit on a line."""
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
@@ -107,7 +107,7 @@ def _write(
     color: tuple[int, int, int] = _INK,
     anchor: str = "la",
 ) -> None:
-    """Text in the font that Pillow brings along."""
+    """Draw text in Pillow's default font."""
     from PIL import ImageFont
 
     draw.text(at, text, fill=color, font=ImageFont.load_default(size), anchor=anchor)

@@ -1,4 +1,4 @@
-"""What a page shows, before anybody has decided how it looks."""
+"""Hold the content of a page, independent of its file format."""
 
 from __future__ import annotations
 
@@ -13,33 +13,34 @@ from usdsplat.core.cloud import F64
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Histogram:
-    """How often a number of the splats has which value."""
+    """Histogram of one value per splat."""
 
     title: str
     edges: F64
-    """Of the bars, in the number's unit, rising, one more than bars."""
+    """Edges of the bars in the unit of the values, ascending, shape (bars + 1,)."""
     counts: npt.NDArray[np.int64]
-    """Splats in each bar."""
+    """Number of splats in each bar, shape (bars,)."""
     logarithmic: bool
-    """Whether the bars are evenly spaced in the logarithm."""
+    """Whether the bars are evenly spaced on a logarithmic axis."""
     median: float
-    """Of the values that have a place."""
+    """Median of the counted values."""
     beyond: int
-    """Splats without a place: not finite, or 0 where that has no logarithm."""
+    """Number of values that are not counted: those that are not finite or, on a logarithmic axis,
+    not positive."""
 
     def place(self, value: float) -> float:
-        """Where a value is between the first edge, 0, and the last, 1."""
+        """Return the position of a value between the first edge, 0, and the last, 1."""
         ends = np.array([self.edges[0], value, self.edges[-1]])
         low, at, high = np.log(ends) if self.logarithmic else ends
         return float((at - low) / (high - low))
 
     def summary(self) -> str:
-        """The median, and how many splats have no place in the bars."""
+        """Return a sentence with the median and the number of values that are not counted."""
         beyond = f", {self.beyond} left out" if self.beyond else ""
         return f"median {self.median:.4g}{beyond}"
 
     def ticks(self) -> list[tuple[float, str]]:
-        """Where to write which numbers, a few, each between 0 and 1."""
+        """Return a few ticks as (position from 0 to 1, label)."""
         low, high = float(self.edges[0]), float(self.edges[-1])
         if not self.logarithmic:
             step = round_down((high - low) / 2)
@@ -53,31 +54,31 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Picture:
-    """A side of it, without perspective."""
+    """Orthographic picture from one side."""
 
     title: str
-    """Which side, and where the axes go."""
+    """Side, and directions of the axes."""
     pixels: npt.NDArray[np.uint8]
     """sRGB, shape (height, width, 3)."""
     bar: float
-    """Length of a bar for scale, as a part of the width; all pictures have one scale."""
+    """Length of the scale bar as a fraction of the width; all pictures have the same scale."""
     bar_text: str
-    """What it stands for."""
+    """Length of the scale bar in scene units."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Report:
-    """All of a page."""
+    """Content of a page."""
 
     title: str
     pictures: tuple[Picture, ...]
-    """None where there is nothing to see."""
+    """Pictures; empty if nothing is visible."""
     histograms: tuple[Histogram, ...]
     lines: tuple[str, ...]
-    """What `info` says, indented as it prints it."""
+    """Text of `info` with its indentation."""
 
 
 def round_down(most: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is no more than a positive number."""
+    """Return the largest 1, 2 or 5 times a power of ten that is at most a positive number."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(power * factor for factor in (1, 2, 5) if power * factor <= most)

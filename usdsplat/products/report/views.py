@@ -1,4 +1,4 @@
-"""Pictures from the front, the right and above, without perspective and all of one scale."""
+"""Draw orthographic pictures from the front, the right and above, all at the same scale."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
 
 SIDE = 480
-"""[pixel] of each picture."""
+"""Width and height of each picture [pixel]."""
 BACKGROUND = (32, 34, 38)
 _MARGIN = 1.15
 _AROUND = 0.25
-"""How far before and behind the subject is still drawn, as a part of its size."""
+"""Depth range in front of and behind the subject that is drawn, as a fraction of its size."""
 
 _SIDES = {
     "front": ((1, 0, 0), (0, 1, 0)),
     "right": ((0, 0, -1), (0, 1, 0)),
     "top": ((1, 0, 0), (0, 0, -1)),
 }
-"""Side -> where right and up of the picture point, with x right, y up and z back."""
+"""Side -> directions of the picture's right and up, with x right, y up and z back."""
 
 
 def views(stage: Usd.Stage, time: float | None, frame: str) -> tuple[Picture, ...]:
-    """Draw a stage from three sides, without what is far from all else.
+    """Draw a stage from three sides, framed on the subject without outliers.
 
     Args:
-        stage: Is not changed.
+        stage: The stage; it is not changed.
         time: Time code; None for USD's default time.
-        frame: Whose axes the titles name: the stage's own frame, or that of its only capture.
+        frame: Axes that the titles name: those of the stage, or those of its only capture.
 
     Returns:
-        None where there is nothing to see.
+        The pictures; empty if nothing is visible.
     """
     up_axis = str(UsdGeom.GetStageUpAxis(stage))
     to_reference = axes.change(axes.UP_AXIS_FRAME[up_axis], "rub")
@@ -67,7 +67,7 @@ def _camera(
     right: tuple[int, int, int],
     up: tuple[int, int, int],
 ) -> CameraSpec:
-    """One that looks at the middle of the box, which is in the reference's axes."""
+    """Return a camera that looks at the centre of the box, which is in reference axes."""
     turn = np.array([right, up, np.cross(right, up)], np.float64)
     center, size = 0.5 * (box[0] + box[1]), box[1] - box[0]
     depth = abs(turn[2]) @ size * (0.5 + _AROUND) + _AROUND * half
@@ -83,7 +83,7 @@ def _camera(
 
 
 def _drawn(engine: Engine, camera: CameraSpec) -> npt.NDArray[np.uint8]:
-    """A picture over the background."""
+    """Return a picture over the background, shape (SIDE, SIDE, 3)."""
     view = View(camera=camera, framing=Framing(resolution=(SIDE, SIDE)))
     color = engine.picture(view, RenderSettings(color_mode="display"))["color"]
     behind = (1 - color[..., 3:]) * np.array(BACKGROUND, np.float32) / 255
@@ -93,7 +93,7 @@ def _drawn(engine: Engine, camera: CameraSpec) -> npt.NDArray[np.uint8]:
 
 
 def _named(frame: str, direction: tuple[int, int, int]) -> str:
-    """A direction of the reference, such as "-y", in a frame's axes."""
+    """Return a direction given in reference axes as an axis of a frame, such as "-y"."""
     along = axes.frame_matrix(frame).T @ direction
     axis = int(np.argmax(np.abs(along)))
     return ("-" if along[axis] < 0 else "") + "xyz"[axis]
