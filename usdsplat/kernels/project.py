@@ -57,7 +57,8 @@ bounds on x/z and y/z at which the affine map is taken, the data window in pixel
 
 @scalar
 def screen_rows(cam, x, y, z, m, q, s):
-    """Rows of J·M·R·S: the screen covariance is their products, before the low-pass.
+    """Return the rows of J·M·R·S, where J is the Jacobian of the projection: their products are the
+    screen covariance, before the low-pass.
 
     (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s
     the standard deviations. Returns p0 p1 p2 g0 g1 g2 [pixel].

@@ -1,11 +1,17 @@
 """Render a frame: from a scene and a view to bands of pixels.
 
-    place surfaces, project, shade, sort          once for each sample
-    rasterize surfaces, bin, rasterize, resolve   for each band of the sample
-    accumulate                                    over the samples of the band
+    prepare       of each sample: place surfaces, project, shade, find ray hits, find features, sort
+    draw_band     of each band: rasterize surfaces, bin splats by tile, resolve the AOVs
+    average_band  over the samples of a band
 
-A sample is a sharp picture at one time through one point of the lens. Colour, albedo and mattes are
-averaged over all samples. Every other AOV is read from the sample in the middle and never mixed.
+A sample is a sharp picture at one time through one point of the lens. A picture of one sample is
+prepared once, for all of its bands. Each of many samples is prepared again for each band, so that
+memory does not grow with their number.
+
+Tiles are rasterized where AOVs are resolved, in `aov_resolver`. Colour, albedo and mattes are
+averaged over all samples. Every other AOV is read from one more sample, in the center of shutter,
+lens and pixel, and is never mixed. A device may draw a picture that needs colour alone in one step,
+see `Rasterizer.draw_color`. A deep picture has one sample; `render_deep` draws it.
 """
 
 from __future__ import annotations
