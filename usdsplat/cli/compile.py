@@ -13,8 +13,8 @@ notes:
   compiled again only if its sources, the versions of the compilers or the type of processor differ.
   An image must therefore be made on the type of processor that it runs on. There the folder may be
   read-only.
-  The GPU sorting kernels can only be compiled on a GPU of the same capability. Without one,
-  --capability leaves them out, and the first process that sorts compiles them, which takes up to
+  The GPU's sorting kernels can only be compiled on a GPU of the same capability. Without one, they
+  are left out with --capability, and the first process that sorts compiles them, which takes up to
   half a minute.
 """
 

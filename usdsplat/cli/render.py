@@ -22,8 +22,8 @@ notes:
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
   With several products, -o draws the first of the settings; --product selects another.
-  Without a camera on the stage, a static camera frames the first, middle and last frame. Use
-  --camera for a sequence that is rendered in several runs.
+  Without a camera on the stage, a static camera frames the first, middle and last frame. For a
+  sequence that is rendered in several runs, use --camera.
 """
 
 from __future__ import annotations
