@@ -66,7 +66,7 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
     stage = Usd.Stage.Open(str(tmp_path / "b.usdc"))
     assert schema.form_of(stage.GetPrimAtPath("/World/Ball")) == "packed"
     status, out, _ = run("convert", tmp_path / "b.usdc", tmp_path / "c.usda", "--packed")
-    assert (status, out) == (0, f"{tmp_path}/c.usda: no field had to change, all are packed\n")
+    assert (status, out) == (0, f"{tmp_path}/c.usda: no field changed, all are packed\n")
 
 
 @pytest.mark.parametrize(

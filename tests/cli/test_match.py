@@ -196,7 +196,10 @@ def test_the_space_of_the_plate_counts(run_json, tmp_path, capture_stage) -> Non
             "patch 'dark skin': found ['0', '0', '1'], expected x0,y0,x1,y1 in pixels",
         ),
         (("--reference", "PLATE", "--camera", "Nobody"), "--camera: found 'Nobody', expected one"),
-        (("--reference", "PLATE", "--prim", "/Nobody"), "--prim: found /Nobody, expected a field"),
+        (
+            ("--reference", "PLATE", "--prim", "/Nobody"),
+            "--prim: found /Nobody, expected a visible",
+        ),
         (("--reference", "PLATE", "--fit", "gamma"), "--fit: found 'gamma', expected of exposure"),
         (("--reference", "PLATE", "--reference-space", "x"), "expected one of lin_rec709_scene"),
         (("--reference", "PLATE", "--resolution", "9x9"), "--resolution: found a --reference"),

@@ -138,7 +138,7 @@ def test_resume_with_nothing_to_do_says_so(run, shot, tmp_path):
     """Oracle: one remark, no result, status 0."""
     (tmp_path / "a.png").write_bytes(b"here already")
     found = run("render", shot, "-o", tmp_path / "a.png", "--resume", *SMALL)
-    assert found == (0, "", "usdsplat: nothing to do: every file is there already\n")
+    assert found == (0, "", "usdsplat: nothing to do: every file exists already\n")
 
 
 def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):

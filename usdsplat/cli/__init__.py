@@ -1,1 +1,1 @@
-"""The `usdsplat` command: a module for each thing it does, none loaded before it is named."""
+"""The `usdsplat` command, with one module per subcommand, which is loaded only when it is used."""

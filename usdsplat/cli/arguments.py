@@ -1,4 +1,4 @@
-"""Arguments of a command, as the fields of a dataclass describe them."""
+"""Derive the arguments of a command from the fields of a dataclass."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from usdsplat.cli.flag_names import spelled
 from usdsplat.core.knobs import Knob, knobs
 
 KNOB = "knob"
-"""What the fields of flags say they are for."""
+"""Metadata key of a flag's field; its value is the knob's name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """How an argument is typed and explained."""
+    """Spelling and help text of an argument."""
 
     metavar: str | None = None
     name: str | None = None
@@ -39,23 +39,23 @@ class Argument:
     name: str
     """Name of the field."""
     kind: type
-    """Of one value."""
+    """Type of one value."""
     is_pair: bool
-    """Whether it can be turned on and off, and is neither by default."""
+    """Whether the argument has the flags `--name` and `--no-name`, and neither is the default."""
     is_many: bool
-    """Whether it takes any number of values."""
+    """Whether the argument takes any number of values."""
     is_required: bool
     shown: Shown
     text: str
 
     @property
     def dest(self) -> str:
-        """Key among the parsed values."""
+        """Key of the argument in the parsed values."""
         return f"{self.owner}.{self.name}"
 
     @property
     def flag(self) -> str:
-        """What is typed, with dashes; the placeholder of one that goes by its place."""
+        """The flag with dashes, or the placeholder of a positional argument."""
         if self.shown.is_positional:
             return self.shown.metavar or self.name.upper()
         return f"--{self.shown.name or self.name.replace('_', '-')}"
@@ -74,20 +74,20 @@ def option(
     text: str | None = None,
     excludes: str = "",
 ) -> Any:
-    """Say how a field is typed and explained; put it in Annotated.
+    """Return the spelling and help of a field, for use in Annotated.
 
     Args:
-        metavar: Placeholder of its value.
-        name: Another name than the field's.
+        metavar: Placeholder of the value.
+        name: Name of the flag, if it differs from the field's.
         short: A short form, such as "-o".
-        text: Help, in place of the string below the field.
-        excludes: A flag that cannot be typed beside it.
+        text: Help text, instead of the string below the field.
+        excludes: A flag that cannot be combined with this one.
     """
     return Shown(metavar=metavar, name=name, short=short, text=text, excludes=excludes)
 
 
 def positional(metavar: str) -> Any:
-    """Say that a field goes by its place, and what stands for it in help; put it in Annotated."""
+    """Return the description of a positional argument, for use in Annotated."""
     return Shown(metavar=metavar, is_positional=True)
 
 
@@ -97,13 +97,13 @@ def flag_names(options: type) -> set[str]:
 
 
 def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") -> type:
-    """Make a dataclass with an optional flag for each knob of `cls`; None is "not given".
+    """Make a dataclass with an optional flag for each knob of `cls`. None means "not given".
 
-    A knob that is on or off can be typed as `--name` and as `--no-name`.
+    A boolean knob has the flags `--name` and `--no-name`.
 
     Args:
         names: Only these knobs, in this order; None for all.
-        about: What they have in common, shown above them.
+        about: Text that is shown above the flags.
     """
     known = {knob.name: knob for knob in knobs(cls)}
     made = make_dataclass(
@@ -120,13 +120,13 @@ def flags_of(cls: type, names: Iterable[str] | None = None, *, about: str = "") 
 
 
 def given(flags: Any) -> dict[str, Any]:
-    """Return the values that were typed, of what `flags_of` made or of what inherits from it."""
+    """Return the given values of an instance of a class made by `flags_of`, or derived from one."""
     values = {item.metadata.get(KNOB): getattr(flags, item.name) for item in fields(flags)}
     return {knob: value for knob, value in values.items() if knob and value is not None}
 
 
 def _flag(knob: Knob) -> Any:
-    """Return the annotation of a flag; `core.knobs.checked` refuses values that are not legal."""
+    """Return the annotation of a flag. `core.knobs.checked` checks its values."""
     kind, metavar = knob.type, None
     if knob.choices and all(isinstance(choice, str) for choice in knob.choices):
         kind, metavar = str, "|".join(knob.choices)
@@ -139,7 +139,7 @@ def _flag(knob: Knob) -> Any:
 
 
 def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
-    """Yield the arguments that a dataclass describes, those of its groups among them."""
+    """Yield the arguments of a dataclass, including those of its groups."""
     hints = get_type_hints(options, include_extras=True)
     texts = _texts(options)
     for item in fields(options):

@@ -1,19 +1,21 @@
-"""Compile all kernels ahead, so that no later command waits for it.
+"""Compile all kernels ahead of time, so that later commands do not wait for it.
 
 examples:
   usdsplat compile
       for this machine: its CPU, and its GPU if there is one
   usdsplat compile --device cpu --cache-dir /opt/usdsplat-kernels
-      for an image of a farm; set USDSPLAT_CACHE_DIR to that folder where it runs
+      for a container image; set USDSPLAT_CACHE_DIR to that folder where it runs
   usdsplat compile --device cuda --capability 8.9,9.0
-      for GPUs that are not here: no driver is needed
+      for GPUs of other machines; no driver is needed
 
 notes:
-  Kernels are kept in USDSPLAT_CACHE_DIR, or in the user's cache folder. What is kept is compiled
-  again only where a kernel's sources, the versions of what compiles it or the processor differ: an
-  image is made on the kind of processor that it runs on. The folder may be read-only then.
-  What sorts on a GPU can be compiled on that GPU only: with --capability it is left out unless the
-  GPU is here, and the first process that sorts compiles it, which takes up to half a minute.
+  Kernels are stored in USDSPLAT_CACHE_DIR, or in the user's cache folder. A stored kernel is
+  compiled again only if its sources, the versions of the compilers or the type of processor differ.
+  An image must therefore be made on the type of processor that it runs on. There the folder may be
+  read-only.
+  The GPU's sorting kernels can only be compiled on a GPU of the same capability. Without one, they
+  are left out with --capability, and the first process that sorts compiles them, which takes up to
+  half a minute.
 """
 
 from __future__ import annotations
@@ -35,19 +37,19 @@ class Options:
     """Arguments of `usdsplat compile`."""
 
     device: Annotated[str, option("auto|cpu|cuda")] = "auto"
-    """what to compile for; default: all that this machine has"""
+    """device to compile for; default: auto, all devices of this machine"""
     capability: Annotated[str | None, option("X.Y,...")] = None
-    """of the GPUs to compile for; default: that of the GPU here"""
+    """compute capabilities of the GPUs; default: that of this machine's GPU"""
     cache_dir: Annotated[str | None, option("DIR")] = None
-    """where to keep kernels; default: USDSPLAT_CACHE_DIR, or the user's cache folder"""
+    """folder for the kernels; default: USDSPLAT_CACHE_DIR, or the user's cache folder"""
     jobs: Annotated[int | None, option("N")] = None
-    """how many processes compile at once; default: one for each core"""
+    """number of processes that compile at the same time; default: one per core"""
     json: Annotated[bool, option()] = False
-    """print one JSON object: the folder, and how many kernels"""
+    """print one JSON object with the folder and the number of kernels"""
 
 
 def run(options: Options) -> int:
-    """Compile; print how many kernels there are and where they are kept."""
+    """Compile all kernels. Print their number and folder."""
     from usdsplat.kernels import ahead, store
 
     if options.cache_dir is not None:
@@ -81,7 +83,7 @@ def _targets(options: Options) -> list[tuple[str, Capability | None]]:
 
     Raises:
         UsageError: If the options contradict each other or name no capability.
-        BackendError: If a GPU was asked for and neither it nor its compiler is here.
+        BackendError: If a GPU was requested and neither it nor its compiler is available.
     """
     from usdsplat.kernels.cuda.support import INSTALL, capability, is_compiled, obstacle
     from usdsplat.kernels.device import DEVICES

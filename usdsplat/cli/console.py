@@ -1,7 +1,7 @@
-"""How a command talks: results on stdout, progress and remarks on stderr.
+"""Print results to stdout, progress and remarks to stderr.
 
-On a terminal progress is a bar with the time left; elsewhere it is plain lines, which render
-managers and logs can read. Work that takes less than about a second is not mentioned.
+On a terminal, progress is a bar with the time left. Elsewhere it is plain lines, which render
+managers and logs can read. Work that takes less than about a second is not reported.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ from typing import Any
 from usdsplat.core.progress import Progress
 
 PATIENCE = 1.0
-"""Seconds before anything is said about a piece of work."""
+"""Time before progress of a task is shown [s]."""
 INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
-"""Until so many seconds of a piece of work have passed, a plain line every so many."""
+"""Pairs (elapsed time of a task [s], interval of plain lines up to that time [s])."""
 
 
 @contextmanager
 def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
-    """Yield a listener that shows progress the way stderr can; when it ends the bar is gone.
+    """Yield a progress listener for stderr: a bar on a terminal, plain lines elsewhere.
+
+    The bar is removed at the end.
 
     Args:
-        compiled: Says how long kernels have been compiled so far [s]: that happens once, and counts
-            for nothing where the time left is estimated.
+        compiled: Returns the time spent on compiling kernels so far [s]. Kernels are compiled only
+            once, so the estimate of the time left excludes it.
     """
     if not sys.stderr.isatty():
         yield Lines(compiled)
@@ -41,7 +43,7 @@ def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
 
 
 def remark(text: str) -> None:
-    """Tell the user something that is neither a result nor an error."""
+    """Print a message to the user that is neither a result nor an error."""
     print(f"usdsplat: {text}", file=sys.stderr)
 
 
@@ -49,7 +51,7 @@ PICTURES = "compiling kernels, once for each kind of picture; it takes up to hal
 
 
 def announce_compilation(text: str = PICTURES) -> Callable[[str], None]:
-    """Return what to call as each kernel is compiled; it says `text` the first time only."""
+    """Return a function to call for each compiled kernel; it prints `text` the first time only."""
     spoken = False
 
     def announce(kernel: str) -> None:
@@ -62,15 +64,15 @@ def announce_compilation(text: str = PICTURES) -> Callable[[str], None]:
 
 
 def print_json(value: Any) -> None:
-    """Print a result for machines: one JSON value on stdout, null for numbers that are not finite.
+    """Print a value as JSON to stdout, with null for numbers that are not finite.
 
-    Stages may hold such numbers anywhere, and JSON has no word for them.
+    Stages may contain such numbers anywhere, and JSON cannot represent them.
     """
     print(json.dumps(_with_null(value), indent=2, allow_nan=False))
 
 
 def _with_null(value: Any) -> Any:
-    """A value of which JSON can hold every number."""
+    """Return a value with None for every number that JSON cannot hold."""
     if isinstance(value, dict):
         return {key: _with_null(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -79,14 +81,14 @@ def _with_null(value: Any) -> Any:
 
 
 def duration(seconds: float) -> str:
-    """A time span as people say it: 0:07, 12:30, 1:02:03."""
+    """Return a duration as text: 0:07, 12:30, 1:02:03."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 class Lines:
-    """Progress as plain lines, the fewer the longer the work takes, so that logs stay short."""
+    """Progress listener that prints plain lines. The longer a task takes, the rarer they are."""
 
     def __init__(self, compiled: Callable[[], float] = lambda: 0.0) -> None:
         self._label = ""
@@ -110,7 +112,7 @@ class Lines:
 
 
 class Bar:
-    """Progress as a bar of rich's, made when it is first needed."""
+    """Progress listener that shows a bar of `rich`, created on first use."""
 
     def __init__(self) -> None:
         self._label = ""
@@ -131,14 +133,14 @@ class Bar:
         self._rich.update(self._task, completed=done, total=total or None)
 
     def stop(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._rich is not None:
             self._rich.stop()
             self._rich = None
 
 
 def _amount(done: int, total: int, worked: float) -> str:
-    """How far it is, after so many seconds of work, and how long it will still take."""
+    """Return the progress and the time left as text, after `worked` seconds of work."""
     if not total:
         return f" {done}" if done else ""
     left = f", {duration(worked * (total - done) / done)} left" if 0 < done < total else ""
@@ -146,7 +148,7 @@ def _amount(done: int, total: int, worked: float) -> str:
 
 
 def _rich_progress() -> Any:
-    """A bar on stderr that leaves nothing behind."""
+    """Return a progress bar on stderr that is removed at its end."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining

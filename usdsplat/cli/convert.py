@@ -1,32 +1,32 @@
-"""Turn captures into a stage, stages into a capture, or either into another of its kind.
+"""Convert captures to a stage, a stage to captures, or either to another of its kind.
 
 examples:
   usdsplat convert scan.ply scan.usdc
-      a stage with one splat field, turned upright by a transform on the prim
+      a stage with one splat field, with a transform on the prim that turns it upright
   usdsplat convert scan.spz scan.usdc --up-axis Z --meters-per-unit 0.01 --axes rub
       for a Z-up pipeline; the capture is in centimetres and its y points up
   usdsplat convert scan.ply scan.usdc --packed
-      a third of the size, in the compact type that needs usdsplat to be drawn
+      a third of the size, in the packed type, which only usdsplat can draw
   usdsplat convert shot.usd still.ply --frame 12 --prim /World/Tree
-      what is beneath a prim at frame 12, in world space, as a capture
+      the splats below a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
-      each field a file of its own: tree_Trunk.spz, tree_Leaves.spz
+      one file per field: tree_Trunk.spz, tree_Leaves.spz
   usdsplat convert house.ply garden.sog both.ply
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25
-      a sequence as time samples; and back: convert shot.usdc cap.####.ply
+      a sequence as time samples; the reverse: convert shot.usdc cap.####.ply
   usdsplat convert scan.ply scan.usdc --cameras colmap/sparse/0
-      with a camera for each photograph, which sees what the photograph saw
+      with a camera for each photograph, at its pose
   usdsplat convert scan.ply --rotate 0,0,180 --crop-sphere 0,0,0,5 --min-opacity 0.02 clean.ply
-      turned, then cut, then thinned: edits are done in the order in which they are typed
+      rotate, then crop, then thin out: edits are applied in the order of their flags
   usdsplat convert scan.ply --drop-outliers --decimate 25% --morton light.sog
-      without floaters, with a quarter of the splats, neighbours together
+      remove floaters, keep a quarter of the splats, and sort them by location
 
 notes:
-  A frame is where x, y and z point: rdf is right, down, forward, as in most captures.
-  Edits act on the numbers of a capture, as 'usdsplat info' prints them. Of a stage they act on
-  the capture that it becomes; from stage to stage, on the numbers of each field and sample.
-  Inputs are only read; the output appears when it is complete.
+  Axes are the directions of x, y and z: rdf is right, down, forward, as in most captures.
+  Edits apply to the values of a capture, as 'usdsplat info' prints them. From a stage to a capture
+  they apply to the resulting capture, from stage to stage to the values of each field and sample.
+  Inputs are never changed. The output appears when it is complete.
 """
 
 from __future__ import annotations
@@ -52,12 +52,13 @@ __all__ = ["Options", "arranged", "run"]
 
 
 def arranged(words: Sequence[str]) -> list[str]:
-    """What the user typed so that `Options` can be read of it: files and flags in any order."""
+    """Return the command line reordered for `Options`: files and flags may be given in any
+    order."""
     return edit_flags.arranged(words, switches())
 
 
 def run(options: Options) -> int:
-    """Convert; print what became of it."""
+    """Convert the files and print a report."""
     from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frames import parse_frames
     from usdsplat.interchange import convert
@@ -118,7 +119,7 @@ _COMPILING = "compiling kernels, once; it takes up to half a minute"
 
 
 def _told(report: Report) -> str:
-    """The report for people, a few lines."""
+    """Return the report as a few lines of text."""
     from usdsplat.interchange import (
         ImportReport,
         RepackReport,
@@ -134,7 +135,7 @@ def _told(report: Report) -> str:
         found = counted(len(report.prim_paths), "field")
         samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
         changed = f"{found}, {samples}, {splats}, now {report.form}"
-        as_it_was = f"no field had to change, all are {report.form}"
+        as_it_was = f"no field changed, all are {report.form}"
         lines = [f"{report.target}: {changed if report.samples else as_it_was}"]
         return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
     lines = [f"{report.target}: {counted(report.splats, 'splat')}, degree {report.degree}"]

@@ -1,4 +1,4 @@
-"""Options of `convert`, and which of them mean something for what is to become what."""
+"""Define the options of `convert`, and check which apply to a kind of conversion."""
 
 from __future__ import annotations
 
@@ -14,59 +14,60 @@ from usdsplat.core.errors import UsageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageWritten:
-    """How a stage is written."""
+    """How to write a stage."""
 
     packed: Annotated[bool, option(excludes="--half")] = False
-    """store fields in our compact type: 28 bytes a splat at degree 0, 76 at degree 3; not with
+    """store fields in the packed type: 28 bytes per splat at degree 0, 76 at degree 3; not with
     --half"""
     half: Annotated[bool, option()] = False
-    """store fields as stock half floats, centres as floats: 124 bytes a splat at degree 3"""
+    """store fields in USD's type as half floats, centres as floats: 124 bytes per splat at degree
+    3"""
     up_axis: Annotated[str | None, option("Y|Z")] = None
-    """of a stage made from a capture; default: Y"""
+    """up axis of a stage made from a capture; default: Y"""
     meters_per_unit: Annotated[float | None, option("METRES")] = None
-    """how long a unit of the capture is; default: 1"""
+    """length of one unit of the capture in metres; default: 1"""
     bake_axes: Annotated[bool, option()] = False
-    """turn the splats themselves, harmonics included, instead of adding a transform"""
+    """rotate the splats themselves, harmonics included, instead of adding a transform"""
     cameras: Annotated[Path | None, option("PATH")] = None
-    """poses of the photographs, which become cameras beside the field: a folder of COLMAP, or the
+    """add cameras beside the field from the poses of the photographs: a COLMAP folder, or the
     transforms.json of instant-ngp or nerfstudio"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRead:
-    """What of a stage is read."""
+    """What to read from a stage."""
 
     frame: Annotated[float | None, option("FRAME")] = None
-    """time code to read of a stage; default: its default values, or the first samples"""
+    """time code at which a stage is read; default: its default values, or the first samples"""
     split: Annotated[bool, option()] = False
-    """write each field to a file of its own, OUT with the prim's name before the suffix"""
+    """write one file per field, named OUT with the prim's name before the suffix"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """Sequences: IN or OUT with a place for the frame number, such as cap.####.ply."""
+    """Sequences: IN or OUT with a placeholder for the frame number, such as cap.####.ply."""
 
     frames: Annotated[str | None, option("RANGE")] = None
-    """such as 7, 1-10, 1:10x2 or 1,5,8-12; default: all there are"""
+    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; default: all"""
     clips: Annotated[bool, option()] = False
-    """write value clips, a file for each frame in a folder beside OUT, not time samples"""
+    """write value clips instead of time samples: one file per frame in a folder beside OUT"""
     rate: Annotated[float | None, option("FPS")] = None
-    """frames in a second of a sequence that becomes a stage; default: 24"""
+    """frames per second of a sequence that becomes a stage; default: 24"""
     interpolate: Annotated[bool, option()] = False
-    """take a splat for the same in all frames if its row is: between frames it moves"""
+    """treat equal rows of all frames as the same splat, which then moves between frames"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Captures:
-    """How captures are read and written."""
+    """How to read and write captures."""
 
     axes: Annotated[str | None, option("AXES")] = None
-    """to a stage: where x, y and z of the input point, default as the file says; to a capture:
-    where those of the output are to point, default as is usual in its format"""
+    """directions of x, y and z, such as rdf; to a stage: those of the input, default as the file
+    says; to a capture: those of the output, default as is usual for its format"""
     lod: Annotated[int | None, option("LEVEL")] = None
-    """level of a capture that has several to read, 0 the finest; default: 0"""
+    """level to read from a capture with levels of detail, 0 is the finest; default: 0"""
     spz_version: Annotated[int | None, option("3|4")] = None
-    """of an .spz to write; default: 4"""
+    """version of an .spz to write; default: 4"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,11 +77,11 @@ class Options:
     source: Annotated[str, positional("IN")]
     """capture or USD file to read"""
     others: Annotated[tuple[str, ...], positional("[IN ...] OUT")]
-    """more to read into the same output, and the file to write; its suffix says what it becomes"""
+    """further inputs for the same output, and the file to write; its suffix selects the format"""
     prim: Annotated[str | None, option("/PRIM")] = None
-    """the field to write to or read from; default: one named as the file, or the whole stage"""
+    """field to write or read; default: one named after the file, or the whole stage"""
     json: Annotated[bool, option()] = False
-    """print one JSON object about what was done"""
+    """print one JSON object with a report"""
     stage_written: StageWritten = field(default_factory=StageWritten)
     stage_read: StageRead = field(default_factory=StageRead)
     sequences: Frames = field(default_factory=Frames)
@@ -96,31 +97,31 @@ _MEANINGFUL = {
     (False, False): ("axes", "lod", "spz_version"),
     (True, True): ("packed", "half"),
 }
-"""Whether input and output are stages -> the flags that mean something."""
+"""(input is a stage, output is a stage) -> flags that apply."""
 _OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split")}
-"""Likewise, of what is no sequence."""
+"""The same for inputs and outputs that are not sequences."""
 _OF_FRAMES = {
     (False, True): ("frames", "clips", "rate", "interpolate"),
     (True, False): ("frames",),
     (False, False): ("frames",),
 }
-"""Likewise, of a sequence."""
+"""The same for sequences."""
 
 
 def switches() -> set[str]:
-    """Options that take no value."""
+    """Return the options that take no value."""
     groups = (Options, StageWritten, StageRead, Frames, Captures)
     off = [item.name for group in groups for item in fields(group) if item.default is False]
     return {"--help", "-h", *map(_flag, off)}
 
 
 def check(options: Options, sources: Sequence[Path], target: str) -> None:
-    """Refuse a flag that would change nothing, or has a value that it cannot have.
+    """Raise an error for a flag that has no effect or an invalid value.
 
     Raises:
-        UsageError: If there is one.
-        UnknownFormatError: If the target says nothing that can be written.
-        OutputError: If it says that it is a folder.
+        UsageError: If there is such a flag.
+        UnknownFormatError: If the target has no format that can be written.
+        OutputError: If the target is a folder.
     """
     from usdsplat.formats.options import SPZ_VERSIONS
     from usdsplat.images.frames import has_place
@@ -151,7 +152,7 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
 
 
 def _given(options: Options) -> Iterator[str]:
-    """Names of the flags with another value than their default."""
+    """Yield the names of the flags whose value is not the default."""
     groups: tuple[Any, ...] = (
         *(options.stage_written, options.stage_read, options.sequences, options.captures),
     )
@@ -164,5 +165,5 @@ def _given(options: Options) -> Iterator[str]:
 
 
 def _flag(name: str) -> str:
-    """A field as it is typed."""
+    """Return the flag of a field."""
     return f"--{name.replace('_', '-')}"

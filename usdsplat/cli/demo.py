@@ -1,15 +1,15 @@
-"""Make a capture, a stage, pictures and sequences, to see it all work.
+"""Make a capture, a stage, pictures and sequences, as a tour of the features.
 
 examples:
   usdsplat demo
-      a still life of our own, into ./demo
+      a generated still life, in ./demo
   usdsplat demo scan.ply -o /tmp/demo
-      the same with a capture of yours
+      the same with your own capture
   usdsplat demo --splats 1000000 --frames 100
 
 notes:
-  The stages it leaves open in usdview and in every other application of USD 26.3 or later.
-  A pattern grows on a capture of up to 300,000 splats, or on a coarser model of our own.
+  The stages can be opened in usdview and in any other application with USD 26.3 or later.
+  The simulation uses a capture of up to 300,000 splats, or a generated one with fewer splats.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ class Options:
     """Arguments of `usdsplat demo`."""
 
     capture: Annotated[Path | None, positional("[CAPTURE]")] = None
-    """capture to use; default: one that is modelled for the occasion"""
+    """capture to use; default: a generated one"""
     output: Annotated[Path, option("DIR", short="-o")] = Path("demo")
-    """folder to fill, made if it is missing; default: demo"""
+    """output folder, created if it is missing; default: demo"""
     splats: Annotated[int, option("N")] = 200_000
-    """how detailed our own capture is; default: about 200000"""
+    """approximate number of splats of the generated capture; default: 200000"""
     frames: Annotated[int, option("N")] = 24
     """length of each sequence; default: 24"""
     threads: Annotated[int | None, option("N")] = None
-    """how many to use; default: all"""
+    """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False
-    """print one JSON list of the files and what each is"""
+    """print one JSON list of the files with a description of each"""
 
 
 @dataclass(slots=True, kw_only=True)
 class Results:
-    """Files that were made, printed as they are finished, or as JSON at the end."""
+    """Printer of finished files, one by one or as JSON at the end."""
 
     is_json: bool
     told: list[dict[str, str]] = field(default_factory=list)
 
     def tell(self, path: Path, text: str) -> None:
-        """Note one file."""
+        """Report one file."""
         self.told.append({"path": str(path), "text": text})
         if not self.is_json:
             print(f"{path!s:<28} {text}", flush=True)
@@ -64,7 +64,7 @@ class Results:
 
 
 def run(options: Options) -> int:
-    """Run the main job from end to end; print each result with what it is."""
+    """Run the demo. Print each file with a description."""
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.products.demo import DemoRequest, make_demo
 

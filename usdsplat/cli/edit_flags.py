@@ -1,4 +1,4 @@
-"""Edits as flags whose order counts, among words that may stand in any."""
+"""Parse edit flags, whose order matters, from a command line with files and flags in any order."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ _NUMBERS = re.compile(r"[-+\d.,eE%]+")
 
 
 def _placeholder(kind: Kind) -> str:
-    """How the value of a flag is shown."""
+    """Return the placeholder of an edit flag's value."""
     return f"[{kind.values}]" if kind.bare else kind.values
 
 
 def _flags() -> type:
-    """A dataclass with a field for each kind of edit: PLACE:VALUE for each time it is typed."""
+    """Make a dataclass with a field for each kind of edit, which collects PLACE:VALUE for each
+    use."""
     made = [
         (
             name.replace("-", "_"),
@@ -29,7 +30,7 @@ def _flags() -> type:
         for name, kind in KINDS.items()
     ]
     flags = make_dataclass("EditFlags", made, frozen=True, kw_only=True)
-    flags.__doc__ = "What is done to the splats on the way, in the order in which it is typed."
+    flags.__doc__ = "Edits of the splats, applied in the order of the flags."
     return flags
 
 
@@ -37,15 +38,14 @@ EditFlags: Any = _flags()
 
 
 def arranged(words: Sequence[str], switches: Collection[str]) -> list[str]:
-    """Words of a command line, those that are no options first, edits with their places.
+    """Return a command line with positional arguments first and numbered edits.
 
-    A parser forgets in which order options of several names stood, and takes no files behind
-    options after files before them. So "a --scale 2 b --morton" becomes "a b --scale=0:2
-    --morton=1:".
+    argparse loses the order of options with different names, and accepts no files after options
+    that follow files. For example, "a --scale 2 b --morton" becomes "a b --scale=0:2 --morton=1:".
 
     Args:
-        words: What the user typed.
-        switches: Options that take no value, edits left out.
+        words: The command line.
+        switches: Options other than edits that take no value.
     """
     plain: list[str] = []
     options: list[str] = []
@@ -71,10 +71,10 @@ def arranged(words: Sequence[str], switches: Collection[str]) -> list[str]:
 
 
 def edits_of(flags: Any) -> tuple[Edit, ...]:
-    """The edits that were typed, in their order, of an `EditFlags`.
+    """Return the edits of an `EditFlags` in the order of the command line.
 
     Raises:
-        UsageError: If numbers are not those that an edit takes.
+        UsageError: If the values do not fit an edit.
     """
     typed = []
     for item in fields(flags):

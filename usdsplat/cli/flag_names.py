@@ -1,4 +1,7 @@
-"""How options are spelled on the command line. It loads nothing, so errors can use it at once."""
+"""Convert names of the library to names of options.
+
+The module imports nothing heavy, because error messages need it at once.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,18 @@ SPELLINGS = {
     "ocio_look": "look",
     "prim_path": "prim",
 }
-"""Name in the library -> option, where it is another word."""
+"""Name in the library -> name of the option, if it differs."""
 
 _OWNER = re.compile("^(?:render (?:settings )?|edit )")
-"""What errors name before the option."""
+"""Prefix of an option in errors of the library."""
 
 
 def spelled(name: str) -> str:
-    """A name of the library's as an option, without dashes in front."""
+    """Return the option for a name in the library, without leading dashes."""
     return SPELLINGS.get(name, name).replace("_", "-")
 
 
 def as_typed(where: str, flags: Collection[str]) -> str:
-    """Return what a usage error is about as it is typed, if that is one of `flags`."""
+    """Return the flag that an error is about if it is one of `flags`, otherwise `where`."""
     name = spelled(_OWNER.sub("", where, count=1))
     return f"--{name}" if name in flags else where

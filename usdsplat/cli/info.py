@@ -1,14 +1,14 @@
-"""Say what is in a capture or a stage.
+"""Describe a capture or a stage.
 
 examples:
   usdsplat info scan.ply
-      how many splats, how large, what format, which axes, how exact
+      number of splats, size, format, axes and accuracy
   usdsplat info shot.usd
-      every splat field with its numbers, and cameras, frames and render products
+      every splat field with statistics, and cameras, frames and render products
   usdsplat info shot.usd --frame 12
   usdsplat info scan.sog --json
   usdsplat info scan.sog --plot report.html
-      the same with pictures from three sides and histograms; .png works too
+      a page with pictures from three sides and histograms; .png works too
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ class Options:
     """Arguments of `usdsplat info`."""
 
     file: Annotated[Path, positional("FILE")]
-    """capture or stage to look at"""
+    """capture or stage to describe"""
     frame: Annotated[float | None, option("FRAME")] = None
     """time code at which a stage is read; default: default values, or the first samples"""
     json: Annotated[bool, option()] = False
     """print one JSON object"""
     plot: Annotated[Path | None, option("FILE")] = None
-    """draw it too, from the front, the right and above, with histograms: .png or .html"""
+    """also write a page with views from front, right and above and histograms: .png or .html"""
     opening: StageOptions = field(default_factory=StageOptions)
 
 
@@ -102,18 +102,18 @@ def _capture(options: Options) -> dict[str, Any]:
 def _draw(
     options: Options, described: dict[str, Any], make: Callable[[str, list[str]], Report]
 ) -> None:
-    """Write the page that `make` makes of a title and what is printed."""
+    """Write the page that `make` returns for a title and the printed text."""
     from usdsplat.kernels.compiling import on_compile
     from usdsplat.products import report
 
-    assert options.plot is not None  # who calls has asked
+    assert options.plot is not None  # checked by the callers
     with on_compile(console.announce_compilation()):
         page = make(options.file.name, _lines(described, ""))
     report.write(page, options.plot)
 
 
 def _lines(value: dict[str, Any], indent: str) -> list[str]:
-    """A description as indented text; what says nothing is left out."""
+    """Return a description as indented lines, without empty values."""
     lines = []
     for key, item in value.items():
         name = key.replace("_", " ")
@@ -132,7 +132,7 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
 
 
 def _text(item: Any) -> str:
-    """One value as people read it."""
+    """Return one value as text."""
     if isinstance(item, dict):
         return "  ".join(f"{key} {_text(entry)}" for key, entry in item.items())
     if isinstance(item, list):

@@ -1,10 +1,10 @@
-"""Pick the command, read its options, run it, and turn errors into one line and a status.
+"""Select a command, parse its options, run it, and turn errors into one line and a status.
 
-A command is a module of this package, with _ for -, that has a dataclass `Options`, whose fields
-are its arguments, and `run(options)`, which returns the exit status. Its docstring is its help. It
-may have `arranged(words)`, which puts what the user typed as its options can be read.
-Only the module that is named gets loaded, and USD and Numba only once it runs, so help is there at
-once.
+A command is a module of this package, with _ for -. It has a dataclass `Options`, whose fields are
+its arguments, and `run(options)`, which returns the exit status. Its docstring is its help. It may
+have `arranged(words)`, which reorders the command line before it is parsed.
+Only the module of the command is loaded, and USD and Numba only when it runs. Help is therefore
+shown at once.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from usdsplat.cli.flag_names import as_typed
 from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 
 COMMANDS = {
-    "convert": "turn a capture into a stage, a stage into a capture, or one capture into another",
-    "info": "say what is in a capture or a stage",
-    "validate": "check the splats of a stage, each finding with its cure",
-    "view": "look at a stage, or a capture, in a window or a browser",
-    "render": "draw a stage, or a capture, to EXR or PNG",
-    "simulate": "grow, push, conform or dissolve the splats of a stage; bake a layer",
-    "match": "grade splats until they look like a plate, or like a colour chart",
-    "demo": "make a capture, a stage, pictures and a sequence, to see it all work",
-    "compile": "compile all kernels ahead, so that no later command waits for it",
-    "plugin-path": "print what usdview needs to find our schemas and our viewport",
+    "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
+    "info": "describe a capture or a stage",
+    "validate": "check the splats and simulations of a stage; each finding has a cure",
+    "view": "show a stage or a capture in a window or a browser",
+    "render": "render a stage or a capture to EXR or PNG",
+    "simulate": "simulate the splats of a stage, and bake the result into a layer",
+    "match": "grade splats to match a plate or a colour chart",
+    "demo": "make a capture, a stage, pictures and sequences, as a tour of the features",
+    "compile": "compile all kernels ahead of time, so that later commands do not wait for it",
+    "plugin-path": "print the plug-in folders for usdview and other USD applications",
 }
 
 OVERVIEW = f"""usage: usdsplat COMMAND ...
 
-Gaussian splats as ordinary citizens of a USD pipeline.
+Gaussian splats in USD pipelines.
 
 commands:
 {chr(10).join(f"  {name:11} {text}" for name, text in COMMANDS.items())}
@@ -46,39 +46,39 @@ examples:
   usdsplat render scan.usdc -o scan.png
   usdsplat render shot.usd -o shot.####.exr --frames 1-24
 
-usdsplat COMMAND --help tells more; usdsplat --version tells the version."""
+usdsplat COMMAND --help describes a command; usdsplat --version prints the version."""
 
 
 class Command(Protocol):
-    """What a command's module holds."""
+    """Module of a command."""
 
     Options: type
 
     def run(self, options: Any) -> int:
-        """Do it; return the exit status."""
+        """Run the command and return the exit status."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command that `argv` names, without the program's own name; None takes the process's.
+    """Run the command in `argv`, which lacks the program's name. None stands for `sys.argv[1:]`.
 
-    Returns:
-        0 when all is well, 1 when `validate` found errors, 2 for a mistake that one sentence on
-        stderr explains, 130 after Ctrl-C. Anything else that escapes is a bug and keeps its
-        traceback.
+    0 for success, 1 if `validate` found errors, 2 for an error that is explained in one line on
+    stderr, 130 after Ctrl-C. Any other exception is a bug and keeps its traceback.
     """
-    log = logging.getLogger("usdsplat")  # for programs; a command says itself what it leaves out
+    log = logging.getLogger(
+        "usdsplat"
+    )  # log records are for programs; a command prints its own remarks
     log.addHandler(logging.NullHandler())
     log.propagate = False
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         status = _run(arguments)
         _say_what_is_not_kept()
-        sys.stdout.flush()  # here, where a closed pipe is still ours to handle
+        sys.stdout.flush()  # here, where a closed pipe is still handled
         return status
     except KeyboardInterrupt:
         return _complain("interrupted", 130)
     except BrokenPipeError:
-        # Whoever read our output has seen enough; what is still buffered has nowhere to go.
+        # The reader has closed the pipe; the buffered rest must not raise at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except UsdSplatError as error:
@@ -86,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where
         return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
     except OSError as error:
-        if error.filename is None:  # nothing else is written to without a name
+        if error.filename is None:  # only stdout has no file name
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         found = (error.strerror or str(error)).lower()
         place = error.filename or "standard output"
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """`main` without the handling of errors."""
+    """Run the command without handling errors, see `main`."""
     if not arguments:
         print(OVERVIEW, file=sys.stderr)
         return 2
@@ -135,7 +135,7 @@ def _module(name: str) -> str:
 
 
 def _say_what_is_not_kept() -> None:
-    """Tell that the next command will compile again what this one has compiled."""
+    """Print a remark if compiled kernels could not be stored."""
     store = sys.modules.get("usdsplat.kernels.store")
     if store is not None and store.refusal():
         expected = "expected a folder that can be written"

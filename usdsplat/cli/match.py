@@ -1,20 +1,20 @@
-"""Grade the splats of a stage until they look like a plate, or like a colour chart.
+"""Grade the splats of a stage to match a plate or a colour chart.
 
 examples:
   usdsplat match shot.usda -o graded.usda --reference plate.exr --camera /World/Cam
-      as the plate that this camera took of the same place
+      match the plate that this camera took of the same place
   usdsplat match shot.usda -o graded.usda --reference plate.exr --fit exposure,whiteBalance
       the same without a matrix
   usdsplat match scan.usda -o graded.usda --chart classic24 --patches chart.json --camera /Cam
-      by a colour chart that was captured with the rest, where the camera sees it
+      match a colour chart that is part of the capture and visible to the camera
 
 notes:
-  The result is a new layer of grades (SplatGradeAPI) over STAGE, which stays as it is. It takes the
-  place of grades that the fields have already.
-  Patches are regions of pixels of the camera's picture, x0,y0,x1,y1 with semicolons between, in the
-  order of the chart; a file has a JSON list of them, null for one that cannot be seen, or an object
-  with the chart's own names for keys.
-  A matrix is left at identity where the colours are too few or too alike to tell one.
+  The result is a new layer of grades (SplatGradeAPI) over STAGE, which is not changed. The new
+  grades replace existing grades of the fields.
+  Patches are pixel regions of the camera's picture, x0,y0,x1,y1 separated by semicolons, in the
+  order of the chart. Alternatively a JSON file has a list of them, with null for a hidden patch, or
+  an object with the chart's patch names as keys.
+  The matrix stays identity if the colours are too few or too similar to determine it.
 """
 
 from __future__ import annotations
@@ -43,34 +43,34 @@ class Options:
     output: Annotated[Path, option("FILE", short="-o")]
     """layer to write, .usda, .usdc or .usd"""
     reference: Annotated[Path | None, option("PICTURE")] = None
-    """plate of the same view; its size is that of the picture it is compared with"""
+    """plate of the same view; the stage is rendered at its size"""
     reference_space: Annotated[str | None, option("SPACE")] = None
-    """space of the plate's colours, such as lin_ap1_scene; default: what the file says"""
+    """colour space of the plate, such as lin_ap1_scene; default: as the file says"""
     chart: Annotated[str | None, option("NAME")] = None
     """chart to match instead of a plate, such as classic24"""
     patches: Annotated[str | None, option("REGIONS|FILE")] = None
-    """where the chart's patches are"""
+    """pixel regions of the chart's patches"""
     camera: Annotated[str | None, option("CAMERA")] = None
     """path or name; default: the stage's only one"""
     resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
-    """of the picture in which the patches are; default: 1920x1080"""
+    """size of the picture that contains the patches; default: 1920x1080"""
     prim: Annotated[tuple[str, ...], option("/PRIM")] = ()
-    """grade only this field, or those beneath this prim; may be repeated; default: all that show"""
+    """grade only this field, or those below this prim; may be repeated; default: all visible"""
     fit: Annotated[str, option("PARTS")] = "exposure,whiteBalance,matrix"
-    """what may change, commas between; default: exposure,whiteBalance,matrix"""
+    """parts of the grade to fit, separated by commas; default: exposure,whiteBalance,matrix"""
     frame: Annotated[float | None, option("FRAME")] = None
     """time code of the picture; default: the stage's first"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what draws, auto, cpu or cuda; default: auto, the fastest here"""
+    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None
-    """how many to use; default: all"""
+    """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False
-    """print one JSON object about what was found"""
+    """print one JSON object with the result"""
     opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:
-    """Fit, write the layer, print what was found."""
+    """Fit a grade, write the layer, and print the result."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.files import check_not_input, check_suffix, layer_files
@@ -114,7 +114,7 @@ def run(options: Options) -> int:
 
 
 def _check_flags(options: Options) -> None:
-    """Refuse what does not go together."""
+    """Raise an error for flags that contradict each other."""
     if (options.reference is None) == (options.chart is None):
         found = "neither --reference nor --chart" if options.chart is None else "both"
         raise UsageError("match", found, "--reference PICTURE or --chart NAME")
@@ -130,7 +130,7 @@ def _check_flags(options: Options) -> None:
 
 
 def _told(report: MatchReport) -> str:
-    """The report for people, a few lines."""
+    """Return the report as a few lines of text."""
     before, after = report.delta_e["before"], report.delta_e["after"]
     samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [

@@ -1,4 +1,4 @@
-"""The parameters of a simulation as a table, and as JSON."""
+"""Print the parameters of a simulation as a table, or return them for JSON."""
 
 from __future__ import annotations
 
@@ -13,21 +13,25 @@ from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
 from usdsplat.sim.schema_source import MULTIPLE, SIMULATION, SINGLE, spelled
 
 PLACES = {"deform": "deform:<name>", "driver": "driver:<name>"}
-"""What stands before the name of a parameter of which there may be several."""
+"""Group -> prefix of the parameters of a schema that can be applied several times."""
 COLLECTIONS = (
-    ("collection:splats:includes", "the splat fields that are simulated; none is all of the stage"),
-    ("collection:affectors:includes", "the affectors that act on them; none is all of the stage"),
+    (
+        "collection:splats:includes",
+        "the splat fields that are simulated; default: all of the stage",
+    ),
+    ("collection:affectors:includes", "the affectors that act on them; default: all of the stage"),
 )
 
 
 def rows() -> list[dict[str, Any]]:
-    """One entry for each parameter and relationship: name, group, type, default, range, unit,
-    uniform, text."""
+    """Return one entry for each parameter and relationship: name, group, type, default, range,
+    unit, uniform, text."""
     return [row for group in {**GROUPS, **INSTANCED} for row in _rows(group)]
 
 
 def show() -> None:
-    """Print the table to stdout: a line with the numbers, then what it does; by groups."""
+    """Print the table to stdout by groups: for each parameter a line with its values, then its
+    meaning."""
     width = max(min(shutil.get_terminal_size((100, 24)).columns, 120), 60)
     print(f"{'PARAMETER':<30} {'TYPE':<11} {'DEFAULT':<12} RANGE")
     for group, cls in {**GROUPS, **INSTANCED}.items():
@@ -37,13 +41,13 @@ def show() -> None:
         for row in _rows(group):
             _show(row, width)
     print(
-        "\nU: uniform, the same at all times; all others may be animated. On the stage a parameter "
-        "is the\nattribute splatSim:PARAMETER of the SplatSim prim, or of the affector."
+        "\nU: uniform, the same at all times; other parameters may be animated. On the stage, a "
+        "parameter is\nthe attribute splatSim:PARAMETER of the SplatSim prim, or of the affector."
     )
 
 
 def type_name(item: Knob) -> str:
-    """The type as a user reads it."""
+    """Return the type of a parameter as USD names it."""
     if item.usd_type is not None:
         return item.usd_type
     if item.choices is not None:
@@ -52,7 +56,7 @@ def type_name(item: Knob) -> str:
 
 
 def _rows(group: str) -> list[dict[str, Any]]:
-    """Those of a group."""
+    """Return the entries of a group."""
     lead = PLACES.get(group, group)
     found = [_row(group, lead, item) for item in knobs({**GROUPS, **INSTANCED}[group])]
     relationships = [*COLLECTIONS] if group == "sim" else []
@@ -70,7 +74,7 @@ def _rows(group: str) -> list[dict[str, Any]]:
 
 
 def _row(group: str, lead: str, item: Knob) -> dict[str, Any]:
-    """One parameter."""
+    """Return the entry of one parameter."""
     return {
         "name": f"{lead}:{camel(item.name)}",
         "group": group,
@@ -85,7 +89,7 @@ def _row(group: str, lead: str, item: Knob) -> dict[str, Any]:
 
 
 def _show(row: dict[str, Any], width: int) -> None:
-    """Its lines."""
+    """Print the lines of an entry."""
     limits = "" if row["range"] is None else f"{row['range'][0]} to {row['range'][1]}"
     numbers = " ".join(filter(None, (limits or "|".join(row["choices"] or ()), row["unit"])))
     is_rel = row["type"] == "rel"
@@ -96,14 +100,14 @@ def _show(row: dict[str, Any], width: int) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A value that JSON can hold."""
+    """Return a value that JSON can hold."""
     if isinstance(value, float) and math.isinf(value):
         return "inf" if value > 0 else "-inf"
     return int(value) if isinstance(value, float) and value == int(value) else value
 
 
 def _shown(value: Any) -> str:
-    """A default as it would be typed."""
+    """Return a default value as it is written on the command line."""
     if isinstance(value, tuple):
         return ",".join(f"{part:g}" if isinstance(part, float) else str(part) for part in value)
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Read the arguments of a command into its options, by argparse."""
+"""Parse the arguments of a command into its options, with argparse."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
 
 
 class _Mistake(Exception):
-    """Arguments that cannot be read: what was found, and what was expected."""
+    """Signal arguments that cannot be parsed, with what was found and what was expected."""
 
     def __init__(self, found: str, expected: str) -> None:
         super().__init__(found, expected)
@@ -28,7 +28,7 @@ class _Mistake(Exception):
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse's own, which leaves it to `parse` to explain a mistake."""
+    """argparse parser that raises errors, which `parse` explains."""
 
     def print_help(self, file: Any = None) -> None:
         print(self.format_help(), end="", file=file)  # argparse would swallow a closed pipe
@@ -38,7 +38,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Pair(argparse.BooleanOptionalAction):
-    """`--name` and `--no-name`, of which only one may be typed."""
+    """Action for `--name` and `--no-name`, of which only one may be given."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
         before = getattr(namespace, self.dest, None)
@@ -48,18 +48,17 @@ class _Pair(argparse.BooleanOptionalAction):
 
 
 def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -> T | int:
-    """Read `arguments` as `options`.
+    """Parse `arguments` into an instance of `options`.
 
     Args:
-        options: A dataclass; each field is an argument with the string below it for help, and a
-            field that is a dataclass itself is a group of arguments.
+        options: A dataclass. Each field is an argument, with the string below it as help; a field
+            that is itself a dataclass is a group of arguments.
         command: Name of the command.
-        text: What it does, with examples; shown before the arguments.
-        arguments: What the user typed after the command's name.
+        text: Description and examples, shown before the arguments.
+        arguments: The command line after the command's name.
 
-    Returns:
-        An instance, or the exit status when there is nothing to run: 0 after help, 2 after a
-        mistake, which was explained on stderr in a sentence.
+    An instance, or the exit status if there is nothing to run: 0 after help, 2 after an error,
+    which has been explained in one line on stderr.
     """
     known = list(arguments_of(options))
     try:
@@ -124,11 +123,12 @@ def _add(parser: Any, argument: Argument) -> None:
 
 
 def _normalized(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
-    """Return the words as argparse reads them without a guess: those that go by place first, and
-    every value joined to its flag, so that it may begin with a minus.
+    """Return the words reordered so that argparse need not guess: positional arguments come first.
+
+    Every value is joined to its flag, so that it may begin with a minus.
 
     Raises:
-        _Mistake: If a flag is without its value.
+        _Mistake: If a flag lacks its value.
     """
     flags = {name: each for each in known for name in (each.flag, each.shown.short) if name}
     plain: list[str] = []
@@ -154,7 +154,7 @@ def _normalized(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
 
 
 def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument]) -> None:
-    """Refuse words that nothing takes, what is missing, and flags that exclude each other.
+    """Raise an error for unknown, missing and mutually exclusive arguments.
 
     Raises:
         _Mistake: If there is one of these.
@@ -167,7 +167,7 @@ def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument
     if extra:
         raise _Mistake(extra[0], "nothing more")
     lacking = [each for each in known if each.is_required and not given.get(each.dest)]
-    missing = [each.flag.split()[-1] for each in lacking]  # of "[IN ...] OUT" what there must be
+    missing = [each.flag.split()[-1] for each in lacking]  # the required part of "[IN ...] OUT"
     if missing:
         raise _Mistake(f"no {' and no '.join(missing)}", "one")
     typed = [each for each in known if each.dest in given]
@@ -177,10 +177,10 @@ def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument
 
 
 def _converted(argument: Argument, value: Any) -> Any:
-    """Return a value, or several, as the field holds them.
+    """Convert a value, or several, to the type of the field.
 
     Raises:
-        _Mistake: If a text is no number.
+        _Mistake: If a value is not of this type.
     """
     if isinstance(value, bool):
         return value
@@ -194,7 +194,8 @@ def _converted(argument: Argument, value: Any) -> Any:
 
 
 def _made(options: type[T], values: dict[str, Any], owner: str = "") -> T:
-    """Make an instance of the options, its groups with it; what was not typed has its default."""
+    """Make an instance of the options with its groups. Arguments that are not given keep their
+    default."""
     hints = get_type_hints(options)
     found = {}
     for item in fields(options):  # type: ignore[arg-type]

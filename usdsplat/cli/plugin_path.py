@@ -1,15 +1,15 @@
-"""Print what usdview and other hosts need on PXR_PLUGINPATH_NAME.
+"""Print the folders that usdview and other USD applications need in PXR_PLUGINPATH_NAME.
 
 examples:
   usdsplat plugin-path
-      the folders, as the variable takes them
+      the folders in the format of the variable
   usdsplat plugin-path --export
-      lines for a shell: eval "$(usdsplat plugin-path --export)"; usdview shot.usd
+      a line for a shell: eval "$(usdsplat plugin-path --export)"; usdview shot.usd
 
 notes:
-  The first folder makes our schemas known to every USD application that starts with the variable.
-  The second adds the menu "usdsplat" to usdview. For that usdsplat must be installed in the Python
-  that usdview runs in, with its extra [view], and usdview must have been built with PySide6.
+  The first folder registers usdsplat's schemas in every USD application that starts with the
+  variable. The second adds the menu "usdsplat" to usdview. For the menu, usdsplat with its extra
+  [view] must be installed in usdview's Python, and usdview must be built with PySide6.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Options:
     """Arguments of `usdsplat plugin-path`."""
 
     export: Annotated[bool, option()] = False
-    """print the line that puts them before what the variable holds"""
+    """print a shell line that prepends the folders to the variable"""
 
 
 def run(options: Options) -> int:
-    """Print the folders, or the line."""
+    """Print the folders, or the shell line."""
     from usdsplat.preview import usdview
     from usdsplat.schema.registration import plugin_folder
 
@@ -44,7 +44,7 @@ def run(options: Options) -> int:
 
 
 def _line(folders: str) -> str:
-    """What this system's shell sets the variable by; what is there already stays, behind ours."""
+    """Return the line for this system's shell that prepends `folders` to the variable."""
     if os.name == "nt":
         return f"set {VARIABLE}={folders};%{VARIABLE}%"
     return f'export {VARIABLE}={shlex.quote(folders)}"${{{VARIABLE}:+:${VARIABLE}}}"'

@@ -1,6 +1,6 @@
-"""Flags that have been renamed, accepted for one version with a hint.
+"""Accept renamed flags for one version, with a hint.
 
-Up to 0.6 `--frame` said where x, y and z of a capture point, and `--time` was a frame.
+Up to 0.6, `--frame` was the axes of a capture, and `--time` was a frame.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def renamed(words: Sequence[str]) -> list[str]:
 
 
 def _name(flag: str, value: str) -> str:
-    """The name of a flag today."""
+    """Return the current name of a flag."""
     if flag == "--time":
         return "--frame"
     if flag == "--frame" and _AXES.fullmatch(value):

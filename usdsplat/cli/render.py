@@ -1,29 +1,29 @@
-"""Draw a stage, or a capture, to EXR or PNG.
+"""Render a stage or a capture to EXR or PNG.
 
 examples:
   usdsplat render scan.ply -o scan.png
-      a capture as a viewer shows it, seen by a camera that frames it
+      a capture as a viewer shows it, with a camera that frames it
   usdsplat render shot.usd -o shot.####.exr --frames 1001-1024 --camera /World/Cam
-      linear half EXRs that can be composited, one for each frame
+      linear half EXRs for compositing, one per frame
   usdsplat render shot.usd -o shot.exr --aovs color,Z,id,splatId --float
-      depth and ids too, in full precision
+      with depth and ids, in full precision
   usdsplat render shot.usd -o shot.####.exr --samples 64 --overscan 32
-      with motion blur and depth of field as the camera has them, and pixels around the picture
+      with the camera's motion blur and depth of field, and pixels around the picture
   usdsplat render shot.usd -o shot.exr --deep --holdout cg.exr
-      every contribution to each pixel, without what another renderer's picture hides
+      every contribution to each pixel, except those hidden by another renderer's picture
   usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://studio-config-latest
-      colours that the config's first view, there ACES 2.0, shows as they were captured
+      colours that the config's first view, here ACES 2.0, shows as they were captured
   usdsplat render shot.usd
-      everything that the stage's RenderSettings ask for, where they say
+      all products of the stage's RenderSettings
   usdsplat render shot.usd -o a.png --variant /World/Tree:season=autumn --mute proxy
 
 notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
-  Flags replace what the stage's UsdRender prims author; without a flag what they say holds.
-  Without --frames a name with #### gets the stage's whole range, any other name its first frame.
-  Of several products -o draws the first of the settings; --product picks another.
-  Without any camera one frames what is seen at the first, middle and last of the frames, and stands
-  still; a sequence that is drawn in several runs should be given a --camera.
+  Flags override the values of the stage's UsdRender prims.
+  Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
+  With several products, -o draws the first of the settings; --product selects another.
+  Without a camera on the stage, a static camera frames the first, middle and last frame. For a
+  sequence that is rendered in several runs, use --camera.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ if TYPE_CHECKING:
     from usdsplat.delegate.engine import Engine
     from usdsplat.products.request import RenderRequest
 
-AOV_HELP = f"all, or of {', '.join(AOVS)}, commas between; default: the product's, or color"
+AOV_HELP = (
+    f"all, or some of {', '.join(AOVS)}, separated by commas; default: the product's, or color"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,28 +60,28 @@ class Options:
     """Arguments of `usdsplat render`."""
 
     stage: Annotated[Path, positional("STAGE")]
-    """stage or capture to draw"""
+    """stage or capture to render"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
-    """file to write, .exr or .png, #### or %04d for the frame; default: the products' names"""
+    """file to write, .exr or .png, with #### or %04d for the frame; default: the products' names"""
     frames: Annotated[str | None, option("RANGE")] = None
-    """such as 7, 1-10, 1:10x2 or 1,5,8-12"""
+    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; default: see the notes"""
     aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None
     settings: Annotated[str | None, option("/PRIM")] = None
-    """RenderSettings to follow; default: the one the stage names, or its first"""
+    """RenderSettings prim to use; default: the one that the stage names, or its first"""
     product: Annotated[str | None, option("/PRIM")] = None
-    """draw only this RenderProduct of the settings; default: all, or with -o the first"""
+    """render only this RenderProduct of the settings; default: all, or with -o the first"""
     axes: Annotated[str | None, option("AXES")] = None
-    """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what draws, auto, cpu or cuda; default: auto, the fastest here"""
+    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None
-    """how many to use; default: all"""
+    """number of threads; default: all cores"""
     memory_limit: Annotated[str | None, option("SIZE")] = None
-    """bytes that may be taken, such as 800M or 6G; default: any"""
+    """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False
-    """leave out frames whose file exists"""
+    """skip frames whose file exists"""
     json: Annotated[bool, option()] = False
-    """print one JSON list of what was drawn"""
+    """print one JSON list of the pictures"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
@@ -89,7 +91,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Draw; print each file as it is finished."""
+    """Render the pictures, and print each file when it is finished."""
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
@@ -136,14 +138,14 @@ def run(options: Options) -> int:
                 if not options.json:
                     print(drawn.path, flush=True)
     if not report:
-        console.remark("nothing to do: every file is there already")
+        console.remark("nothing to do: every file exists already")
     if options.json:
         console.print_json([{**asdict(drawn), "path": str(drawn.path)} for drawn in report])
     return 0
 
 
 def _warn(engine: Engine) -> None:
-    """Say what is left out. A camera that is broken is an error if it is used, else nothing."""
+    """Print the engine's warnings, except those on cameras: a camera is checked when it is used."""
     cameras = tuple(f"{path}: " for path in engine.cameras())
     for warning in engine.warnings:
         if not warning.startswith(cameras):
@@ -151,7 +153,7 @@ def _warn(engine: Engine) -> None:
 
 
 def _request(options: Options) -> RenderRequest:
-    """What the flags ask for."""
+    """Return the request that the flags describe."""
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file

@@ -1,21 +1,21 @@
-"""Simulate the splats of a stage, and bake what becomes of them into a layer.
+"""Simulate the splats of a stage, and bake the result into a layer.
 
 examples:
   usdsplat simulate --preset grow scan.ply -o grow.usda
-      make a stage to start from, its parameters on prims to edit: grow, push, conform, dissolve
+      make a stage with parameters to edit; presets: grow, push, conform, dissolve
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
-      run it; bake.usda shows the result, and the capture stays as it is
+      run it; bake.usda shows the result, and the capture is not changed
   usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
-      with other values, without an edit of the stage
+      with other values, without editing the stage
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
-      go on where a bake was interrupted
+      continue an interrupted bake
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
 notes:
-  bake.usda has the stage beneath it and opens anywhere; mute its data layer to see the capture
-  again. A bake can be resumed from its last checkpoint, see bake:checkpointEvery, if nothing that
-  it was made of has changed.
+  bake.usda has the stage as a sublayer and can be opened in any USD application. Mute its data
+  layer to see the capture again. A bake can be resumed from its last checkpoint, see
+  bake:checkpointEvery, as long as its inputs have not changed.
 """
 
 from __future__ import annotations
@@ -42,29 +42,29 @@ class Options:
     """Arguments of `usdsplat simulate`."""
 
     stage: Annotated[Path | None, positional("STAGE|CAPTURE")] = None
-    """stage with a SplatSim prim to simulate; with --preset the capture to make one for"""
+    """stage with a SplatSim prim; with --preset the capture to make a stage for"""
     output: Annotated[Path | None, option("FILE", short="-o")] = None
     """layer of results to write, a .usda; with --preset the stage to make"""
     frames: Annotated[str | None, option("A:B")] = None
-    """such as 1:100; default: the stage's range"""
+    """frames such as 1:100; default: the stage's range"""
     preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
-    """make a stage that is ready to be simulated, and stop"""
+    """make a stage that is ready for simulation, and stop"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
-    """a parameter's value in place of the stage's, such as rd:preset=coral; may be repeated"""
+    """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
     """print every parameter and stop"""
     resume: Annotated[bool, option()] = False
-    """go on after the last checkpoint of the bake that is there"""
+    """continue an existing bake from its last checkpoint"""
     force: Annotated[bool, option()] = False
-    """replace a bake that is there"""
+    """replace an existing bake"""
     axes: Annotated[str | None, option("AXES")] = None
-    """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what computes, auto, cpu or cuda; default: auto, the fastest here"""
+    """device that computes, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None
-    """how many to use; default: all"""
+    """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False
-    """print one JSON object about the bake, or of the parameters"""
+    """print one JSON object about the bake, or a JSON list of the parameters"""
     stage_opening: StageOptions = field(default_factory=StageOptions)
 
 
@@ -87,7 +87,7 @@ def run(options: Options) -> int:
 
 
 def _make(options: Options, preset: str, source: Path, target: Path) -> int:
-    """Write a stage to start from."""
+    """Write a stage from a preset."""
     from usdsplat.products.presets import make_stage
 
     for flag, given in (
@@ -107,7 +107,7 @@ def _make(options: Options, preset: str, source: Path, target: Path) -> int:
 
 
 def _bake(options: Options, source: Path, target: Path) -> int:
-    """Simulate and write."""
+    """Simulate a stage and write its bake."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
     from usdsplat.kernels.compiling import compile_time, on_compile
@@ -145,14 +145,14 @@ def _bake(options: Options, source: Path, target: Path) -> int:
 
 
 def _existing(options: Options) -> Existing:
-    """Return what becomes of a bake that is there already."""
+    """Return how to treat an existing bake."""
     if options.resume:
         return "resume"
     return "replace" if options.force else "error"
 
 
 def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:
-    """The frames to simulate: one after the other, forwards."""
+    """Return the frames to simulate, which must be consecutive and ascending."""
     if options.frames is None:
         if not stage.HasAuthoredTimeCodeRange():
             raise UsageError("--frames", "none, and a stage without a range", "such as 1:100")

@@ -1,4 +1,4 @@
-"""The options that say how a stage is opened, the same for every command that opens one."""
+"""Define the options for opening a stage, shared by all commands that open one."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from usdsplat.cli.arguments import option
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageOptions:
-    """As in usdview and husk."""
+    """Options for opening a stage, with the names of usdview and husk."""
 
     variant: Annotated[tuple[str, ...], option("/PRIM:SET=NAME")] = ()
-    """choose a variant; may be repeated"""
+    """select a variant; may be repeated"""
     mute: Annotated[tuple[str, ...], option("LAYER")] = ()
-    """leave out layers whose identifier has this in it, a regular expression; may be repeated"""
+    """mute layers whose identifier contains this regular expression; may be repeated"""
     mask: Annotated[tuple[str, ...], option("/PRIM")] = ()
-    """load nothing but this prim, what is below it and what it refers to; may be repeated"""
+    """load only this prim, the prims below it and those that it refers to; may be repeated"""
     session_layer: Annotated[Path | None, option("FILE")] = None
-    """a layer of opinions stronger than the stage's own; neither is ever written to"""
+    """layer with opinions stronger than the stage's own; neither file is changed"""

@@ -1,4 +1,4 @@
-"""Open what a command is pointed at: a stage as its user wants it, or a capture as a stage."""
+"""Open the input of a command: a stage with the user's options, or a capture as a stage."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def open_stage_or_capture(
     keep: tuple[str, ...] = (),
     progress: Progress = silent,
 ) -> Usd.Stage:
-    """Open a stage as `open_stage` does, or import a capture onto a stage in memory.
+    """Open a stage, see `open_stage`, or import a capture onto a stage in memory.
 
     Args:
         path: A file that USD reads, or a capture.
-        options: As for `open_stage`; none for a capture.
-        axes: Where x, y and z of a capture point; None believes the file.
-        keep: As for `open_stage`.
-        progress: Told about reading a capture.
+        options: See `open_stage`; all defaults for a capture.
+        axes: Directions of a capture's x, y and z; None to use the file's own.
+        keep: See `open_stage`.
+        progress: Receives the progress of reading a capture.
 
     Raises:
-        UsageError: If options for stages are given for a capture or the other way around, and as
-            `open_stage` does.
+        UsageError: If options for stages are given for a capture or vice versa, and see
+            `open_stage`.
         FormatError: If a capture is not what it claims to be.
     """
     if is_usd(path):
@@ -46,10 +46,10 @@ def open_stage_or_capture(
 
 
 def check_no_stage_options(path: Path, options: StageOptions) -> None:
-    """Refuse what does nothing for a capture.
+    """Raise an error for stage options, which have no effect on a capture.
 
     Raises:
-        UsageError: If an option was given, the first of them named.
+        UsageError: If an option was given; it names the first one.
     """
     for item in fields(options):
         if getattr(options, item.name) != item.default:
@@ -58,18 +58,18 @@ def check_no_stage_options(path: Path, options: StageOptions) -> None:
 
 
 def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ()) -> Usd.Stage:
-    """Open a stage; the file, and the session layer that was given, are only read.
+    """Open a stage. The file and the given session layer are only read.
 
-    What it could not be composed of is remarked on, a sentence each.
+    A remark is printed for each composition error.
 
     Args:
         path: A file that USD reads.
-        options: What to load of it, and how.
-        keep: Paths of prims that are loaded whatever the mask is, if they exist.
+        options: Options for opening.
+        keep: Paths of prims that are loaded regardless of the mask, if they exist.
 
     Raises:
         StageError: If a layer cannot be opened, or has no prim, variant or layer of a given name.
-        UsageError: If an option cannot be understood.
+        UsageError: If an option cannot be parsed.
     """
     stage = open_as_asked(
         path,

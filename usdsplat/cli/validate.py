@@ -1,16 +1,16 @@
-"""Check the splats and simulations of a stage; each finding comes with its cure.
+"""Check the splats and simulations of a stage; each finding has a cure.
 
 examples:
   usdsplat validate shot.usd
-      every time sample of every field; exit status 1 if there are errors
+      check every time sample of every field; exit status 1 if there are errors
   usdsplat validate shot.usd --frame 12
-      one frame only, which is quicker
+      check one frame only, which is faster
   usdsplat validate shot.usd --json
   usdsplat validate shot.usd --variant /World/Tree:season=autumn --mute proxy
 
 notes:
-  An error changes or loses the picture, or cannot be simulated. A warning is what other
-  applications may trip over, or what leads nowhere.
+  An error changes or loses the picture, or prevents a simulation. A warning is about a problem in
+  other applications, or about a setting without effect.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Options:
     stage: Annotated[Path, positional("STAGE")]
     """stage to check"""
     frame: Annotated[float | None, option("FRAME")] = None
-    """check only this time code; default: every sample there is"""
+    """check only this time code; default: every sample"""
     json: Annotated[bool, option()] = False
     """print one JSON list of findings"""
     opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:
-    """Print the findings; return 1 if there are errors among them."""
+    """Print the findings. Return 1 if there are errors, otherwise 0."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.schema import validate
     from usdsplat.sim.stage.validating import validate_simulations

@@ -1,4 +1,4 @@
-"""Values of options that are more than one word or number, as people type them."""
+"""Parse values of options that are more than one word or number."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from usdsplat.products.request import MOST_PIXELS, Window
 
 
 def time_code(value: float | None) -> float | None:
-    """The value of `--frame`.
+    """Return the value of `--frame`.
 
     Raises:
-        UsageError: If it is not finite: NaN is how USD writes the default time.
+        UsageError: If it is not finite. NaN is USD's default time.
     """
     if value is not None and not math.isfinite(value):
         raise UsageError("--frame", f"{value:g}", "the number of a frame")
@@ -23,7 +23,7 @@ def time_code(value: float | None) -> float | None:
 
 
 def resolution_of(text: str | None) -> tuple[int, int] | None:
-    """The value of `--resolution`, WIDTHxHEIGHT, as two numbers.
+    """Return the value of `--resolution`, WIDTHxHEIGHT, as two numbers.
 
     Raises:
         UsageError: If it is anything else.
@@ -37,17 +37,17 @@ def resolution_of(text: str | None) -> tuple[int, int] | None:
 
 
 def names_of(text: str | None) -> tuple[str, ...] | None:
-    """A list with commas between."""
+    """Return the items of a list that is separated by commas."""
     return None if text is None else tuple(name.strip() for name in text.split(","))
 
 
 def aovs_of(text: str | None) -> tuple[str, ...] | None:
-    """The value of `--aovs`: a list with commas between, or all of them."""
+    """Return the value of `--aovs`: a list separated by commas, or "all"."""
     return tuple(AOVS) if text == "all" else names_of(text)
 
 
 def crop_of(text: str | None) -> Window | None:
-    """The value of `--crop`, x0,y0,x1,y1 in pixels, ends exclusive.
+    """Return the value of `--crop`, x0,y0,x1,y1 in pixels, ends exclusive.
 
     Raises:
         UsageError: If it is anything else, or has no area.
@@ -62,8 +62,9 @@ def crop_of(text: str | None) -> Window | None:
 
 
 def overscan_of(text: str | None) -> Window | None:
-    """The value of `--overscan`: pixels added on all sides, left and right and top and bottom, or
-    left, top, right and bottom.
+    """Return the value of `--overscan` as left, top, right and bottom [pixel].
+
+    One number is for all sides, two are for left and right and for top and bottom.
 
     Raises:
         UsageError: If it is anything else.
@@ -79,7 +80,7 @@ def overscan_of(text: str | None) -> Window | None:
 
 
 def bytes_of(text: str | None) -> int | None:
-    """The value of `--memory-limit`: bytes, or with K, M, G or T behind it 1024 of each other.
+    """Return the value of `--memory-limit` in bytes; suffixes K, M, G and T are powers of 1024.
 
     Raises:
         UsageError: If it is anything else.
@@ -94,6 +95,6 @@ def bytes_of(text: str | None) -> int | None:
 
 
 def _whole(text: str) -> tuple[int, ...]:
-    """Whole numbers with commas between; nothing if one of them is something else."""
+    """Return integers that are separated by commas; empty if one of them is not an integer."""
     parts = [part.strip() for part in text.split(",")]
     return tuple(map(int, parts)) if all(re.fullmatch(r"[-+]?\d{1,6}", p) for p in parts) else ()

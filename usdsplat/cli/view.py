@@ -1,24 +1,24 @@
-"""Look at a stage, or a capture: a window with usdview's habits, or a page in a browser.
+"""Show a stage or a capture in a window similar to usdview's, or on a page in a browser.
 
 examples:
   usdsplat view scan.ply
-      a capture, framed; drag with Alt to orbit, F frames, a click picks
+      a capture, framed; Alt-drag orbits, F frames, a click selects
   usdsplat view shot.usd --camera /World/Cam --frame 1010
-      a stage, as a camera of it sees it at a frame
+      a stage through one of its cameras, at a frame
   usdsplat view
-      an empty window to drop a file on
+      an empty window; drop a file on it
   usdsplat view grow.usda
-      with a simulation on the stage: run it, and turn its knobs while it runs
+      a stage with a simulation; parameters can be changed while it runs
   usdsplat view scan.ply --web
-      the same in a browser, for machines without Qt or a display; prints the page's address
+      in a browser, for machines without Qt or a display; prints the page's address
   usdsplat view shot.usd --web --no-open --port 8008
-      over SSH: ssh -L 8008:127.0.0.1:8008 HOST, then open the address that is printed
+      over SSH: ssh -L 8008:127.0.0.1:8008 HOST, then open the printed address
 
 notes:
-  The window needs Qt: pip install usdsplat[view]. The page needs a browser, and nothing else.
-  No file is changed: edits go to the session layer, which can be saved as a layer of its own.
-  Whoever has the address of the page can do what the page can; it holds a key that is made up anew
-  each time, and only this machine is listened to unless --allow-remote says otherwise.
+  The window needs Qt: pip install usdsplat[view]. The page needs only a browser.
+  No file is changed. Edits go to the session layer, which can be saved as a separate layer.
+  Anyone with the address of the page can use all its functions. The address contains a key that is
+  new each time, and the server listens on this machine only unless --allow-remote is given.
 """
 
 from __future__ import annotations
@@ -44,25 +44,25 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-"""Any of these tells Qt on Linux where to show a window."""
+"""Environment variables of which Qt on Linux needs at least one to show a window."""
 INTERRUPTED = 130
-"""What shells return after Ctrl-C."""
+"""Exit status of shells after Ctrl-C."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WebOptions:
-    """For a browser instead of a window."""
+    """Options of the page in a browser."""
 
     web: Annotated[bool, option()] = False
-    """serve a page rather than open a window"""
+    """serve a page instead of opening a window"""
     host: Annotated[str, option("ADDRESS")] = LOOPBACK
-    """to listen on; default: 127.0.0.1, this machine alone"""
+    """address to listen on; default: 127.0.0.1, this machine only"""
     port: Annotated[int, option("N")] = 0
-    """to listen on; default: any that is free"""
+    """port to listen on; default: any free port"""
     no_open: Annotated[bool, option()] = False
-    """only print the address, and open no browser"""
+    """print the address without opening a browser"""
     allow_remote: Annotated[bool, option()] = False
-    """let --host be one that other machines reach, unencrypted; an SSH tunnel is the better way"""
+    """allow a --host that other machines can reach, without encryption; prefer an SSH tunnel"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,23 +70,23 @@ class Options:
     """Arguments of `usdsplat view`."""
 
     file: Annotated[Path | None, positional("[STAGE|CAPTURE]")] = None
-    """stage or capture to look at; default: none yet, drop one on the window"""
+    """stage or capture to show; default: an empty window"""
     camera: Annotated[str | None, option("/PRIM")] = None
-    """camera to begin with; default: one that frames everything"""
+    """first camera; default: one that frames everything"""
     frame: Annotated[float | None, option("FRAME")] = None
-    """time code to begin at; default: the first of the stage's range"""
+    """first time code; default: the start of the stage's range"""
     axes: Annotated[str | None, option("AXES")] = None
-    """of a capture: where its x, y and z point, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
     device: Annotated[str, option("NAME")] = "auto"
-    """what draws, auto, cpu or cuda; default: auto, the fastest here"""
+    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None
-    """how many to use; default: all"""
+    """number of threads; default: all cores"""
     browser: WebOptions = field(default_factory=WebOptions)
     opening: StageOptions = field(default_factory=StageOptions)
 
 
 def run(options: Options) -> int:
-    """Show it until the window is closed, or Ctrl-C."""
+    """Show the file until the window is closed, or until Ctrl-C."""
     time_code(options.frame)
     _check_web(options)
     path = options.file
@@ -107,7 +107,8 @@ def run(options: Options) -> int:
 
 
 def _opener(path: Path, options: Options) -> Callable[..., Document]:
-    """What opens the file, told by `publish` where news go; in the thread that has the stage."""
+    """Return a function that opens the file. It is called in the thread of the stage, with
+    `publish` as the receiver of news."""
     from usdsplat.preview.opening import StageLoading, open_document
 
     opening = options.opening
@@ -127,14 +128,14 @@ def _opener(path: Path, options: Options) -> Callable[..., Document]:
 
 
 def _serve(open_document: Callable[..., Document], options: Options) -> int:
-    """Serve until Ctrl-C."""
+    """Serve the page until Ctrl-C."""
     from usdsplat.preview.session import Session
     from usdsplat.preview.web.server import serve
 
     web = options.browser
 
     session = Session(lambda publish: open_document(publish=publish))
-    folder = tempfile.TemporaryDirectory(prefix="usdsplat-")  # nobody else may look into it
+    folder = tempfile.TemporaryDirectory(prefix="usdsplat-")  # only the user can read it
 
     def ready(url: str) -> None:
         print(url, flush=True)
@@ -164,9 +165,9 @@ def _serve(open_document: Callable[..., Document], options: Options) -> int:
 
 
 def _way_to(url: str, folder: Path) -> Path:
-    """A file that leads a browser to an address, for other users can read what it is started with.
+    """Write a file that redirects a browser to an address, and return its path.
 
-    Only who started this can read the file, which is gone in the end.
+    Other users can read the browser's command line, but not this file. It is removed at the end.
     """
     path = folder / "open.html"
     address = escape(url, quote=True)
@@ -180,7 +181,7 @@ def _way_to(url: str, folder: Path) -> Path:
 
 
 def _check_web(options: Options) -> None:
-    """Refuse what belongs to the page where there is none, and a page of nothing."""
+    """Raise an error for page options without --web, and for --web without a file."""
     from usdsplat.preview.web.guard import is_loopback
 
     web = options.browser
@@ -201,11 +202,11 @@ def _check_web(options: Options) -> None:
     }
     for flag, is_given in given.items():
         if is_given:
-            raise UsageError(flag, "no --web", "it, for there is nothing to listen otherwise")
+            raise UsageError(flag, "no --web", "--web, because only the page has an address")
 
 
 def _check_file(path: Path, options: Options) -> None:
-    """Refuse what is no stage and no capture, before a window is open and empty."""
+    """Raise an error for a file that is neither a stage nor a capture, before a window opens."""
     from usdsplat import formats
     from usdsplat.cli.stages import check_no_stage_options
     from usdsplat.interchange.files import SUFFIXES, is_usd
@@ -227,9 +228,9 @@ def _check_file(path: Path, options: Options) -> None:
 
 
 def _check_window() -> None:
-    """Refuse where no window can be shown; each sentence names the page as a way out."""
+    """Raise an error if no window can be shown. Each message suggests the page instead."""
     try:
-        import PySide6.QtWidgets  # noqa: F401 - whether it loads
+        import PySide6.QtWidgets  # noqa: F401 - checks that it can be loaded
     except ModuleNotFoundError:
         expected = "'pip install usdsplat[view]', or --web for a page in a browser"
         raise BackendError("window", "no PySide6", expected) from None

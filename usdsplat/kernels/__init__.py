@@ -1,10 +1,10 @@
-"""Numba kernels: arrays in, arrays out. They never allocate a result, raise, log or know USD.
+"""Numba kernels, which read and write arrays. They do not allocate results, raise errors, log or
+use USD.
 
 Each module is one stage of a frame: first the mathematics of one splat (scalars only, compiled for
-whichever target calls it), then the loops that walk arrays. `device` is the only door to them.
+each target that calls it), then the loops over arrays. Kernels are run only through `device`.
 
     project -> radiance -> sort -> bins -> blend -> median -> recolor
 
-`reference` is the same picture in plain float64 NumPy, slow and readable, for tests to compare
-with.
+`reference` computes the same picture in plain float64 NumPy, slow and readable, for tests.
 """

@@ -45,7 +45,7 @@ def tasks(device: str, capability: Capability | None = None) -> list[Task]:
 
     Args:
         device: "cpu" or "cuda".
-        capability: Of the GPU, such as (9, 0).
+        capability: Compute capability of the GPU, such as (9, 0).
     """
     named = signatures.table(device)
     if device == "cuda" and capability == support.capability():
@@ -54,12 +54,12 @@ def tasks(device: str, capability: Capability | None = None) -> list[Task]:
 
 
 def note(device: str, capability: Capability | None) -> None:
-    """Store that all tasks of a device are done."""
+    """Record in the store that all tasks of a device are compiled."""
     store.save(_note(device, capability), b"")
 
 
 def is_noted(device: str, capability: Capability | None) -> bool:
-    """Return whether all tasks of a device were done with the present sources and versions.
+    """Return whether all tasks of a device are compiled with the present sources and versions.
 
     It takes a few milliseconds and does not import Numba.
     """
@@ -93,16 +93,16 @@ def compile_task(task: Task) -> None:
 def compile_all(
     tasks: Sequence[Task], *, jobs: int | None = None, progress: Progress = silent
 ) -> list[tuple[Task, str]]:
-    """Compile in several processes.
+    """Compile tasks in several processes.
 
     Args:
-        jobs: How many; None for one for each core.
+        jobs: Number of processes; None for one per core.
 
     Returns:
         The tasks that failed or could not be stored, each with one line that says why.
 
     Raises:
-        BackendError: If one of the processes is killed, as by a system without memory.
+        BackendError: If one of the processes is killed, for example for lack of memory.
     """
     failed, done = [], 0
     for device in ("cpu", "cuda"):
@@ -129,12 +129,12 @@ def compile_all(
 def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) -> Iterator[None]:
     """Compile CPU kernels in other processes while the context lasts.
 
-    A launch of one of them waits until it is compiled. What is not compiled at the end is dropped.
-    If the store cannot be written, nothing is started.
+    A launch of one of them waits until it is compiled. Kernels that are not compiled at the end are
+    dropped. If the store cannot be written, nothing is started.
 
     Args:
         kernels: (kernel, argument types), in the order in which they will be needed.
-        jobs: How many processes; None for one for each core.
+        jobs: Number of processes; None for one per core.
     """
     from usdsplat.kernels import jit
 
@@ -222,7 +222,7 @@ def _problem_of(task: Task) -> str:
 
 
 def _cpu_form(name: str, types: str) -> tuple[Any, tuple[Any, ...]]:
-    """Return what Numba compiles for the CPU, and its argument types."""
+    """Return the function that Numba compiles for the CPU, and its argument types."""
     from usdsplat.kernels.launch import Kernel, flattened
 
     found, form = _host_kernel(name), signatures.decode(types)

@@ -1,7 +1,7 @@
-"""A batch of a tile's list: fetched before any of it is drawn, and laid out for 16 lanes.
+"""Load a batch of a tile's list before it is drawn, in a layout for 16 lanes.
 
-Fetching many splats hides the latency of memory, and the square roots of their spans are taken 16
-at a time.
+Loading many splats at once hides memory latency. The square roots of their spans are computed 16 at
+a time.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
 from .ray_hit import CENTER, REACH
 
 LOOK = 32
-"""Splats of a batch, and so between two looks at which rows of a tile are saturated."""
+"""Splats per batch. Saturated rows of a tile are detected once per batch."""
 FIELDS = 7
-"""Rows of LOOK floats: u v a b c ln(opacity) half-height, exponents shrunk; (u, v) is relative to
-the tile. Paint comes behind them."""
+"""Rows of LOOK floats: u v a b c ln(opacity) half-height, with exponents divided by 8. (u, v) is
+relative to the tile. Paint follows them."""
 
 SQUARINGS = 3
 SHRINK = np.float32(1.0 / (1 << SQUARINGS))
-"""Exponents are divided by 8, where a short polynomial is exact enough, and powers squared back."""
+"""Factor on exponents: 1/8. A short polynomial is accurate enough there, and the result is squared
+three times."""
 LEAST = LOG_CUTOFF * SHRINK
-"""The shrunk exponent under which a contribution does not count."""
+"""Scaled exponent below which a contribution is cut off."""
 
 
 # --- 1. mathematics: 16 splats ----------------------------------------------------------
@@ -59,7 +60,7 @@ def _touched_rows(batch, rows):
 
 @scalar
 def load_batch(records, lists, first, count, left, top, batch, rows):
-    """Fetch `count` splats of a list and find the rows of this tile that each touches.
+    """Load `count` splats of a list, and find the rows of this tile that each touches.
 
     Args:
         batch: Receives FIELDS rows of LOOK floats.
@@ -79,7 +80,7 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
 
 @scalar
 def load_paints(paints, column, lists, first, count, batch):
-    """Fetch the paint of `count` splats of a list, beside what `load_batch` fetches."""
+    """Load the paint of `count` splats of a list into the batch of `load_batch`."""
     for i in range(count):
         k = lists[first + i]
         batch[7 * LOOK + i] = paints[k, column]
@@ -89,9 +90,9 @@ def load_paints(paints, column, lists, first, count, batch):
 
 @scalar
 def lay_row(batch, rows, y, slopes):
-    """Lay a batch out along row y of a tile: which splats touch it, bit by bit.
+    """Prepare a batch for row y of a tile: return a mask of the splats that touch it.
 
-    `slopes` receives the linear and the constant part of each splat's exponent there.
+    `slopes` receives the linear and the constant part of each splat's exponent in the row.
     """
     touched = np.uint64(0)
     for i in range(0, LOOK, TILE):
@@ -107,7 +108,7 @@ def lay_row(batch, rows, y, slopes):
 
 @scalar
 def load_stops(stops, top, left, g, stop):
-    """Copy the depths of surfaces in a tile, +inf outside the band; returns (least, most)."""
+    """Copy the depths of surfaces in a tile, +inf outside the band. Return (minimum, maximum)."""
     least, most = np.float32(np.inf), np.float32(-np.inf)
     for y in range(TILE):
         for x in range(TILE):
@@ -121,7 +122,8 @@ def load_stops(stops, top, left, g, stop):
 
 @scalar
 def behind_surfaces(ray_hits, lists, first, count, least, most):
-    """Return masks of a batch: rays hit the splat behind all surfaces of the tile; behind some."""
+    """Return two masks of a batch: splats with ray hits behind all surfaces of the tile, and behind
+    some."""
     hidden, mixed = np.uint64(0), np.uint64(0)
     for i in range(count):
         k = np.uint64(lists[first + i])
@@ -135,7 +137,7 @@ def behind_surfaces(ray_hits, lists, first, count, least, most):
 
 @scalar
 def look(state, row_floats, live):
-    """Mark rows with a pixel that goes on; returns how many there are."""
+    """Mark the rows with a pixel that is not saturated. Return their number."""
     rows = 0
     for y in range(TILE):
         through = load(state, np.uint64(y * row_floats))

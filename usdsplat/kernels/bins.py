@@ -1,10 +1,11 @@
-"""Which splats touch which tile: exact spans of an ellipse over rows of tiles.
+"""Bin splats to tiles: exact spans of an ellipse over rows of tiles.
 
-For each row of tiles a splat crosses, the stretch of columns it touches there follows in closed
-form from the ellipse at which a contribution falls under 1/255; no tile is tested one by one. Such
-crossings are scattered over the rows of tiles, and those of a row over its tiles, each by stable
-counting over the depth order, so every tile's list is in that order. (Scattering over all tiles at
-once takes twice as long: there are more tiles than lines in the fastest cache.)
+For each row of tiles that a splat crosses, the range of columns that it touches follows in closed
+form from the ellipse at which a contribution falls under 1/255. No tile is tested individually.
+These crossings are distributed to the rows of tiles, and those of a row to its tiles, each by a
+stable counting sort of the depth order. Every tile's list is therefore in depth order. (Direct
+distribution to all tiles takes twice as long: there are more tiles than lines in the fastest
+cache.)
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ CHUNK = 8
 """Loop items that a thread takes at a time, see `device`."""
 
 MOST_PAIRS = np.iinfo(np.int32).max
-"""Of a tile and what touches it, that one band may have."""
+"""Maximum number of pairs of a tile and a splat or triangle in one band."""
 
 SLACK = np.float32(1.0 / 64.0)
-"""[pixel] Added to every span: float32 may not lose a pixel that the cutoff itself would keep."""
+"""Margin of every span [pixel], so that float32 rounding loses no pixel above the cutoff."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -39,11 +40,12 @@ SLACK = np.float32(1.0 / 64.0)
 
 @scalar
 def span(a, b, c, reach, half, low, high):
-    """Extent along one axis of the ellipse a x² + b x y + c y² >= −reach/2, over y in [low, high].
+    """Return the extent along one axis of the ellipse a x² + b x y + c y² >= −reach/2, for y in
+    [low, high].
 
-    `half` is the ellipse's half extent in x. Returns (lowest, highest) x relative to the centre;
-    highest is −inf when nothing lies in the strip. Swap a and c for the other axis. Both sides of
-    every choice are computed: a loop of this is vectorised, and nothing is mispredicted.
+    `half` is the ellipse's half extent in x. Return (lowest, highest) x relative to the centre;
+    highest is −inf if no point lies in the strip. Swap a and c for the other axis. Both branches of
+    every choice are computed, so that loops can be vectorised and nothing is mispredicted.
     """
     zero, two = np.float32(0), np.float32(2)
     inverse = np.float32(0.5) / a
@@ -65,7 +67,7 @@ def span(a, b, c, reach, half, low, high):
 
 @scalar
 def spans(a, b, c, reach, half, low, high):
-    """`span` of 16 splats."""
+    """Return `span` of 16 splats."""
     zero, two, none = np.float32(0), np.float32(2), np.float32(-np.inf)
     inverse = np.float32(0.5) / a
     tip = -b * half / (two * c)
@@ -82,7 +84,7 @@ def spans(a, b, c, reach, half, low, high):
 
 @scalar
 def tiles_between(lowest, highest, origin, first, end):
-    """First and one past the last tile with a pixel in [lowest, highest]; all in pixels.
+    """Return the first tile, and one past the last, with a pixel in [lowest, highest] [pixel].
 
     `origin` is the edge of tile 0, and pixels first..end-1 exist. int() cuts towards zero: of
     x >= 0 it is the floor, and of x + 1 − slack the ceiling of x − slack.
@@ -98,14 +100,15 @@ def tiles_between(lowest, highest, origin, first, end):
 
 @scalar
 def tile_rows(record, grid):
-    """First and one past the last row of tiles that the splat may touch."""
+    """Return the first row of tiles, and one past the last, that the splat may touch."""
     v, half = record[V], record[HALF_HEIGHT]
     return tiles_between(v - half, v + half, grid.top, grid.y0, grid.y1)
 
 
 @scalar
 def tile_columns(record, row, grid):
-    """First and one past the last column of tiles that the splat touches in tile row `row`."""
+    """Return the first column of tiles, and one past the last, that the splat touches in tile row
+    `row`."""
     y = np.float32(grid.top + row * TILE) - record[V]
     reach = np.float32(2) * (record[LOG_OPACITY] - LOG_CUTOFF)
     lowest, highest = span(
@@ -120,20 +123,21 @@ GRID = np.dtype(
         ("x0", "i4"), ("y0", "i4"), ("x1", "i4"), ("y1", "i4"),
         ("left", "i4"), ("top", "i4"), ("columns", "i4"), ("rows", "i4"),
     ],
-    align=True,  # else a GPU reads it byte by byte
+    align=True,  # otherwise a GPU reads it byte by byte
 )  # fmt: skip
-"""A band of the data window [pixel], end exclusive; where its first tile begins; its tiles."""
+"""A band of the data window [pixel], end exclusive; the edge of its first tile; its numbers of
+tiles."""
 
 
 def grid_of(x0: int, y0: int, x1: int, y1: int) -> npt.NDArray[Any]:
-    """The GRID record of a band, shape (1,)."""
+    """Return the GRID record of a band, shape (1,)."""
     left, top = x0 // TILE * TILE, y0 // TILE * TILE
     columns, rows = -(-(x1 - left) // TILE), -(-(y1 - top) // TILE)
     return np.array([(x0, y0, x1, y1, left, top, columns, rows)], GRID)
 
 
 def tiles_in(grid: npt.NDArray[Any]) -> int:
-    """How many tiles a GRID record has."""
+    """Return the number of tiles of a GRID record."""
     return int(grid["columns"][0] * grid["rows"][0])
 
 
@@ -142,7 +146,7 @@ def tiles_in(grid: npt.NDArray[Any]) -> int:
 
 @serial
 def offsets(counts, starts):
-    """Turn counts into the place where each chunk writes; returns the number of all pairs.
+    """Convert counts to the offsets at which each chunk writes. Return the number of all pairs.
 
     Args:
         counts: Shape (chunks, tiles + 1) i32; becomes places in the lists (all pairs < 2**31).
@@ -165,7 +169,7 @@ def offsets(counts, starts):
 
 @parallel
 def count_rows(records, grid, counts):
-    """counts[t, y] = splats of chunk t that may touch row y of tiles.
+    """Set counts[t, y] to the number of splats of chunk t that may touch row y of tiles.
 
     Args:
         records: Depth-ordered splats, shape (n, RECORD).
@@ -192,11 +196,11 @@ def count_rows(records, grid, counts):
 
 @serial
 def row_places(counts, ends):
-    """Turn counts into the place where each chunk writes its spans of each row of tiles.
+    """Convert counts to the offsets at which each chunk writes its spans of each row of tiles.
 
     Args:
-        counts: What `count_rows` made; becomes places.
-        ends: Receives the end of each row's places, shape (rows,) i64.
+        counts: Result of `count_rows`; becomes offsets.
+        ends: Receives the end of each row's spans, shape (rows,) i64.
     """
     place = 0
     for y in range(ends.shape[0]):
@@ -210,7 +214,7 @@ def row_places(counts, ends):
 
 @scalar
 def _column_spans(fields, g):
-    """Turn the numbers of 16 crossings into the first column of tiles and one past the last."""
+    """Convert the values of 16 crossings to the first column of tiles, and one past the last."""
     one, tile = np.float32(1), np.float32(TILE)
     u, y = load(fields, np.uint64(0)), load(fields, np.uint64(TILE))
     a, b = load(fields, np.uint64(2 * TILE)), load(fields, np.uint64(3 * TILE))
@@ -232,7 +236,7 @@ def find_spans(records, grid, counts, crossings):
     """Find the columns of tiles that each splat touches in each row of tiles that it crosses.
 
     Args:
-        counts: What `row_places` made; changed.
+        counts: Result of `row_places`; changed.
         crossings: Receives, row after row of tiles and in depth order there, the splat and both
             ends of its columns: shape (places, 2) i32, first | end << 16.
     """
@@ -248,7 +252,7 @@ def find_spans(records, grid, counts, crossings):
             if k < last:
                 v, half = records[k, V], records[k, HALF_HEIGHT]
                 first, end = tiles_between(v - half, v + half, g.top, g.y0, g.y1)
-            # once more at the end, for what waits
+            # once more at the end, for the rest
             for y in range(first, end if k < last else np.int32(1)):
                 if k < last:
                     j = np.uint64(waiting)
@@ -277,14 +281,13 @@ def find_spans(records, grid, counts, crossings):
 
 @parallel
 def count_columns(crossings, ends, columns, counts):
-    """counts[tile] = splats that touch the tile.
+    """Set counts[tile] to the number of splats that touch the tile.
 
-    Only the ends of each span are marked, +1 and -1; a running sum along the row makes counts of
-    them.
+    Only the ends of each span are marked, +1 and -1. A running sum along the row yields the counts.
 
     Args:
-        crossings, ends: What `find_spans` and `row_places` made.
-        columns: Of tiles.
+        crossings, ends: Results of `find_spans` and `row_places`.
+        columns: Number of columns of tiles.
         counts: Shape (rows, columns + 1) i32; the last column is scratch.
     """
     for item in prange(ends.shape[0] * CHUNK):
@@ -308,7 +311,7 @@ def fill_tiles(crossings, ends, starts, counts, lists):
     """Write each tile's list of splats (rows of the records, i32) in depth order.
 
     Args:
-        crossings, ends: As `count_columns` has them.
+        crossings, ends: See `count_columns`.
         starts: First pair of each tile, shape (tiles + 1,) i64.
         counts: Scratch, shape (rows, columns + 1) i32.
     """
@@ -329,7 +332,8 @@ def fill_tiles(crossings, ends, starts, counts, lists):
 
 @serial
 def tile_starts(counts, starts):
-    """starts[tile] = pairs of all tiles before, shape (tiles + 1,) i64; returns all there are."""
+    """Set starts[tile] to the pairs of all tiles before it, shape (tiles + 1,). Return the number
+    of all pairs."""
     columns = counts.shape[1] - 1
     starts[0] = 0
     for tile in range(starts.shape[0] - 1):
@@ -344,9 +348,9 @@ def tile_lists(records, grid, tiles, chunks, get):
     Args:
         records: Depth-ordered splats, shape (n, RECORD).
         grid: One GRID record, shape (1,).
-        tiles: How many the grid has.
-        chunks: Pieces of the order; any number gives the same lists.
-        get: Makes buffers by name, shape and dtype.
+        tiles: Number of tiles of the grid.
+        chunks: Number of chunks of the depth order; any number gives the same lists.
+        get: Returns buffers by name, shape and dtype.
 
     Returns:
         (starts, lists, pairs): the first pair of each tile, shape (tiles + 1,) i64, rows of

@@ -1,16 +1,15 @@
 """Blend each tile's list front to back: colour and coverage.
 
-Lists are taken in batches, and within a batch row after row of the tile: 16 pixels and four
-numbers of each - transmittance, red, green and blue - stay in four registers (see `lanes`) while
-all splats of the batch that touch the row go by, found by the bits of a mask. A pixel that has
-ended keeps its transmittance with the sign turned: it neither changes again nor decays into
-denormals.
+Lists are processed in batches, and within a batch by rows of the tile. Transmittance, red, green
+and blue of 16 pixels stay in four registers (see `lanes`) for all splats of the batch that touch
+the row, which are found by a bit mask. A saturated pixel keeps its transmittance with the sign
+inverted: it neither changes again nor decays into denormals.
 
-Where surfaces are, each splat is compared with them pixel by pixel, at the depth where the
-pixel's own ray hits it; what lies behind is skipped, and the pixel goes on, because a list in the
-order of centres is not in the order of those depths.
+If there are surfaces, each splat is compared with them pixel by pixel, at its ray hit. Splats
+behind them are skipped and the pixel continues, because a list in the order of centres is not in
+the order of ray hits.
 
-What is blended is colour, or any other three numbers of a splat: its paint.
+The blended paint is colour, or any other three numbers of a splat.
 
 Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
 """
@@ -57,9 +56,9 @@ CHANNELS = 4
 ROW = CHANNELS * TILE
 """Floats of one row of a tile's state."""
 END = np.float32(1e-4)
-"""A pixel ends before the splat that would take its transmittance under this."""
+"""A pixel is saturated before the splat that would bring its transmittance under this value."""
 MOST = np.float32(math.log(0.999)) * SHRINK
-"""The shrunk exponent of the largest contribution of one splat at one pixel."""
+"""Scaled exponent of the largest contribution of one splat at one pixel."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -67,10 +66,10 @@ MOST = np.float32(math.log(0.999)) * SHRINK
 
 @scalar
 def exponential(z):
-    """e**(8 z) for z in [LEAST, 0], 2e-6 relative.
+    """Return e**(8 z) for z in [LEAST, 0], relative error 2e-6.
 
-    Of float32 or lanes. Below that range it is wrong but never NaN. Coefficients: least relative
-    maximum of a polynomial of degree 5 that is 1 at 0.
+    z is float32 or lanes. Below the range the result is wrong but never NaN. Coefficients: minimax
+    of the relative error for a polynomial of degree 5 that is 1 at 0.
     """
     w = np.float32(0.0398810700) + z * np.float32(0.00590597)
     w = np.float32(0.4999036) + z * (np.float32(0.1660462) + z * w)
@@ -82,9 +81,9 @@ def exponential(z):
 
 @scalar
 def alpha_at(dx, a, slope, rest):
-    """Contribution of a splat at offset dx along a row, 0 where it is under 1/255.
+    """Return the contribution of a splat at offset dx along a row, 0 if it is under 1/255.
 
-    a dx² + slope dx + rest is the shrunk exponent, the logarithm of opacity included.
+    a dx² + slope dx + rest is the scaled exponent, with the logarithm of opacity included.
     """
     e = (a * dx + slope) * dx + rest
     e = e if e < MOST else MOST
@@ -94,14 +93,15 @@ def alpha_at(dx, a, slope, rest):
 
 @scalar
 def alphas_at(dx, a, slope, rest):
-    """`alpha_at` of 16 pixels."""
+    """Return `alpha_at` of 16 pixels."""
     e = lower(fused(fused(dx, a, slope), dx, rest), MOST)
     return choose(e >= LEAST, exponential(e), np.float32(0))
 
 
 @scalar
 def pass_through(through, alpha):
-    """Transmittance of 16 pixels behind a contribution, and what that one weighs in each."""
+    """Return the transmittance of 16 pixels behind a contribution, and the weight of the
+    contribution."""
     remains = fused(-alpha, through, through)
     goes_on = remains >= END
     weight = choose(goes_on, alpha * through, np.float32(0))
@@ -110,13 +110,13 @@ def pass_through(through, alpha):
 
 @scalar
 def is_alive(through):
-    """1 if any of 16 pixels goes on, else 0."""
+    """Return 1 if any of 16 pixels is not saturated, else 0."""
     return 1 if bits(through > np.float32(0)) != np.uint64(0) else 0
 
 
 @exact
 def ray_hits_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
-    """`peak_at` of 16 pixels."""
+    """Return `ray_hit.ray_hit_at` of 16 pixels."""
     one = np.float32(1)
     a, b = first + gx * dx, second + gy * dx
     along = a * a + b * b + third * third
@@ -127,8 +127,8 @@ def ray_hits_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
 
 @scalar
 def rows_touched(a, b, c, log_opacity, half_height, u, v):
-    """First and one past the last row of a tile that a splat touches; (u, v) relative to the
-    tile."""
+    """Return the first row of a tile, and one past the last, that a splat touches; (u, v) is
+    relative to the tile."""
     one, most = np.float32(1), np.float32(TILE - 1)
     reach = np.float32(2) * (log_opacity - LEAST)
     lowest, highest = span(c, b, a, reach, half_height, -u - SLACK, most - u + SLACK)
@@ -168,9 +168,9 @@ def _store(state, image, top, left, y0, y1, x0, x1):
 
 @routine
 def blend_row(state, batch, slopes, touched):
-    """Blend the splats of a batch that touch a row of a tile into its state; 1 if it goes on.
+    """Blend the splats of a batch that touch a row of a tile. Return 1 if the row is not saturated.
 
-    All are places: of the row's state, and of what `load_splats` and `lay_row` made.
+    The arguments are places: of the row's state, and of the results of `load_batch` and `lay_row`.
     """
     apart()
     xs, one = ramp(), np.uint64(1)
@@ -199,12 +199,12 @@ def blend(records, paints, column, starts, lists, grid, ray_hits, stops, is_para
     """Blend all tiles of a band.
 
     Args:
-        records, starts, lists, grid: What `bins` made.
+        records, starts, lists, grid: Results of `project` and `bins`.
         paints: Three numbers of each splat from column `column` on; shape (n, >= column + 3) f32.
         ray_hits: Of the records, shape (n, RAY_HIT) f32; read only where there are surfaces.
         stops: Planar depth of surfaces, +inf where there is none, shape (y1 - y0, x1 - x0) f32; or
             of no size when there are none at all.
-        is_parallel: Whether rays are: the camera is orthographic.
+        is_parallel: Whether all rays are parallel, as for an orthographic camera.
         image: Receives premultiplied paint and coverage of the band, shape
             (y1 - y0, (x1 - x0) * 4) f32.
         work: Receives the rows of 16 pixels blended in each tile, shape (tiles,) i64.

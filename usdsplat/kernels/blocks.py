@@ -1,8 +1,8 @@
-"""Blocks of splats that a view cannot see: bounds of each block, and the test against a view.
+"""Cull blocks of splats: bounds of each block, and the test against a view.
 
-A splat is seen only if its centre lies between the clipping planes and its ellipse touches the data
-window. Both are bounded for a whole block by the box of its centres and the largest reach of its
-splats, so that nothing that `project` would keep is ever left out.
+A splat is visible only if its centre lies between the clipping planes and its ellipse touches the
+data window. For a whole block, both are bounded by the box of its centres and the largest reach of
+its splats. No splat that `project` would keep is culled.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from .launch import kernel
 from .project import BLOCK, LOG_CUTOFF, ORTHOGRAPHIC
 
 BOX = 8
-"""Floats of a block: centre x y z | half extent x y z | largest reach: deviation times how many of
-them count | most deviations that count."""
+"""Floats of a block: centre x y z | half extent x y z | largest reach: standard deviation times the
+number of deviations above the cutoff | largest number of deviations."""
 
 SLACK = 1e-5
-"""Relative, for rounding."""
+"""Relative margin for rounding."""
 
 
 # --- 1. mathematics: one block ---------------------------------------------------------
@@ -28,8 +28,8 @@ SLACK = 1e-5
 
 @scalar
 def lowest(m, box, gx, gy, gz):
-    """Least of gx x + gy y + gz z over a box, in camera space without its origin, and the sum of
-    all magnitudes, for rounding."""
+    """Return the minimum of gx x + gy y + gz z over a box, in camera space without its origin, and
+    the sum of all magnitudes, for rounding."""
     a = gx * m[0, 0] + gy * m[1, 0] + gz * m[2, 0]
     b = gx * m[0, 1] + gy * m[1, 1] + gz * m[2, 1]
     c = gx * m[0, 2] + gy * m[1, 2] + gz * m[2, 2]
@@ -42,7 +42,7 @@ def lowest(m, box, gx, gy, gz):
 
 @scalar
 def is_outside(cam, m, box):
-    """Whether no splat of the block can touch the data window.
+    """Return whether no splat of the block can touch the data window.
 
     Along the screen's x a splat reaches at most `deviations` times sqrt(|J M|² σ² + low-pass), and
     |J| is at most f / z times sqrt(1 + t²) with t the bound at which the affine map is taken. Times
@@ -83,7 +83,7 @@ def boxes(block, positions, scales, opacities, out):
 
     Args:
         positions, scales, opacities: A SplatCloud's arrays, n rows.
-        out: Receives (blocks, BOX) f32. A block with a centre that is not finite has no bound.
+        out: Receives (blocks, BOX) f32. A block with a centre that is not finite is not bounded.
     """
     n = positions.shape[0]
     first, end = block * BLOCK, min(n, (block + 1) * BLOCK)
@@ -112,9 +112,9 @@ def cull(instance, block, camera, matrices, boxes, closed):
     """Find the blocks that a view cannot see.
 
     Args:
-        camera, matrices: As `project.project` takes them, m instances.
-        boxes: What `boxes` made.
-        closed: Receives 1 for each block of each instance that is not seen, (m * blocks,) u8.
+        camera, matrices: See `project.project`, m instances.
+        boxes: Result of `boxes`.
+        closed: Receives 1 for each block of each instance that is culled, (m * blocks,) u8.
     """
     is_closed = is_outside(camera[0], matrices[instance], boxes[block])
     closed[instance * boxes.shape[0] + block] = is_closed

@@ -1,4 +1,4 @@
-"""Colour spaces in numbers: decode a transfer function, apply a matrix, encode another one.
+"""Convert between colour spaces: decode a transfer function, apply a matrix, encode another one.
 
 A conversion is 13 float32 numbers: source gamma, source linear bias, the 3x3 matrix from
 source-linear to target-linear in row order, target gamma, target linear bias. The curve of gamma g
@@ -20,7 +20,7 @@ from .jit import scalar
 
 @scalar
 def straight(gamma, bias):
-    """Where the straight line ends [encoded], and its slope to linear light."""
+    """Return the end of the linear segment [encoded], and its slope to linear light."""
     one = np.float32(1)
     slope = (gamma / (one + bias)) ** gamma * (bias / (gamma - one)) ** (gamma - one)
     return bias / (gamma - one), slope
@@ -28,7 +28,7 @@ def straight(gamma, bias):
 
 @scalar
 def decode(x, gamma, bias):
-    """Encoded to linear light."""
+    """Convert an encoded value to linear light."""
     one = np.float32(1)
     if gamma == one:
         return x
@@ -43,7 +43,7 @@ def decode(x, gamma, bias):
 
 @scalar
 def encode(x, gamma, bias):
-    """Linear light to encoded."""
+    """Convert linear light to an encoded value."""
     one = np.float32(1)
     if gamma == one:
         return x
@@ -58,7 +58,7 @@ def encode(x, gamma, bias):
 
 @scalar
 def convert(r, g, b, c):
-    """One colour through conversion `c`."""
+    """Convert one colour by conversion `c`."""
     r, g, b = decode(r, c[0], c[1]), decode(g, c[0], c[1]), decode(b, c[0], c[1])
     x = c[2] * r + c[3] * g + c[4] * b
     y = c[5] * r + c[6] * g + c[7] * b

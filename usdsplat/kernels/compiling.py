@@ -1,4 +1,4 @@
-"""Say that kernels are being compiled: it takes seconds, and happens once for each machine."""
+"""Report that kernels are being compiled, which takes seconds and happens once per machine."""
 
 from __future__ import annotations
 
@@ -10,27 +10,28 @@ from typing import Any
 from numba.core import event
 
 TOLD = "usdsplat:told"
-"""Event: something is compiled of which Numba itself does not tell; `data` has its "name"."""
+"""Event: compilation that Numba itself does not report; `data` has its "name"."""
 SPENT = "usdsplat:spent"
-"""Event: from its start to its end such things are compiled."""
+"""Event whose start and end enclose such a compilation."""
 
 
 @contextmanager
 def compiled(name: str) -> Iterator[None]:
-    """Tell that the context compiles what is called `name`."""
+    """Report that the context compiles the function `name`."""
     with event.trigger_event(TOLD, data={"name": name}), event.trigger_event(SPENT):
         yield
 
 
 class _Listener(event.Listener):
-    """Calls back as a compilation starts; what is loaded from a cache is not compiled."""
+    """Listener that calls back when a compilation starts; kernels loaded from a cache are not
+    reported."""
 
     def __init__(self, callback: Callable[[str], None]) -> None:
         self._callback = callback
         self._thread = threading.get_ident()
 
     def on_start(self, event: Any) -> None:
-        if threading.get_ident() == self._thread:  # Numba tells everybody of everything
+        if threading.get_ident() == self._thread:  # Numba reports to the listeners of all threads
             told = event.data
             self._callback(told.get("name") or told["dispatcher"].py_func.__name__)
 
@@ -40,8 +41,8 @@ class _Listener(event.Listener):
 
 @contextmanager
 def on_compile(callback: Callable[[str], None]) -> Iterator[None]:
-    """While the context lasts, call `callback` with the name of each function that is compiled in
-    this thread, before it is."""
+    """Call `callback` with the name of each function before it is compiled in this thread, while
+    the context lasts."""
     listener = _Listener(callback)
     with (
         event.install_listener("numba:compile", listener),
@@ -52,7 +53,7 @@ def on_compile(callback: Callable[[str], None]) -> Iterator[None]:
 
 @contextmanager
 def compile_time() -> Iterator[Callable[[], float]]:
-    """While the context lasts, what it gives says how long compiling has taken so far [s]."""
+    """Yield a function that returns the time spent on compiling in the context so far [s]."""
     timers = event.TimingListener(), event.TimingListener()
     with (
         event.install_listener("numba:compile", timers[0]),

@@ -1,7 +1,7 @@
-"""Garbage mattes: which splats the volumes on the stage leave, decided by their centres.
+"""Evaluate garbage mattes: decide by their centres which splats the volumes on the stage keep.
 
-The canonical shapes are those of `CropSpec`: a centre is taken into a shape's own space by one
-matrix, and a few comparisons decide.
+The canonical shapes are those of `CropSpec`. A matrix takes a centre to a shape's own space, where
+a few comparisons decide.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from .jit import scalar
 SPHERE, CUBE, CYLINDER, CONE, CAPSULE, PLANE = range(6)
 
 CROP = np.dtype([("shape", "i4"), ("keeps", "i4"), ("length", "f8")])
-"""One volume: which shape, whether what is inside is kept, half the length of a capsule."""
+"""One volume: its shape, whether it includes, half the length of a capsule."""
 
 
 @scalar
 def is_inside(shape, length, x, y, z):
-    """Whether a point in a shape's own space is in it; what is not finite is in none."""
+    """Return whether a point in a shape's own space is inside it; false if it is not finite."""
     if shape == PLANE:
         return z <= 0.0
     if shape == CUBE:
@@ -36,12 +36,14 @@ def is_inside(shape, length, x, y, z):
 
 @scalar
 def is_left(volumes, matrices, position):
-    """Whether the volumes leave a splat: inside one that keeps, if any does, and in no other.
+    """Return whether the volumes keep a splat.
+
+    A kept splat is inside an including volume, if there is any, and inside no other one.
 
     Args:
         volumes: CROP records, shape (k,).
         matrices: From the splat's space to each shape's, shape (k, 3, 4) f64.
-        position: Of its centre, shape (3,).
+        position: The splat's centre, shape (3,).
     """
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     wanted, kept = False, False

@@ -1,4 +1,4 @@
-"""Gather, over the samples of a picture, how much each prim covers of each pixel.
+"""Accumulate the coverage of each pixel by each prim over the samples of a picture.
 
 Source: Friedman & Jones 2015, "Fully automatic ID mattes with support for motion blur and
 transparency".
@@ -12,7 +12,7 @@ from .jit import scalar
 from .launch import kernel
 
 SLOTS = 12
-"""Prims that are remembered for each pixel: twice as many as a file keeps."""
+"""Number of prims stored for each pixel: twice as many as a file keeps."""
 
 
 # --- 1. mathematics: one pixel ---------------------------------------------------------
@@ -20,7 +20,8 @@ SLOTS = 12
 
 @scalar
 def remember(prim, weight, ids, weights):
-    """Add to what is known of a prim; one too many takes the place of the lightest, if lighter."""
+    """Add a weight to a prim's. If all slots are used, replace the smallest weight, if it is
+    smaller."""
     lightest = 0
     for slot in range(SLOTS):
         if ids[slot] == prim or ids[slot] < 0:
@@ -38,19 +39,19 @@ def remember(prim, weight, ids, weights):
 
 @kernel(over="all_ids", writes=("all_ids", "all_weights"), axes=2)
 def begin(y, x, all_ids, all_weights):
-    """Nothing has been gathered yet; shapes (h, w, SLOTS)."""
+    """Clear the accumulated prims and weights, shapes (h, w, SLOTS)."""
     for slot in range(SLOTS):
         all_ids[y, x, slot], all_weights[y, x, slot] = -1, np.float32(0)
 
 
 @kernel(over="ids", writes=("all_ids", "all_weights"), axes=2)
 def gather(y, x, ids, weights, numbers, all_ids, all_weights):
-    """Add the prims of one sample to those of all.
+    """Add the prims of one sample to the accumulated ones.
 
     Args:
-        ids, weights: Of one sample, shape (h, w, n); -1 where there is no more.
-        numbers: What prims of the sample are called in all of them, shape (prims,) i32.
-        all_ids, all_weights: What `begin` began; changed in place.
+        ids, weights: Prims and weights of the sample, shape (h, w, n); -1 for unused slots.
+        numbers: Prim number in the sample -> number over all samples, shape (prims,) i32.
+        all_ids, all_weights: Accumulated prims and weights; changed in place.
     """
     for rank in range(ids.shape[2]):
         prim = ids[y, x, rank]
@@ -62,16 +63,17 @@ def gather(y, x, ids, weights, numbers, all_ids, all_weights):
 
 @kernel(over="out", writes=("out",), axes=2)
 def rank(y, x, ids, weights, shown, left, hashes, out):
-    """Write Cryptomatte's channels of a picture of one sample: what gathering it alone gives.
+    """Write Cryptomatte's channels of a picture of one sample, equal to accumulating that sample
+    alone.
 
     Args:
         ids, weights: Prims of the splats and their weights, the heaviest first, shape (h, w, n);
-            -1 where there is no more.
-        shown: Prim of the surface behind the splats, -1 where there is none, shape (h, w) i32; or
-            of no size where there are no surfaces.
-        left: How much of it the splats let through, shape (h, w) f32; or of no size.
-        hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
-        out: Shape (h, w, 2 n) f32, of which all is written.
+            -1 for unused slots.
+        shown: Prim of the surface behind the splats, -1 where there is none, shape (h, w) i32;
+            empty without surfaces.
+        left: Transmittance of the splats to the surface, shape (h, w) f32; or empty.
+        hashes: Cryptomatte's hash of each prim as a float, shape (prims,) f32.
+        out: Receives all channels, shape (h, w, 2 n) f32.
     """
     surface, total = -1, np.float32(0)
     if shown.shape[0] > 0:
@@ -102,10 +104,10 @@ def finish(y, x, all_ids, all_weights, scale, hashes, out):
     """Write Cryptomatte's channels: id and coverage, the heaviest prim first.
 
     Args:
-        all_ids, all_weights: What was gathered; the weights are used up.
+        all_ids, all_weights: Accumulated prims and weights; the weights are overwritten.
         scale: One over the number of samples.
-        hashes: Of each prim, as Cryptomatte's floats, shape (prims,) f32.
-        out: Shape (h, w, 2 n) f32, of which all is written.
+        hashes: Cryptomatte's hash of each prim as a float, shape (prims,) f32.
+        out: Receives all channels, shape (h, w, 2 n) f32.
     """
     for rank in range(out.shape[2] // 2):
         best = 0

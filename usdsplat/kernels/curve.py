@@ -1,7 +1,7 @@
-"""The order in which blocks of neighbours are neighbours: codes of splats along the Z-order curve.
+"""Compute codes of splats along the Z-order curve, in which blocks contain neighbours.
 
-A stable sort by `sort.depth_order` makes an order of them, because a code is the bits of a float
-that is not negative. Source: Morton 1966.
+`sort.depth_order` can sort the codes, because a code has the bits of a non-negative float. Source:
+Morton 1966.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from .jit import scalar
 from .launch import kernel
 
 CELLS = 1 << 10
-"""Along each axis."""
+"""Number of cells along each axis."""
 
 
 # --- 1. mathematics: one axis of one splat ----------------------------------------------
@@ -20,7 +20,7 @@ CELLS = 1 << 10
 
 @scalar
 def spread(cell):
-    """The bits of a number below CELLS with two gaps behind each, u32."""
+    """Return the bits of a number below CELLS with two zero bits after each, u32."""
     x = np.uint32(cell)
     x = np.uint32((x | (x << np.uint32(16))) & np.uint32(0x030000FF))
     x = np.uint32((x | (x << np.uint32(8))) & np.uint32(0x0300F00F))
@@ -30,7 +30,8 @@ def spread(cell):
 
 @scalar
 def cell_of(x, low, scale):
-    """The cell of a coordinate; what lies outside of the box, or nowhere, is in one at its edge."""
+    """Return the cell of a coordinate. Points outside of the box, or not finite, are in a cell at
+    its edge."""
     cell = (np.float64(x) - low) * scale
     most = np.float64(CELLS - 1)
     return np.int32(min(cell, most)) if cell > 0.0 else np.int32(0)
@@ -41,12 +42,12 @@ def cell_of(x, low, scale):
 
 @kernel(over="positions", writes=("out",))
 def codes(i, positions, low, scale, out):
-    """Number the cells of splats.
+    """Compute the codes of the cells of splats.
 
     Args:
         positions: Shape (n, 3).
         low: Lowest corner of the box that the cells fill, shape (3,) f64.
-        scale: Cells a scene unit along each axis, shape (3,) f64.
+        scale: Cells per scene unit along each axis, shape (3,) f64.
         out: Receives codes, shape (n,) u32, below 2**30.
     """
     x = spread(cell_of(positions[i, 0], low[0], scale[0]))

@@ -1,6 +1,6 @@
-"""What runs kernels: threads, launches and buffers of one device.
+"""Run kernels on a device: threads, launches and buffers.
 
-Callers write `device.run(kernel, ...)` and never say how many threads there are, nor where.
+Callers write `device.run(kernel, ...)`; the device chooses threads and memory.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ _WORKQUEUE_LOCK = threading.Lock()
 which Numba prefers where they exist, do not. A property of the process, hence a module's lock."""
 
 CHUNK = 8
-"""Loop items handed to a thread at a time: small, so that a thread that lags is helped by the
-rest."""
+"""Loop items that a thread takes at a time. The number is small, so that other threads can take
+over from a slow one."""
 
 
 def _launch_threads() -> None:
     """Start Numba's threads, once per process, so that idle ones sleep.
 
-    OpenMP's idle threads spin by default: on a busy machine each region then waits for a thread
-    that does not run (sorting 68k keys took 64 ms instead of 2), and spinning is billed as CPU
-    time. The setting is read when the library is loaded and belongs to the user, so it is put back.
+    OpenMP's idle threads spin by default. On a busy machine each region then waits for a thread
+    that is not running (sorting 68k keys took 64 ms instead of 2), and spinning counts as CPU time.
+    The setting is read when the library is loaded and belongs to the user, so it is restored
+    afterwards.
     """
     name = "OMP_WAIT_POLICY"
     before = os.environ.get(name)
@@ -51,58 +52,60 @@ def _cores() -> int:
 
 
 class Device(Protocol):
-    """What runs kernels. Arrays that it keeps are its own: only `run` and `fetch` know them."""
+    """Device that runs kernels. Only `run` and `fetch` can read the arrays that it keeps."""
 
     @property
     def name(self) -> str:
-        """Such as "cpu"."""
+        """Name of the device, such as "cpu"."""
 
     @property
     def threads(self) -> int:
-        """Threads of the host that it may use."""
+        """Number of host threads that the device may use."""
 
     @property
     def remark(self) -> str:
-        """Why it is not the fastest device that this machine could have; mostly empty."""
+        """Reason why a faster device is not used, for the user; usually empty."""
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
-        not."""
+        """Return `array` contiguous, aligned and read-only, as `run` reads it. Copy it only if
+        needed."""
 
     def keep(self, array: npt.NDArray[Any]) -> Any:
-        """`array` where kernels reach it fastest, for as long as it lives. It must never change."""
+        """Return `array` in the device's memory, cached for the lifetime of `array`, which must not
+        change."""
 
     def move(self, array: npt.NDArray[Any]) -> Any:
-        """A buffer where kernels reach it fastest, with what `array` holds; the host must not use
-        `array` any more, which may be the buffer itself."""
+        """Move `array` to the device's memory. The caller must not use the host array
+        afterwards."""
 
     def publish(self, array: Any) -> npt.NDArray[Any]:
-        """`fetch`, after which to `keep` what it gives costs nothing; neither may change."""
+        """Return a device array on the host, see `fetch`. A later `keep` of the result costs
+        nothing. Neither array may change."""
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
-        """A buffer of the host with undefined contents."""
+        """Return a host buffer with undefined contents."""
 
     def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """A buffer where kernels reach it fastest, with undefined contents."""
+        """Return a buffer in the device's memory with undefined contents."""
 
     def fetch(self, array: Any) -> npt.NDArray[Any]:
-        """What a kept or resident array holds, for the host to read; a host's array as it is."""
+        """Return a device array on the host, or a host array unchanged."""
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with arrays of the host or the device's own, and return what it returns.
 
-        An array of the host holds what the kernel wrote when `run` is back.
+        When `run` returns, host arrays contain the kernel's results.
         """
 
     def close(self) -> None:
-        """Release what it keeps."""
+        """Release everything that the device keeps."""
 
 
 class CpuDevice:
-    """Threads of this machine, by Numba.
+    """CPU of this machine, with Numba's threads.
 
     Args:
-        threads: How many to use, 1 to the number of cores; None for all.
+        threads: Number of threads, 1 to the number of cores; None for all.
         remark: Why a faster device is not used.
 
     Raises:
@@ -119,8 +122,7 @@ class CpuDevice:
         self._launch: AbstractContextManager[Any] = _WORKQUEUE_LOCK if shared else nullcontext()
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` as kernels want it: contiguous, aligned and read-only, copied only if it is
-        not."""
+        """Return `array` contiguous, aligned and read-only. Copy it only if needed."""
         view = np.require(array, requirements=["C", "A"]).view()
         view.flags.writeable = False
         return view
@@ -128,19 +130,19 @@ class CpuDevice:
     keep = upload
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
-        """A buffer with undefined contents; pages that nobody touches cost nothing."""
+        """Return a buffer with undefined contents; pages that are never touched take no memory."""
         return np.empty(shape, dtype)
 
     resident = empty
 
     def fetch(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` itself."""
+        """Return `array` itself."""
         return array
 
     publish = fetch
 
     def move(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` itself, contiguous and aligned."""
+        """Return `array`, copied only if it is not contiguous and aligned."""
         return np.require(array, requirements=["C", "A"])
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
@@ -160,7 +162,7 @@ class CpuDevice:
                 numba.set_parallel_chunksize(chunk)
 
     def close(self) -> None:
-        """Nothing is kept."""
+        """Do nothing; this device keeps nothing."""
 
 
 DEVICES = ("cpu", "cuda")
@@ -178,7 +180,7 @@ def checked_name(name: str) -> str:
 
 
 def checked_threads(threads: int | None) -> int | None:
-    """Return `threads` if this machine has so many.
+    """Return `threads` if this machine has that many cores.
 
     Raises:
         UsageError: If it has not.

@@ -7,23 +7,24 @@ from usdsplat.kernels.device import CpuDevice, Device, checked_name
 
 TASKS = ("pictures", "geometry")
 START = 1.5
-"""[s] That a GPU takes from the beginning of a process to its first picture, besides what the CPU
-takes."""
+"""Additional time of a GPU, relative to the CPU, from the start of a process to the first picture
+[s]."""
 COMPILING = 60.0
-"""[s] That its kernels take where they were not compiled ahead."""
+"""Time to compile the GPU's kernels if they are not stored [s]."""
 
 
 def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
-    """Return the device that "auto" is, and a remark, mostly empty: where a faster one would have
-    to be prepared first.
+    """Return the device that "auto" selects, and a remark, which is usually empty.
 
-    Pictures are drawn by a GPU where that is done sooner, its start and what it has to compile
-    counted. Geometry is the CPU's: between kernels of simulations arrays would cross the bus, and a
-    frame takes longer on a GPU at every size that was measured.
+    The remark says how to prepare a faster device.
+
+    A GPU draws pictures if that takes less time, including its start and compilation. The CPU
+    computes geometry: simulations would transfer arrays between kernels, and a frame took longer on
+    a GPU at every measured size.
 
     Args:
         task: One of TASKS.
-        seconds: About what the task takes on the CPU; None if nobody knows when it ends.
+        seconds: Estimated time of the task on the CPU; None if its end is unknown.
     """
     from usdsplat.kernels import ahead
     from usdsplat.kernels.cuda.support import capability, obstacle
@@ -47,11 +48,13 @@ def open_device(
     task: str = "pictures",
     seconds: float | None = None,
 ) -> Device:
-    """Return the device called `name`; "auto" is what `automatic` says of `task` and `seconds`, or
-    the CPU where a GPU cannot be used, and then its `remark` says why.
+    """Open the device `name`.
+
+    "auto" is resolved by `automatic` for `task` and `seconds`. If a GPU cannot be used then, it is
+    the CPU, and its `remark` contains the reason.
 
     Raises:
-        BackendError: If no such device is usable here.
+        BackendError: If the device cannot be used on this machine.
         UsageError: If `threads` is out of range.
     """
     chosen, remark = automatic(task, seconds) if checked_name(name) == "auto" else (name, "")
@@ -67,7 +70,7 @@ def open_device(
             return CudaDevice(threads=threads)
         except UsdSplatError:
             raise
-        except Exception as error:  # of a driver too old for a package, or a GPU that is taken
+        except Exception as error:  # for example an outdated driver, or a GPU in exclusive use
             found = f"a GPU that does not start ({type(error).__name__}: {error})"
             missing = " ".join(found.split()), "one that does"
     if name == "cuda":

@@ -1,8 +1,9 @@
-"""Change what is drawn of each splat, once all are projected: dots, or ellipses with a rim.
+"""Change how projected splats are drawn: as dots, or as ellipses with a rim.
 
-Both have hard edges though blending knows Gaussians alone. An exponent of S - (S + ln 2) r² is half
-an opacity at r = 1, above the largest contribution, and so cut flat, on most of what lies within,
-and soon nothing outside. S grows with the size on the screen, so that edges are about a pixel wide.
+Both have hard edges, although blending supports Gaussians only. An exponent of S - (S + ln 2) r²
+gives a contribution of one half at r = 1. Inside it exceeds the largest contribution and is clamped
+to a constant; outside it soon vanishes. S grows with the size on the screen, so that edges are
+about a pixel wide.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ from .ray_hit import CENTER, RAY_HIT
 
 LOG_2 = np.float32(math.log(2.0))
 EDGE = np.float32(1.5)
-"""How fast a contribution falls at an edge across the shorter axis [1 / pixel]."""
+"""Slope of a contribution at an edge across the shorter axis [1 / pixel]."""
 SOFT, HARD = np.float32(2.0), np.float32(60.0)
-"""Limits of S: where all is too small to have an edge, and where float32 still has one."""
+"""Limits of S: the lower is for splats too small to have an edge, the upper for float32
+precision."""
 FAINTEST = np.float32(0.2)
-"""An ellipse is where its splat by itself covers so much; one that never does is not drawn."""
+"""Contribution at the edge of an ellipse. A splat that never reaches it is not drawn."""
 RIM, DARK = np.float32(0.84), np.float32(0.3)
-"""Where the rim of an ellipse begins, a part of its size, and by what its colour is multiplied."""
+"""Inner radius of the rim as a fraction of the ellipse, and factor on the colour of the rim."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -42,7 +44,7 @@ RIM, DARK = np.float32(0.84), np.float32(0.3)
 
 @scalar
 def outline(record, a, b, c, half_width, half_height):
-    """Make a record cover what lies within the ellipse a x² + b x y + c y² = -1, of these half
+    """Make a record cover the interior of the ellipse a x² + b x y + c y² = -1, of these half
     extents [pixel]."""
     one, half = np.float32(1), np.float32(0.5)
     shorter = one / math.sqrt(half * (math.sqrt((a - c) * (a - c) + b * b) - a - c))
@@ -55,7 +57,7 @@ def outline(record, a, b, c, half_width, half_height):
 
 @scalar
 def ellipse(record, source, part):
-    """Make a record cover a part, of its size, of the ellipse where `source` covers FAINTEST."""
+    """Make a record cover the ellipse on which `source` contributes FAINTEST, scaled by `part`."""
     opacity = source[LOG_OPACITY]
     level = (opacity - np.float32(math.log(FAINTEST))) * part * part
     grow = np.float32(math.sqrt(level / (opacity - LOG_CUTOFF)))
@@ -74,8 +76,8 @@ def dots(k, records, ray_hits, radius):
 
     Args:
         records: Shape (n, RECORD) f32.
-        ray_hits: Shape (n, RAY_HIT) f32, or of no size.
-        radius: [pixel].
+        ray_hits: Shape (n, RAY_HIT) f32, or empty.
+        radius: Radius of the dots [pixel].
     """
     a = np.float32(-1) / (radius * radius)
     outline(records[k], a, np.float32(0), a, radius, radius)
@@ -87,13 +89,14 @@ def dots(k, records, ray_hits, radius):
 
 @kernel(over="records", writes=("out",))
 def opaque(k, records, out):
-    """out[k] = whether splat k is more opaque than FAINTEST, u8."""
+    """Set out[k] to whether splat k is more opaque than FAINTEST, u8."""
     out[k] = records[k, LOG_OPACITY] > np.float32(math.log(FAINTEST))
 
 
 @kernel(over="records", writes=("records",))
 def rings(k, records):
-    """Make of every splat, which is there twice in a row, an ellipse and, behind it, its rim.
+    """Convert every splat, which is stored twice in succession, to an ellipse and its rim behind
+    it.
 
     Args:
         records: Shape (2 n, RECORD) f32, all of them more opaque than FAINTEST.
@@ -113,7 +116,7 @@ def directions(k, records, normals, column):
 
     Args:
         records: Shape (n, RECORD) f32.
-        normals: Three numbers of each from a column on, f32.
+        normals: Normals in three columns from `column` on, f32.
     """
     for i in range(3):
         half = np.float32(0.5)

@@ -1,7 +1,7 @@
-"""What is not a colour as colours: depths, vectors, motion and ids, over a background.
+"""Show depths, vectors, motion and ids as colours over a background.
 
-Everything fills `out`, RGB of shape (h, w, 3) u8, with rows of `background` where nothing is: RGB
-of two kinds of rows, shape (2, w, 3) u8, `square` of a kind in turns.
+Each kernel fills `out`, RGB of shape (h, w, 3) u8. Where there is no value it shows `background`:
+RGB of two kinds of rows, shape (2, w, 3) u8, which alternate every `square` rows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .show import byte
 
 @scalar
 def mixed(number):
-    """A hash of 32 bits whose high bits are even for neighbours.
+    """Return a 32-bit hash whose high bits are evenly distributed for consecutive numbers.
 
     Source: Wellons 2018, "Prospecting for hash functions", lowbias32.
     """

@@ -1,4 +1,4 @@
-"""What AOVs average over splats: their normals and depths."""
+"""Compute normals and depths of splats for AOVs that average them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .launch import kernel
 from .project import DEPTH
 
 BLOCK = 1024
-"""Splats of one block."""
+"""Number of splats of one block."""
 FEATURES = 9
 NORMAL, ALBEDO, EXPECTED = 0, 3, 6
-"""First columns of the paints of a splat: its normal in the camera's space; its colour without
-harmonics; the planar depth of its centre, and twice nothing."""
+"""First columns of the paints of a splat: normal in camera space; colour without higher harmonics;
+planar depth of the centre and two unused."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -23,10 +23,9 @@ harmonics; the planar depth of its centre, and twice nothing."""
 
 @scalar
 def normal_of(m, inverse, position, q, s, is_parallel):
-    """Unit normal in the camera's space as USD has it: y up, z towards the viewer.
+    """Return the unit normal in USD's camera space: y up, z towards the viewer.
 
-    The axis along which the splat is thinnest, taken through the transform as normals are, and
-    facing the eye.
+    The normal is the thinnest axis of the splat, transformed as normals are, and faces the eye.
     """
     w, i, j, k = np.float64(q[0]), np.float64(q[1]), np.float64(q[2]), np.float64(q[3])
     if s[0] <= s[1] and s[0] <= s[2]:
@@ -82,12 +81,12 @@ def features(
 
 @kernel(over="order", writes=("out",))
 def labels(k, order, first_slots, numbers, out):
-    """Write the number that belongs to the appearance of the splat of rank k.
+    """Write a number of the appearance of the splat of rank k.
 
     Args:
         order: Slots by depth; first_slots: first slot of each appearance, ascending.
         numbers: One for each appearance, any dtype.
-        out: Receives one for each rank.
+        out: Receives one number for each rank.
     """
     out[k] = numbers[np.searchsorted(first_slots, order[k], side="right") - 1]
 
@@ -99,8 +98,8 @@ def unit(y, x, image, surface, left, out):
     Args:
         image: Sums and coverage, shape (h, w, 4) f32.
         surface: Normal of a surface, shape (h, w, 3) f32.
-        left: What the splats let through of it, (h, w) f32; of no size where there is none.
-        out: Receives unit normals, 0 where nothing is, (h, w, 3) f32.
+        left: Transmittance of the splats to it, (h, w) f32; empty without surfaces.
+        out: Receives unit normals, 0 where nothing is visible, (h, w, 3) f32.
     """
     a, b, c = image[y, x, 0], image[y, x, 1], image[y, x, 2]
     if left.shape[0] > 0 and left[y, x] > np.float32(0):
@@ -114,11 +113,13 @@ def unit(y, x, image, surface, left, out):
 
 @kernel(over="image", writes=("image", "out"), axes=2)
 def expected(y, x, image, left, depth, out):
-    """Write the mean of all depths, a surface's behind them included; +inf where nothing is.
+    """Write the mean of all depths, with a surface behind them included; +inf where nothing is
+    visible.
 
     Args:
         image: Sums of depths, two unused, and coverage, shape (h, w, 4) f32.
-        left: As `unit` takes it; depth: of the surface, (h, w) f32.
+        left: See `unit`.
+        depth: Depth of the surface, shape (h, w) f32.
         out: Receives planar depths [scene unit], (h, w) f32.
     """
     total, weight = image[y, x, 0], image[y, x, 3]

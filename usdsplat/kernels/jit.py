@@ -27,8 +27,8 @@ from usdsplat.kernels.compiling import compiled
 config: Any = numba.core.config
 
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-"""No division checks, multiply-add contracted. Nothing is re-associated and NaN keeps its meaning,
-so a loop gives the same bits whether LLVM vectorises it or not."""
+"""Numba options: no division checks, multiply-add contracted. Nothing is re-associated and NaN
+keeps its meaning, so a loop gives the same bits whether LLVM vectorises it or not."""
 ONLY: set[str] = set()
 """The kernels that this process may store, as names relative to KEPT; empty: all."""
 COMING: dict[str, Future[Any]] = {}
@@ -40,7 +40,7 @@ KEPT = "usdsplat.kernels."
 
 @functools.cache
 def versions() -> str:
-    """Return the versions and options of the compiler, as one text."""
+    """Return a text with the compiler's versions and options, as part of store keys."""
     tools = f"python {sys.version_info[:2]} numba {numba.__version__} llvm {llvmlite.__version__}"
     return f"{tools} opt {int(config.OPT)} bounds {config.BOUNDSCHECK} svml {config.USING_SVML}"
 
@@ -67,7 +67,7 @@ class KernelCache:
         context.refresh()
         try:
             return CompileResult._rebuild(context, *pickle.loads(data))
-        except Exception:  # whatever is wrong with it, it can be compiled
+        except Exception:  # any damaged form can be compiled again
             return None
 
     def save_overload(self, signature: Any, made: Any) -> None:
@@ -111,31 +111,36 @@ def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def scalar(function: Callable[..., Any]) -> Any:
-    """Mathematics of one element, inlined into the loops that call it so that they vectorise."""
+    """Compile the mathematics of one element. It is inlined into the loops that call it, so that
+    they vectorise."""
     return numba.njit(forceinline=True, **FLAGS)(function)
 
 
 def exact(function: Callable[..., Any]) -> Any:
-    """`scalar` without contraction: the same bits in every loop that it is inlined into, and
-    whether the loop was compiled by this process or loaded; for what decisions hang on."""
+    """Compile as `scalar`, but without contraction, for results that decide a branch.
+
+    The result has the same bits in every loop, and whether the loop was compiled by this process or
+    loaded.
+    """
     return numba.njit(forceinline=True, error_model="numpy", fastmath={"nsz"})(function)
 
 
 def routine(function: Callable[..., Any]) -> Any:
-    """What loops call; `lanes.apart` keeps it from being inlined into them."""
+    """Compile a function that loops call. `lanes.apart` prevents it from being inlined."""
     return numba.njit(**FLAGS)(function)
 
 
 def serial(
     function: Callable[..., Any] | None = None, *, writes: tuple[str, ...] = (), gpu: str = ""
 ) -> Any:
-    """A loop for one thread, which does not hold the GIL: run by a device, or called by others.
+    """Compile a loop for one thread, which does not hold the GIL. It is run by a device, or called
+    by others.
 
     Args:
         writes: Names of the arguments that it changes.
-        gpu: What a GPU runs in its place, such as "sort.settle": function `settle` of module
-            `kernels.cuda.sort`. It is called with the device and the same arguments. If empty, the
-            CPU runs it for a GPU too.
+        gpu: The function that a GPU runs instead, such as "sort.settle": function `settle` of
+            module `kernels.cuda.sort`. It is called with the device and the same arguments. If
+            empty, the CPU runs it for a GPU too.
     """
     if function is None:
         return functools.partial(serial, writes=writes, gpu=gpu)
@@ -143,31 +148,37 @@ def serial(
 
 
 def loop(function: Callable[..., Any], *, allocates: bool) -> Any:
-    """A loop for all threads of the device, without counts of references to arrays: those take
-    longer than most items. Only a loop that makes arrays needs them."""
+    """Compile a loop for all threads of the device.
+
+    Reference counts of arrays are omitted, because they take longer than most items. Only a loop
+    that allocates arrays needs them.
+    """
     return _compile(function, {"nogil": True, "parallel": True, "_nrt": allocates})
 
 
 def parallel(
     function: Callable[..., Any] | None = None, *, writes: tuple[str, ...] = (), gpu: str = ""
 ) -> Any:
-    """A loop for all threads of the CPU, where `launch.kernel` does not do: over tiles, or in
-    steps. `prange` marks what may run at once. The arguments are those of `serial`."""
+    """Compile a loop for all threads of the CPU that `launch.kernel` cannot express: over tiles, or
+    in steps.
+
+    `prange` marks what may run at the same time. For the arguments see `serial`.
+    """
     if function is None:
         return functools.partial(parallel, writes=writes, gpu=gpu)
     return declared(_compile(function, {"nogil": True, "parallel": True}), function, writes, gpu)
 
 
 def launcher(*, writes: tuple[str, ...] = (), gpu: str = "") -> Any:
-    """A function of the host that calls several kernels. The arguments are those of `serial`."""
+    """Declare a host function that calls several kernels. For the arguments see `serial`."""
     return lambda function: declared(function, function, writes, gpu)
 
 
 def declared(kernel: Any, function: Callable[..., Any], writes: tuple[str, ...], gpu: str) -> Any:
-    """Note on a kernel what it writes, as places of arguments from 0, and its form for a GPU.
+    """Store in a kernel which arguments it writes, by index from 0, and its form for a GPU.
 
     Raises:
-        ValueError: If a name is none of an argument.
+        ValueError: If a name is not that of an argument.
     """
     names = list(inspect.signature(function).parameters)
     kernel.writes = frozenset(names.index(name) for name in writes)

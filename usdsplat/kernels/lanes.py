@@ -1,12 +1,12 @@
-"""Sixteen float32 numbers at once, for loops that must not wait for LLVM to find them.
+"""Operate on sixteen float32 numbers at once, for loops that must not depend on LLVM's vectoriser.
 
 A value of type `lanes` is one `<16 x float>`: one register with AVX-512, two with AVX2, four with
-NEON. LLVM left alone prefers half registers on AVX-512, and stops vectorising for reasons that no
-source shows. Operators work as on float32, lane by lane, and take float32 on one side; comparisons
-give a mask, which `choose` and `bits` read. Flags of the function around hold, contraction
-included.
+NEON. By itself LLVM prefers half registers on AVX-512, and stops vectorising for reasons that are
+not visible in the source. Operators work as on float32, lane by lane, and accept float32 on one
+side. Comparisons give a mask, which `choose` and `bits` read. The compiler flags of the surrounding
+function apply, contraction included.
 
-Where nothing is compiled (NUMBA_DISABLE_JIT), lanes are NumPy arrays of 16.
+Without compilation (NUMBA_DISABLE_JIT), lanes are NumPy arrays of 16.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
 WIDTH = 16
-"""Numbers of one value: a row of a tile."""
+"""Number of lanes: a row of a tile."""
 
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
 _FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
 _ALIGNMENT = 4
-"""[byte] Of what is loaded and stored: any float32."""
+"""Alignment of loads and stores, that of a float32 [byte]."""
 
 
 class _Lanes(types.Type):
@@ -36,7 +36,7 @@ class _Lanes(types.Type):
         super().__init__(name="lanes")
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """A float32 stands for 16 equal ones."""
+        """Return whether a type can be converted: a float32 becomes 16 equal lanes."""
         return Conversion.safe if other == types.float32 else None
 
 
@@ -64,7 +64,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def _spread(builder: Any, number: Any) -> Any:
-    """16 times the same number."""
+    """Return 16 lanes with the same number."""
     nothing = ir.Constant(_FLOATS, ir.Undefined)
     one = builder.insert_element(nothing, number, ir.IntType(32)(0))
     everywhere = ir.Constant(ir.VectorType(ir.IntType(32), 16), None)
@@ -133,7 +133,7 @@ def _neg(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _of_llvm(name: str, count: int) -> Any:
-    """Emits a call of LLVM's own function of `count` lanes."""
+    """Return an emitter of a call of LLVM's own function of `count` lanes."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(_FLOATS, [_FLOATS] * count)
@@ -144,22 +144,25 @@ def _of_llvm(name: str, count: int) -> Any:
 
 
 def _first(context: Any, builder: Any, source_type: Any, source: Any) -> Any:
-    """Where the memory of an array begins, or what a place points to."""
+    """Return the first address of an array, or the address of a place."""
     if isinstance(source_type, types.CPointer):
         return source
     return context.make_array(source_type)(context, builder, source).data
 
 
 def _place(context: Any, builder: Any, source_type: Any, source: Any, at: Any) -> Any:
-    """Where in the memory of an array 16 numbers begin."""
+    """Return the address of 16 numbers in an array."""
     first = _first(context, builder, source_type, source)
     return builder.bitcast(builder.gep(first, [at]), _FLOATS.as_pointer())
 
 
 @intrinsic
 def place(typing: Any, array: Any, at: Any) -> Any:
-    """The place of number `at` of a flat float32 array: what functions that are not inlined take,
-    because an array is seven arguments and a count of references."""
+    """Return the place of number `at` of a flat float32 array.
+
+    Functions that are not inlined take places, because an array is seven arguments and a reference
+    count.
+    """
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.gep(_first(context, builder, sig.args[0], args[0]), [args[1]])
@@ -169,7 +172,7 @@ def place(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic
 def number(typing: Any, source: Any, at: Any) -> Any:
-    """The float32 that is `at` numbers behind a place."""
+    """Return the float32 that is `at` numbers after a place."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load(builder.gep(args[0], [args[1]]))
@@ -179,7 +182,7 @@ def number(typing: Any, source: Any, at: Any) -> Any:
 
 @intrinsic
 def apart(typing: Any) -> Any:
-    """Keeps the function that this is called in from being inlined: all registers are its own."""
+    """Prevent the calling function from being inlined, so that it has all registers to itself."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         builder.function.attributes.add("noinline")
@@ -190,7 +193,7 @@ def apart(typing: Any) -> Any:
 
 @intrinsic
 def load(typing: Any, array: Any, at: Any) -> Any:
-    """array[at : at + 16] of a flat float32 array, at >= 0."""
+    """Return array[at : at + 16] of a flat float32 array, at >= 0."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load(_place(context, builder, sig.args[0], *args), align=_ALIGNMENT)
@@ -200,7 +203,7 @@ def load(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, at: Any, numbers: Any) -> Any:
-    """array[at : at + 16] = numbers; the array is flat and float32, at >= 0."""
+    """Set array[at : at + 16] to numbers. The array is flat and float32, at >= 0."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _place(context, builder, sig.args[0], *args[:2])
@@ -212,7 +215,7 @@ def store(typing: Any, array: Any, at: Any, numbers: Any) -> Any:
 
 @intrinsic
 def store_mixed(typing: Any, array: Any, at: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """array[at : at + 64] = a0 b0 c0 d0 a1 b1 c1 d1 ..: four planes become pixels."""
+    """Set array[at : at + 64] to a0 b0 c0 d0 a1 b1 c1 d1 ..: four planes become pixels."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         def order(numbers: Any) -> Any:
@@ -234,7 +237,7 @@ def store_mixed(typing: Any, array: Any, at: Any, a: Any, b: Any, c: Any, d: Any
 
 @intrinsic
 def fetch(typing: Any, array: Any, at: Any) -> Any:
-    """Ask for the memory of number `at` of an array, counted through all of it, on a CPU."""
+    """Prefetch the memory of number `at` of an array, in flat order, on a CPU."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         if not isinstance(context, cpu.CPUContext):  # a GPU's assembler knows no such instruction
@@ -251,20 +254,20 @@ def fetch(typing: Any, array: Any, at: Any) -> Any:
 
 @intrinsic
 def spread(typing: Any, number: Any) -> Any:
-    """16 times the same float32."""
+    """Return 16 lanes with the same float32."""
     return lanes(types.float32), lambda context, builder, sig, args: _spread(builder, args[0])
 
 
 @intrinsic
 def ramp(typing: Any) -> Any:
-    """0, 1, 2 .. 15."""
+    """Return lanes 0, 1, 2 .. 15."""
     numbers = ir.Constant(_FLOATS, [float(i) for i in range(WIDTH)])
     return lanes(), lambda context, builder, sig, args: numbers
 
 
 @intrinsic
 def choose(typing: Any, condition: Any, yes: Any, no: Any) -> Any:
-    """`yes` where the mask is set, else `no`; both are lanes or float32."""
+    """Return `yes` where the mask is set, else `no`. Both are lanes or float32."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(*args)
@@ -274,7 +277,7 @@ def choose(typing: Any, condition: Any, yes: Any, no: Any) -> Any:
 
 @intrinsic
 def lower(typing: Any, a: Any, b: Any) -> Any:
-    """The lower of two; b where either is NaN."""
+    """Return the lower of two; b where either is NaN."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", *args), *args)
@@ -284,7 +287,7 @@ def lower(typing: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def higher(typing: Any, a: Any, b: Any) -> Any:
-    """The higher of two; b where either is NaN."""
+    """Return the higher of two; b where either is NaN."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", *args), *args)
@@ -294,31 +297,31 @@ def higher(typing: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once where the machine can."""
+    """Return a b + c, rounded once if the machine can."""
     return lanes(lanes, lanes, lanes), _of_llvm("fmuladd", 3)
 
 
 @intrinsic
 def root(typing: Any, a: Any) -> Any:
-    """The square root."""
+    """Return the square root."""
     return lanes(lanes), _of_llvm("sqrt", 1)
 
 
 @intrinsic
 def floor(typing: Any, a: Any) -> Any:
-    """The largest whole number that is not above."""
+    """Return the largest integer that is not greater."""
     return lanes(lanes), _of_llvm("floor", 1)
 
 
 @intrinsic
 def size(typing: Any, a: Any) -> Any:
-    """The absolute value."""
+    """Return the absolute value."""
     return lanes(lanes), _of_llvm("fabs", 1)
 
 
 @intrinsic
 def bits(typing: Any, condition: Any) -> Any:
-    """Bit k is lane k of a mask, u64."""
+    """Return a mask as u64 whose bit k is lane k."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.zext(builder.bitcast(args[0], ir.IntType(WIDTH)), ir.IntType(64))
@@ -328,7 +331,7 @@ def bits(typing: Any, condition: Any) -> Any:
 
 @intrinsic
 def lowest_bit(typing: Any, number: Any) -> Any:
-    """The place of the lowest bit of a u64 that is not 0."""
+    """Return the index of the lowest set bit of a u64, which is not 0."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.IntType(1)(1))
@@ -338,7 +341,7 @@ def lowest_bit(typing: Any, number: Any) -> Any:
 
 @intrinsic
 def count_bits(typing: Any, number: Any) -> Any:
-    """How many bits of a u64 are set, i64."""
+    """Return the number of set bits of a u64, i64."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ctpop(args[0])

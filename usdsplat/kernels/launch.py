@@ -1,4 +1,4 @@
-"""Kernels as functions of one item, and the loops that run them on each device.
+"""Define kernels as functions of one item, and the loops that run them on each device.
 
     @kernel(over="positions", writes=("positions",))
     def advance(i, velocities, dt, positions):
@@ -33,16 +33,16 @@ from numba.core.types import BaseTuple
 from usdsplat.kernels import jit
 
 Size = int | tuple[int, int]
-"""How many items a launch has: n, or (rows, columns)."""
+"""Number of items of a launch: n, or (rows, columns)."""
 ROWS = 8
-"""Rows of pixels that a thread of the CPU takes at a time: few, so that a thread that lags is
-helped by the others."""
+"""Rows of pixels that a CPU thread takes at a time. The number is small, so that other threads can
+take over from a slow one."""
 
 
 GRAIN = 64
-"""Items that are worth the 0.2 µs that it costs a thread of the CPU to take a chunk of them."""
+"""Minimum number of items in a chunk; a CPU thread takes 0.2 µs to fetch a chunk."""
 ROUND = 1024
-"""Items of a block of a reduction."""
+"""Number of items in a block of a reduction."""
 
 
 @jit.scalar
@@ -65,17 +65,19 @@ COMBINE: dict[str, tuple[Any, Any]] = {
     "max": (np.float64, _larger),
     "any": (np.bool_, _either),
 }
-"""How the numbers of a reduction are combined: their type, whose zero is where it begins, and a
-function of two."""
+"""Reduction -> its type, whose zero is the initial value, and the function that combines two
+numbers."""
 
 
 Shape = tuple[int, ...]
-"""Of arguments, in order: 0 for a plain one, k for a tuple of k."""
+"""Shape of an argument list, in order: 0 for a plain argument, k for a tuple of k."""
 
 
 def flattened(args: Sequence[Any]) -> tuple[Shape, tuple[Any, ...]]:
-    """Return the shape of arguments, or of their types, and them without tuples inside: Numba
-    passes none to the body of a parallel loop."""
+    """Return the shape of arguments, or of their types, and the arguments without nested tuples.
+
+    Numba does not pass tuples to the body of a parallel loop.
+    """
     shape = tuple(len(each) if isinstance(each, tuple | BaseTuple) else 0 for each in args)
     if not any(shape):
         return shape, tuple(args)
@@ -87,22 +89,23 @@ def flattened(args: Sequence[Any]) -> tuple[Shape, tuple[Any, ...]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scratch:
-    """An array that each block of a `block_kernel` has for itself, with undefined contents."""
+    """Private array of each block of a `block_kernel`, with undefined contents."""
 
     shape: int | tuple[int, ...]
-    """Of constants. EACH stands for the items of a block."""
+    """Constant shape, in which EACH stands for the number of items of a block."""
     dtype: Any
     """NumPy's scalar type, such as np.float64."""
 
     def sized(self, block: int) -> int | tuple[int, ...]:
-        """Return the shape where a block has so many items."""
+        """Return the shape for a block of that many items."""
         if isinstance(self.shape, int):
             return block if self.shape == EACH else self.shape
         return tuple(block if each == EACH else each for each in self.shape)
 
 
 EACH = -1
-"""In the shape of a `Scratch`: the items of a block, which are more on the CPU than on a GPU."""
+"""Number of items of a block, in the shape of a `Scratch`. It is larger on the CPU than on a
+GPU."""
 
 
 class Kernel:
@@ -113,16 +116,16 @@ class Kernel:
             is 2; as function(first, last, *scratch, *args) for items first..last-1 if `block` is
             not 0.
         over: Name of the argument whose rows are the items, or whose rows and columns if `axes` is
-            2; or that is a tuple of how many rows and columns there are. Or the names of two
-            arguments, whose rows are the two axes.
+            2; or which is a tuple (rows, columns). Or the names of two arguments, whose rows are
+            the two axes.
         writes: Names of the arguments that it changes.
         axes: Indices of an item, 1 or 2.
-        exact: On a GPU no product is contracted with a sum, in it and in all that it calls.
+        exact: On a GPU no product is contracted with a sum, in the function and all that it calls.
         team: Several lanes share an item: the function is called as function(i, lane, lanes, *args)
             for each lane 0..lanes-1. On the CPU there is one.
-        grain: Items that a thread of the CPU takes at least, at a time.
+        grain: Minimum number of items that a CPU thread takes at a time.
         block: Items of a block on the CPU; a thread of a GPU takes one at a time. 0: no blocks.
-        scratch: At most two arrays of each block.
+        scratch: Private arrays of each block, at most two.
 
     Raises:
         TypeError: If `over` or `writes` names no argument.
@@ -157,14 +160,14 @@ class Kernel:
             raise TypeError(f"{function.__name__}: no argument {', '.join(unknown)}")
         self._over = tuple(places[name] for name in lengths)
         self.writes = frozenset(places[name] for name in writes)
-        """Places, from 0, of the arguments that it changes."""
+        """Indices, from 0, of the arguments that the kernel changes."""
 
     def __call__(self, *args: Any) -> Any:
         """Call the function, in plain Python."""
         return self.function(*args)
 
     def size(self, args: Sequence[Any]) -> Size:
-        """Return how many items a launch with these arguments has."""
+        """Return the number of items of a launch with these arguments."""
         if self.axes == 1:
             return int(args[self._over[0]].shape[0])
         if len(self._over) == 1:
@@ -176,12 +179,12 @@ class Kernel:
 
     @functools.cached_property
     def item(self) -> Any:
-        """The function as both loops call it."""
+        """The compiled function that both loops call."""
         return jit.scalar(self.function)
 
     def cpu(self, shape: Shape) -> Any:
-        """Return the loop for the threads of the CPU, for arguments of a shape; it is called with
-        the size and a flat tuple of arguments."""
+        """Return the loop for the CPU's threads for arguments of a shape. It is called with the
+        size and a flat tuple of arguments."""
         if shape not in self._loops:
             made = jit.loop(self.named(self._cpu_loop(_nest(shape))), allocates=bool(self.scratch))
             self._loops[shape] = made
@@ -216,20 +219,20 @@ class Kernel:
         return items if self.axes == 1 else pixels
 
     def named(self, loop: Callable[..., Any]) -> Callable[..., Any]:
-        """Give a loop the name of the function, under which it is announced and stored."""
+        """Give a loop the name of the function, for messages and for the store."""
         loop.__module__ = self.function.__module__
         loop.__name__, loop.__qualname__ = self.function.__name__, self.function.__qualname__
         return loop
 
 
 class Reduction(Kernel):
-    """A kernel whose items return a number each, and whose launch returns what they come to.
+    """Kernel whose items return one number each, and whose launch returns the combined number.
 
-    Blocks of ROUND items are reduced in order, and then the blocks: the result does not depend on
-    the number of threads.
+    Blocks of ROUND items are reduced in order, then the results of the blocks. The result does not
+    depend on the number of threads.
 
     Args:
-        by: "sum"; "max", of numbers that are not negative, 0 where there are no items; or "any".
+        by: "sum"; "max", of non-negative numbers, 0 without items; or "any".
     """
 
     def __init__(
@@ -251,7 +254,7 @@ class Reduction(Kernel):
         return blocks
 
     def on_cpu(self, args: tuple[Any, ...]) -> Any:
-        """Run all items on the CPU's threads and return what they come to."""
+        """Run all items on the CPU's threads and return the combined number."""
         size = self.size(args)
         assert isinstance(size, int)
         partial = np.empty(rounds(size), self.dtype)
@@ -260,14 +263,14 @@ class Reduction(Kernel):
         return self.total(partial)
 
     def total(self, partial: npt.NDArray[Any]) -> Any:
-        """Return what the numbers of all blocks come to."""
+        """Combine the numbers of all blocks."""
         if self.dtype is np.bool_:
             return bool(partial.any())
         return float(partial.sum() if self.combine is _add else partial.max(initial=0.0))
 
 
 def rounds(size: int) -> int:
-    """Return how many blocks of a reduction there are."""
+    """Return the number of blocks of a reduction."""
     return (size + ROUND - 1) // ROUND
 
 
@@ -307,7 +310,7 @@ def block_kernel(
 
 
 def chunk_of(kernel: Kernel, size: Size, threads: int) -> int:
-    """Return how many rounds of the CPU's loop a thread takes at a time.
+    """Return the number of iterations of the CPU's loop that a thread takes at a time.
 
     About 32 chunks for each thread keep all of them busy until the end.
     """
@@ -337,8 +340,8 @@ def _nest(shape: Shape) -> Any:
 
 
 def _joined(before: Any, first: int, end: int, is_tuple: bool) -> Any:
-    """Return a function that appends arguments first..end-1 to what `before` gives, one by one or
-    as a tuple."""
+    """Return a function that appends arguments first..end-1 to the result of `before`, one by one
+    or as a tuple."""
 
     def only_plain(args):
         return args[first:end]

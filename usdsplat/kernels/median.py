@@ -1,10 +1,11 @@
-"""The splat in which half of a pixel's own coverage is passed: what depth and ids are read from.
+"""Find the splat at which half of a pixel's own coverage is reached, for depth and ids.
 
-Where a surface shows through, it is part of what covers the pixel: the whole is covered, and what
-passes half of it may be the surface, of which other arrays tell.
+A visible surface is part of the coverage: the pixel is then fully covered, and half of the coverage
+may be reached at the surface, which other arrays describe.
 
-How much a pixel covers is known only when it is finished, so the lists are walked a second time,
-with the same arithmetic and without colour; each pixel ends at the splat that passes its half.
+The coverage of a pixel is known only when it is finished. The lists are therefore walked a second
+time, with the same arithmetic and without colour. Each pixel ends at the splat at which half is
+reached.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
 ROW = 3 * TILE
-"""Floats of one row of a tile's state: transmittance, the half to pass, and the place in the list
-of the splat that passed it, counted from 1: an int32 whose bits are kept in a float, as it is only
-ever moved."""
+"""Floats of one row of a tile's state: transmittance, the transmittance to pass, and the position
+in the list of the splat that passed it, counted from 1. The position is an int32 stored in the bits
+of a float, which is only ever moved."""
 NONE = np.int32(-1)
 
 
@@ -32,7 +33,8 @@ NONE = np.int32(-1)
 
 @scalar
 def pass_row(state, row, u, a, slope, rest, place):
-    """Let one splat dim row `row` of a tile's state; mark the pixels whose half it passes."""
+    """Apply one splat to row `row` of a tile's state, and mark the pixels in which it passes
+    half."""
     at = np.uint64(row * ROW)
     for x in range(TILE):
         j = at + np.uint64(x)
@@ -48,7 +50,7 @@ def pass_row(state, row, u, a, slope, rest, place):
 
 @scalar
 def pass_row_before(state, stop, row, u, a, slope, rest, place, ray_hit, dy, is_parallel):
-    """As `pass_row`, but skip the pixels where the ray hit is behind `stop`."""
+    """Apply `pass_row`, but skip the pixels whose ray hit is behind `stop`."""
     at = np.uint64(row * ROW)
     behind = np.uint64(row * TILE)
     first, second, third = row_at(ray_hit[HX], ray_hit[HY], ray_hit[HZ], dy)
@@ -73,15 +75,16 @@ def pass_row_before(state, stop, row, u, a, slope, rest, place, ray_hit, dy, is_
 
 @parallel(writes=("ranks",), gpu="median.median")
 def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks):
-    """Find the splat in which part of every pixel's coverage is passed, once `blend` has finished.
+    """Find the splat at which part of every pixel's coverage is reached, after `blend` has
+    finished.
 
     Args:
-        records, starts, lists, grid, ray_hits, stops, is_parallel, image: As `blend` had and left
-            them.
-        covered: 1 where a surface shows behind the splats, shape (y1 - y0, x1 - x0) u8; or of no
-            size when there are none.
-        part: Which part of the coverage: 0.5, or 0 for the first splat that contributes.
-        ranks: Receives rows of `records`, NONE where nothing is, shape (y1 - y0, x1 - x0) i32.
+        records, starts, lists, grid, ray_hits, stops, is_parallel, image: Arguments and result of
+            `blend`.
+        covered: 1 where a surface is visible behind the splats, shape (y1 - y0, x1 - x0) u8; or
+            empty without surfaces.
+        part: Fraction of the coverage: 0.5, or 0 for the first splat that contributes.
+        ranks: Receives rows of `records`, NONE without a splat, shape (y1 - y0, x1 - x0) i32.
     """
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
@@ -143,10 +146,10 @@ def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, co
 
 @kernel(over="ranks", writes=("depth", "ids"), axes=2)
 def resolve(y, x, ranks, records, order, sources, first_slots, labels, depth, ids):
-    """Read the depth of their centres and the identity off the median splats.
+    """Write depth of the centre and ids of the median splats.
 
     Args:
-        ranks: What `median` found, shape (h, w) i32.
+        ranks: Result of `median`, shape (h, w) i32.
         records: Depth-ordered splats; order: their slots; sources: each slot's row in its field.
         first_slots: First slot of each drawn instance, ascending, shape (m,) i64.
         labels: (prim, instance) of each drawn instance, shape (m, 2) i32.
@@ -170,11 +173,12 @@ def resolve(y, x, ranks, records, order, sources, first_slots, labels, depth, id
 
 @kernel(over="ranks", writes=("depth",), axes=2)
 def hold_depth(y, x, ranks, depths, most, depth):
-    """Put other depths where a splat is: those it was found at, or none behind a surface.
+    """Replace the depths of splats: by given ones, or limit them by those of surfaces.
 
     Args:
-        ranks: What `median` found, shape (h, w) i32.
-        depths: What to put; most: what no depth passes; (h, w) f32, or of no size.
+        ranks: Result of `median`, shape (h, w) i32.
+        depths: New depths, (h, w) f32, or empty.
+        most: Upper limits of depths, (h, w) f32, or empty.
         depth: Changed in place, (h, w) f32.
     """
     if ranks[y, x] >= 0:

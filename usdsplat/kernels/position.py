@@ -1,4 +1,4 @@
-"""From a depth to the place in the world, and to where that place is in another frame."""
+"""Convert depth to world position, and to motion to another frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .launch import kernel
 VIEW = np.dtype([("fx", "f8"), ("fy", "f8"), ("cx", "f8"), ("cy", "f8"), ("is_parallel", "i4")])
 """Focal lengths and principal point [pixel], and whether rays are parallel."""
 STILL = -1
-"""Of an appearance whose elements do not move by themselves."""
+"""Marks an appearance whose elements do not move in local space."""
 
 
 # --- 1. mathematics: one pixel ---------------------------------------------------------
@@ -18,7 +18,7 @@ STILL = -1
 
 @scalar
 def unproject(view, column, row, depth):
-    """A pixel's point in camera space: x right, y down, z forward."""
+    """Return a pixel's point in camera space: x right, y down, z forward."""
     x, y = (column - view.cx) / view.fx, (row - view.cy) / view.fy
     if view.is_parallel:
         return x, y, depth
@@ -27,7 +27,7 @@ def unproject(view, column, row, depth):
 
 @scalar
 def apply(m, x, y, z):
-    """A 3x4 matrix times a point."""
+    """Multiply a 3x4 matrix by a point."""
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
         m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
@@ -40,7 +40,7 @@ def apply(m, x, y, z):
 
 @kernel(over="depth", writes=("out",), axes=2)
 def positions(y, x, view, camera_to_world, depth, x0, y0, out):
-    """Write the place in the world of every pixel, 0 where nothing is.
+    """Write the world position of every pixel, 0 where nothing is visible.
 
     Args:
         view: One VIEW record, shape (1,).
@@ -64,15 +64,16 @@ def positions(y, x, view, camera_to_world, depth, x0, y0, out):
 
 @kernel(over="rows", writes=("out",), axes=2)
 def seen(y, x, prims, rows, elements, hit, bary, splats, out):
-    """Say of the surfaces among what is seen which appearance and where on it.
+    """Find appearance and position on it for the pixels that show surfaces.
 
     Args:
-        prims, rows, elements: Of what is seen, -1 where nothing is, shape (h, w) i32; a surface has
-            no row.
+        prims, rows, elements: Visible prim, row and element, -1 where nothing is, shape (h, w) i32;
+            a surface has no row.
         hit: Row among surfaces and triangle, shape (2, h, w) i32.
         bary: Weights of the triangle's second and third corner, shape (h, w, 2) f32.
         splats: Rows of splats; those of surfaces follow.
-        out: Receives (rows, elements (h, w) i32, weights (h, w, 2) f32): those of a splat (-1, -1).
+        out: Receives (rows, elements (h, w) i32, weights (h, w, 2) f32); the weights of a splat are
+            (-1, -1).
     """
     all_rows, all_elements, weights = out
     if rows[y, x] < 0 and prims[y, x] >= 0:
@@ -87,22 +88,22 @@ def seen(y, x, prims, rows, elements, hit, bary, splats, out):
 def motion(
     y, x, views, moves, turns, first, deltas, depth, rows, elements, weights, x0, y0, sign, out
 ):
-    """Write by how many pixels what is seen at each pixel moves to another frame.
+    """Write the motion in pixels from the visible point of each pixel to another frame.
 
     Args:
         views: VIEW records of this frame and the other, shape (2,).
-        moves: Of each appearance, from this frame's camera space to the other's, (m, 3, 4) f64.
+        moves: For each appearance, from this frame's camera space to the other's, (m, 3, 4) f64.
         turns: From an appearance's own space to the other frame's camera space, (m, 3, 3) f64.
-        first: Where an appearance's deltas begin, or STILL, shape (m,) i64.
-        deltas: By how much points move in their own space, shape (n, 3) f32: one row for each
+        first: First row of an appearance's deltas, or STILL, shape (m,) i64.
+        deltas: Motion of points in local space, shape (n, 3) f32: one row for each
             splat, and one for each corner of each triangle.
         depth: Planar, +inf where nothing is, shape (h, w) f32.
-        rows: Which appearance is seen, -1 where none is, shape (h, w) i32.
-        elements: Which splat, or which triangle, of it, shape (h, w) i32.
-        weights: Of the triangle's second and third corner, shape (h, w, 2) f32; of a splat
-            (-1, -1); of no size where there is nothing else.
+        rows: Row of the visible appearance, -1 where none is, shape (h, w) i32.
+        elements: Splat or triangle of the appearance, shape (h, w) i32.
+        weights: Weights of the triangle's second and third corner, shape (h, w, 2) f32; (-1, -1)
+            for a splat; empty if there are only splats.
         x0, y0: Pixel of the first column and row.
-        sign: 1 for the way to the other frame, -1 for the way from it.
+        sign: 1 for motion to the other frame, -1 for motion from it.
         out: Receives (right, up) [pixel], 0 where nothing is, shape (h, w, 2) f32.
     """
     z, row = np.float64(depth[y, x]), rows[y, x]

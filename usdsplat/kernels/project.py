@@ -1,9 +1,9 @@
 """Project splats: a Gaussian in its prim's space becomes an ellipse on the screen.
 
-Camera space here is x right, y down, z forward; pixel (0, 0) is centred on (0, 0), so a pixel's
+Camera space here is x right, y down, z forward. Pixel (0, 0) is centred on (0, 0), so a pixel's
 index is its coordinate. The loop runs over blocks of a fixed number of splats of one field,
-whatever the thread count, and each block packs its visible splats to the front of its own slots of
-the output.
+independent of the thread count. Each block packs its visible splats to the front of its own slots
+of the output.
 
 Source: Zwicker et al. 2002, "EWA Splatting", local affine approximation; Kerbl et al. 2023 for the
 low-pass and the cutoffs; Yu et al. 2024, "Mip-Splatting", for the antialiased opacity.
@@ -20,7 +20,7 @@ from .crop import is_left
 from .jit import parallel, scalar
 
 BLOCK = 1024
-"""Splats of one block. It depends on nothing, so results depend on no thread count."""
+"""Number of splats of one block. It is constant, so results do not depend on the thread count."""
 
 RECORD = 12
 """Floats of a projected splat: u v | a b c | ln(opacity) | half width, half height | r g b | depth.
@@ -30,9 +30,9 @@ The exponent of the Gaussian at a pixel is `a dx² + b dx dy + c dy²`: a, b, c 
 U, V, A, B, C, LOG_OPACITY, HALF_WIDTH, HALF_HEIGHT, RED, GREEN, BLUE, DEPTH = range(RECORD)
 
 LOW_PASS = np.float32(0.3)
-"""[pixel²] added to the screen covariance; a splat covers about one pixel at least."""
+"""Variance added to the screen covariance [pixel²]; a splat covers at least about one pixel."""
 LOG_CUTOFF = np.float32(math.log(1.0 / 255.0))
-"""ln of the smallest contribution that counts."""
+"""Logarithm of the cutoff."""
 
 PERSPECTIVE, TANGENTIAL, ORTHOGRAPHIC = 0, 1, 2
 SORT_Z, SORT_DISTANCE = 0, 1
@@ -45,11 +45,11 @@ CAMERA = np.dtype(
         ("left", "f4"), ("top", "f4"), ("right", "f4"), ("bottom", "f4"),
         ("low_pass", "f4"), ("projection", "i4"), ("sorting", "i4"), ("antialiased", "i4"),
     ],
-    align=True,  # else a GPU reads it byte by byte
+    align=True,  # otherwise a GPU reads it byte by byte
 )  # fmt: skip
-"""A view as the kernel reads it: focal lengths and principal point [pixel], clipping depths, the
-bounds on x/z and y/z at which the affine map is taken, the data window in pixel indices
-(inclusive), the low-pass [pixel²], and the modes."""
+"""A view: focal lengths and principal point [pixel], clipping depths, the limits of x/z and y/z for
+the affine approximation, the data window in pixel indices (inclusive), the low-pass [pixel²], and
+the modes."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -61,7 +61,7 @@ def screen_rows(cam, x, y, z, m, q, s):
     screen covariance, before the low-pass.
 
     (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s
-    the standard deviations. Returns p0 p1 p2 g0 g1 g2 [pixel].
+    the standard deviations. Return p0 p1 p2 g0 g1 g2 [pixel].
     """
     one = np.float32(1)
     two = np.float32(2)
@@ -76,7 +76,7 @@ def screen_rows(cam, x, y, z, m, q, s):
         jx, jxy, jxz = cam.fx * iz, zero, -cam.fx * tx * iz
         jy, jyx, jyz = cam.fy * iz, zero, -cam.fy * ty * iz
     elif cam.projection == TANGENTIAL:
-        # the shortest rotation that takes the viewing ray to the axis, then f / distance
+        # the shortest rotation from the viewing ray to the axis, then f / distance
         ir = one / math.sqrt(x * x + y * y + z * z)
         dx, dy, dz = x * ir, y * ir, z * ir
         k = one / (one + dz)
@@ -108,11 +108,11 @@ def screen_rows(cam, x, y, z, m, q, s):
 
 @scalar
 def project_one(cam, m, position, q, s, opacity, record):
-    """Fill columns U..HALF_HEIGHT and DEPTH of `record`; True if the splat may touch the data
-    window.
+    """Fill columns U..HALF_HEIGHT and DEPTH of `record`. Return whether the splat may touch the
+    data window.
 
-    The centre is transformed in float64: a capture far from the origin, seen by a camera near it,
-    loses nothing. Everything after is relative to the camera and float32.
+    The centre is transformed in float64, so that a capture far from the origin loses no precision.
+    Everything after that is relative to the camera and float32.
     """
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     z = np.float32(m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3])
@@ -164,7 +164,7 @@ def project_one(cam, m, position, q, s, opacity, record):
 
 @scalar
 def squared_distance(m, position):
-    """Squared distance from the eye, in float64 until the end."""
+    """Return the squared distance from the eye, computed in float64."""
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
     x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
     y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
@@ -185,12 +185,11 @@ def project(
     Args:
         camera: One CAMERA record, shape (1,).
         matrices: Local to camera, float64, shape (m, 3, 4), one per instance.
-        volumes: CROP records by which splats are kept or left out, shape (k,).
+        volumes: CROP records that keep or remove splats, shape (k,).
         crops: From the field's space to each volume's, shape (m, k, 3, 4) f64.
-        rows: Of each splat in its field, shape (n,) i32; of no size where that is its place.
-        positions, rotations, scales, opacities: As a SplatCloud has them, n rows.
-        closed: 1 for a block that is left out as a whole, shape (m * blocks,) u8; of no size where
-            none is.
+        rows: Row of each splat in its field, shape (n,) i32; empty if rows are in order.
+        positions, rotations, scales, opacities: See SplatCloud, n rows.
+        closed: 1 for a culled block, shape (m * blocks,) u8; empty if no block is culled.
         block: Slots per block, min(n, BLOCK).
         base: First slot of this field; block b of instance i owns `block` slots from
             base + (i * blocks + b) * block.

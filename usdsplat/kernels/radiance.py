@@ -1,8 +1,7 @@
-"""Radiance of the visible splats: harmonics in the direction of sight, converted to the blend
-space.
+"""Compute the radiance of visible splats: harmonics in the view direction, in the blend space.
 
-A stage of its own, after projection has said what is visible and before any pixel is touched; light
-cached per splat would enter here.
+This stage runs after projection, which finds the visible splats, and before any pixel is drawn.
+Light cached per splat would be added here.
 
 Source: Sloan 2008, "Stupid Spherical Harmonics Tricks", app. A2; signs and the 0.5 offset are
     3DGS's.
@@ -20,10 +19,10 @@ from .lanes import fetch
 from .launch import kernel
 
 AHEAD = 12
-"""Splats between asking for harmonics and reading them: rows are anywhere where a field is laid
-out along a curve, and the CPU does not guess which comes next."""
+"""Number of splats between prefetching harmonics and reading them. In spatial order their rows are
+scattered, and the CPU cannot predict them."""
 LINE = 16
-"""Floats that memory gives at once."""
+"""Number of floats of a cache line."""
 
 C0 = np.float32(0.28209479177387814)
 C1 = np.float32(0.4886025119029199)
@@ -55,8 +54,8 @@ C4A, C4B, C4C, C4D, C4E, C4F, C4G = (
 
 @scalar
 def harmonics(sh, c, degree, x, y, z):
-    """0.5 + the sum over bands up to `degree` of channel `c` in unit direction (x, y, z), clamped
-    at 0."""
+    """Return 0.5 plus the sum of harmonics up to `degree` of channel `c` in unit direction (x, y,
+    z), clamped at 0."""
     value = np.float32(0.5) + C0 * sh[0, c]
     if degree >= 1:
         value += C1 * (z * sh[2, c] - y * sh[1, c] - x * sh[3, c])
@@ -89,7 +88,7 @@ def harmonics(sh, c, degree, x, y, z):
                     + C4F * (xx - yy) * (seven * zz - one) * sh[22, c]
                     + C4G * (xx * (xx - three * yy) - yy * (three * xx - yy)) * sh[24, c]
                 )
-    # what is not finite is black: one broken splat may not poison the pixels behind it
+    # non-finite values become black, so that a broken splat does not spoil its pixels
     return value if np.float32(0) < value < np.float32(np.inf) else np.float32(0)
 
 
@@ -104,15 +103,15 @@ def radiance(
     """Colour the visible splats of all instances of one field.
 
     Args:
-        sights: Affine map from a splat's position to its direction of sight in the field's space,
+        sights: Affine map from a splat's position to its view direction in the field's space,
             of any length, shape (m, 3, 4) f64, one per instance. It carries the inverse of the
             orthogonal factor of the field's transform, reflection included.
         positions, sh: The field's arrays.
         degree: Highest degree evaluated; at most what `sh` holds.
         conversion: 13 numbers, see `color`; read only if `converts`.
-        block, base, found: As `project` left them.
+        block, base, found: See `project.project`.
         sources: Each slot's row in the field.
-        paints, column: Where the colour goes: three columns of each used slot, f32.
+        paints, column: Receives the colour in three columns of each used slot, f32.
     """
     width = 3 * (degree + 1) * (degree + 1)
     stride = np.uint64(3 * sh.shape[1])

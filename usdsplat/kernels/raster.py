@@ -1,8 +1,8 @@
-"""Which triangle each pixel sees: tiles of the fixed grid, and a depth buffer for each.
+"""Rasterize triangles: tiles of the fixed grid, with a depth buffer for each.
 
-Triangles are listed by tile in their own order, and a later one must be strictly nearer to win, so
-ties of depth go to the lower triangle whatever the thread count. Where a triangle spans many tiles,
-the stretch of columns that it touches in each row of tiles follows from its edges.
+Triangles are listed by tile in their own order. A later one must be strictly nearer to win, so ties
+of depth go to the lower triangle, independent of the thread count. If a triangle spans many tiles,
+the range of columns in each row of tiles follows from its edges.
 
 Source: Pineda 1988, "A parallel algorithm for polygon rasterization".
 """
@@ -17,10 +17,10 @@ from .jit import launcher, parallel, scalar
 from .triangles import Z, depth_from, depth_plane, edge, find, orientation
 
 FEW = 2
-"""Columns of tiles up to which all of a triangle's box is listed untested."""
+"""Number of columns of tiles up to which all tiles of a triangle's box are listed without a
+test."""
 MARGIN = 1.0
-"""[pixel] Added about tiles when they are tested: a tile too many costs little, one too few a
-hole."""
+"""Margin of tiles in the test [pixel]. An extra tile costs little, a missing one causes a hole."""
 
 
 # --- 1. mathematics: one triangle -------------------------------------------------------
@@ -28,7 +28,7 @@ hole."""
 
 @scalar
 def corners(appearances, firsts, vertex_firsts, triangles, vertices, t):
-    """The three vertices of triangle t of all appearances."""
+    """Return the three vertices of triangle t, counted through all appearances."""
     k = find(firsts, t)
     corner = triangles[t - firsts[k] + appearances[k].rows]
     base = vertex_firsts[k]
@@ -37,14 +37,14 @@ def corners(appearances, firsts, vertex_firsts, triangles, vertices, t):
 
 @scalar
 def edges_of(view, a, b, c):
-    """The three edges, each opposite to its corner."""
+    """Return the three edges, each opposite to its corner."""
     side = 1.0 if orientation(view, a, b, c) > 0.0 else -1.0
     return edge(view, b, c, side), edge(view, c, a, side), edge(view, a, b, side)
 
 
 @scalar
 def narrow(e, y0, y1, low, high):
-    """Shorten the stretch [low, high] [pixel] by what lies outside one edge in all of rows y0 to
+    """Shorten the range [low, high] [pixel] by the part that is outside one edge in all rows y0 to
     y1."""
     best = max(e[1] * (y0 - MARGIN - e[3]), e[1] * (y1 + MARGIN - e[3])) + e[4]
     if e[0] > 0.0:
@@ -58,7 +58,7 @@ def narrow(e, y0, y1, low, high):
 
 @scalar
 def tiles_of(box, grid):
-    """Tile columns and rows of a box, within the band: (first, end, first, end)."""
+    """Return tile columns and rows of a box within the band: (first, end, first, end)."""
     x0, x1 = max(box[0], grid.x0), min(box[2], grid.x1)
     y0, y1 = max(box[1], grid.y0), min(box[3], grid.y1)
     if x0 >= x1 or y0 >= y1:
@@ -71,7 +71,7 @@ def tiles_of(box, grid):
 
 @scalar
 def columns_of(edges, row, first, end, grid):
-    """The tile columns out of first..end-1 that the triangle may touch in one row of tiles."""
+    """Return the tile columns in first..end-1 that the triangle may touch in one row of tiles."""
     y0 = np.float64(grid.top + row * TILE)
     y1 = y0 + (TILE - 1)
     low = np.float64(grid.left + first * TILE)
@@ -116,15 +116,15 @@ def cover(view, a, b, c, t, x0, y0, x1, y1, left, top, depth, winner):
 
 @parallel
 def count(view, shapes, boxes, grid, chunks, counts):
-    """counts[k, tile] = triangles of chunk k that may touch the tile.
+    """Set counts[k, tile] to the number of triangles of chunk k that may touch the tile.
 
     Args:
         view: One VIEW record, shape (1,).
-        shapes: (appearances, first triangles, first vertices, triangles, vertices), as
-            `triangles.boxes` has them.
-        boxes: What it made.
+        shapes: (appearances, first triangles, first vertices, triangles, vertices), see
+            `triangles.boxes`.
+        boxes: Result of `triangles.boxes`.
         grid: One GRID record of `bins`, shape (1,).
-        chunks: Pieces of the order; any number gives the same lists.
+        chunks: Number of chunks of the order; any number gives the same lists.
         counts: Shape (chunks, tiles + 1) i32; the last column is not used.
     """
     appearances, firsts, vertex_firsts, triangles, vertices = shapes
@@ -150,9 +150,10 @@ def count(view, shapes, boxes, grid, chunks, counts):
 
 @parallel
 def fill(view, shapes, boxes, grid, chunks, counts, lists):
-    """Write each tile's list of triangles, i32, ascending; `counts` are places by `bins.offsets`.
+    """Write each tile's list of triangles, i32, ascending. `counts` are offsets from
+    `bins.offsets`.
 
-    Other arguments are those of `count`.
+    For other arguments see `count`.
     """
     appearances, firsts, vertex_firsts, triangles, vertices = shapes
     n = boxes.shape[0]
@@ -180,12 +181,12 @@ def fill(view, shapes, boxes, grid, chunks, counts, lists):
 
 @launcher(gpu="raster.tile_lists")
 def tile_lists(view, shapes, boxes, grid, tiles, chunks, get):
-    """Make the list of each tile: what `bins.tile_lists` returns, of triangles.
+    """Make the list of triangles of each tile. The result is as in `bins.tile_lists`.
 
     Args:
-        view, shapes, boxes, grid, chunks: Those of `count`.
-        tiles: How many the grid has.
-        get: Makes buffers by name, shape and dtype.
+        view, shapes, boxes, grid, chunks: See `count`.
+        tiles: Number of tiles of the grid.
+        get: Returns buffers by name, shape and dtype.
     """
     counts = get("surface counts", (chunks, tiles + 1), np.int32)
     starts = get("surface starts", (tiles + 1,), np.int64)
@@ -202,7 +203,7 @@ def raster(view, shapes, boxes, grid, starts, lists, depth, winner):
     """Find the nearest triangle of each pixel of a band.
 
     Args:
-        view, shapes, boxes, grid: Those of `count`.
+        view, shapes, boxes, grid: See `count`.
         starts, lists: The lists of all tiles.
         depth: Receives the planar camera depth [scene unit], +inf where nothing is, f32, shape
             (y1 - y0, x1 - x0).

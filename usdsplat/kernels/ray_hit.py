@@ -1,16 +1,17 @@
-"""Where each pixel's own ray hits a splat: the depth of the Gaussian's maximum along the ray.
+"""Compute ray hits: the depth of a Gaussian's maximum along each pixel's ray.
 
-Stretched so that the Gaussian is a ball, a ray hits it where it passes the centre nearest. Let
-e be the stretched ray to the centre and g, h what one pixel to the right and one down add to it;
-turned so that e lies on the first axis and h's plane holds the second, all of it is five numbers:
+In a space in which the Gaussian is a ball, the maximum is the point of the ray nearest to the
+centre. Let e be the transformed ray to the centre, and g and h the changes of the ray to the next
+pixel to the right and down. In axes in which e lies on the first one and g in the plane of the
+first two, five numbers remain:
 
     e = (1, 0, 0)   g = (GX, GY, 0)   h = (HX, HY, HZ)      d = e + dx g + dy h
 
-and the ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) where rays are parallel. No difference
-of like numbers is taken, so thin discs seen edge on are as exact as balls.
+The ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) if rays are parallel. No similar numbers
+are subtracted, so thin discs seen edge-on are as accurate as balls.
 
-A ray that misses the ellipsoid of what counts, which only the low-pass filter lets through, may
-have its maximum anywhere: depths are held within that ellipsoid's own.
+A ray that misses the ellipsoid of the cutoff contributes only through the low-pass filter, and may
+have its maximum anywhere. Depths are therefore clamped to those of the ellipsoid.
 
 Source: Keselman & Hebert 2022, "Approximate differentiable rendering with algebraic surfaces";
 Radl et al. 2024, "StopThePop", for sorting by it.
@@ -27,12 +28,12 @@ from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
 RAY_HIT = 8
-"""Floats of a ray hit: the five numbers, depth of the centre, how far from it a ray hit may be, and
-one unused."""
+"""Floats of a ray hit: the five numbers, depth of the centre, maximum distance of a ray hit from
+it, and one unused."""
 GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
 
 THIN = 1e-6
-"""Thinnest axis of a splat, as a part of its thickest: flat ones stay invertible."""
+"""Minimum ratio of a splat's thinnest to its thickest axis; it keeps flat splats invertible."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -46,7 +47,7 @@ def ray_hit_one(cam, m, inverse, position, q, s, log_opacity, ray_hit):
         cam: A CAMERA record.
         m: Local to camera, (3, 4) f64; inverse: of its 3x3, (3, 3) f64.
         position, q, s: Centre, quaternion and standard deviations.
-        log_opacity: As projected.
+        log_opacity: See `project.RECORD`.
         ray_hit: Receives RAY_HIT floats.
     """
     px, py, pz = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
@@ -109,7 +110,7 @@ def ray_hit_one(cam, m, inverse, position, q, s, log_opacity, ray_hit):
 
 @exact
 def row_at(hx, hy, hz, dy):
-    """d at dx = 0 of a row."""
+    """Return d of a row at dx = 0."""
     return np.float32(1) + hx * dy, hy * dy, hz * dy
 
 
@@ -135,9 +136,9 @@ def ray_hits(
     """Find the ray hits of the visible splats of all instances of one field.
 
     Args:
-        camera, matrices, positions, rotations, scales, block, base, found: As `project` had them.
-        inverses: Of the matrices' 3x3, shape (m, 3, 3) f64.
-        records, sources: What `project` made.
+        camera, matrices, positions, rotations, scales, block, base, found: See `project.project`.
+        inverses: Inverses of the matrices' 3x3 parts, shape (m, 3, 3) f64.
+        records, sources: Results of `project.project`.
         out: Receives a ray hit for each used slot, shape (slots, RAY_HIT) f32.
     """
     blocks = (positions.shape[0] + block - 1) // block

@@ -1,4 +1,4 @@
-"""Take a finished picture from one colour space to another."""
+"""Convert a finished picture from one colour space to another."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .launch import kernel
 
 @kernel(over="image", writes=("image",), axes=2)
 def recolor(y, x, image, conversion):
-    """Un-premultiply, convert and premultiply again, in place.
+    """Unpremultiply, convert and premultiply again, in place.
 
     Args:
-        image: Premultiplied RGBA, shape (h, w, 4) f32; where A is 0 nothing is done. Or RGB, shape
+        image: Premultiplied RGBA, shape (h, w, 4) f32; pixels with A = 0 are skipped. Or RGB, shape
             (h, w, 3), as if A were 1.
         conversion: 13 numbers, see `color`.
     """

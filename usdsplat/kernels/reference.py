@@ -1,8 +1,8 @@
-"""The picture in plain float64 NumPy: slow, readable, and the oracle of the fast kernels.
+"""Render the picture in plain float64 NumPy: slow, readable, and the oracle of the fast kernels.
 
-Written from `Image formation` alone: matrices are matrices, the Gaussian is evaluated with its
-inverse covariance, and splats are blended one after another over the whole box they may touch. It
-shares no formula with the kernels.
+The code follows the formulas of image formation: matrices are matrices, the Gaussian is evaluated
+with its inverse covariance, and splats are blended one after another over the whole box that they
+may touch. It shares no formula with the kernels.
 
 Source: Kerbl et al. 2023, "3D Gaussian Splatting"; Zwicker et al. 2002, "EWA Splatting".
 """
@@ -21,12 +21,12 @@ from usdsplat.core.cloud import F32, F64, SplatCloud
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lens:
-    """A camera in pixels: x right, y down, z forward; pixel centres at +0.5."""
+    """Camera in pixels: x right, y down, z forward; pixel centres at +0.5."""
 
     world_to_camera: F64
     """Shape (4, 4), OpenCV axes."""
     focal: tuple[float, float]
-    """[pixel]; for an orthographic lens pixels per scene unit."""
+    """Focal lengths [pixel]; for an orthographic lens [pixel / scene unit]."""
     center: tuple[float, float]
     """Principal point [pixel]."""
     size: tuple[int, int]
@@ -39,19 +39,20 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What the reference renders."""
+    """Picture of the reference renderer."""
 
     color: F64
     """Premultiplied RGBA, shape (h, w, 4)."""
     depth: F64
-    """Planar depth of the splat that passes half the coverage, +inf where nothing is, (h, w)."""
+    """Planar depth of the splat at which half of the coverage is reached, +inf where nothing is,
+    (h, w)."""
     element: F64
-    """Its row in the concatenation of the clouds, -1 where nothing is, (h, w)."""
+    """Row of that splat in the concatenation of the clouds, -1 where nothing is, (h, w)."""
 
 
 def _matrices(q: F64) -> F64:
-    """Rotation matrices of unit quaternions (w, x, y, z), by the sandwich product with unit
-    vectors."""
+    """Return rotation matrices of unit quaternions (w, x, y, z), from the sandwich product with
+    unit vectors."""
     w, v = q[:, :1], q[:, 1:]
     columns = []
     for axis in np.eye(3):
@@ -62,7 +63,7 @@ def _matrices(q: F64) -> F64:
 
 
 def _jacobians(lens: Lens, p: F64) -> F64:
-    """Affine maps from camera space to pixels at centres `p`, shape (n, 2, 3)."""
+    """Return affine maps from camera space to pixels at centres `p`, shape (n, 2, 3)."""
     fx, fy = lens.focal
     width, height = lens.size
     jacobian = np.zeros((len(p), 2, 3))
@@ -92,7 +93,7 @@ def _jacobians(lens: Lens, p: F64) -> F64:
 
 
 def _directions(lens: Lens, centers: F64, linear: F64) -> F64:
-    """Directions of sight in a cloud's own space; `linear` is the 3x3 of its transform."""
+    """Return view directions in a cloud's local space; `linear` is the 3x3 of its transform."""
     camera_to_world = np.linalg.inv(lens.world_to_camera)
     if lens.model == "orthographic":
         sight = np.broadcast_to(camera_to_world[:3, 2], centers.shape)
@@ -105,7 +106,8 @@ def _directions(lens: Lens, centers: F64, linear: F64) -> F64:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Footprints:
-    """What a lens sees of splats, in order of the key; row i of every array is one splat."""
+    """Footprints of the splats that a lens sees, in order of the key; row i of every array is one
+    splat."""
 
     pixel: F64
     """Centres [pixel], shape (n, 2)."""
@@ -129,7 +131,7 @@ def footprints(
     by_distance: bool = False,
     degree: int = 4,
 ) -> Footprints:
-    """Project clouds, each with its 4x4 local-to-world matrix; arguments as in `render`."""
+    """Project clouds, each with its 4x4 local-to-world matrix. For arguments see `render`."""
     parts = []
     for cloud, matrix in clouds:
         linear = matrix[:3, :3]
@@ -182,8 +184,8 @@ def render(
 ) -> Picture:
     """Render clouds, each with its 4x4 local-to-world matrix, in the space of their harmonics.
 
-    `by_distance` sorts by distance from the eye instead of planar depth; `degree` is the highest
-    degree of harmonics that counts.
+    `by_distance` sorts by distance from the eye instead of planar depth. `degree` is the highest
+    evaluated degree of harmonics.
     """
     seen = footprints(clouds, lens, antialiased=antialiased, by_distance=by_distance, degree=degree)
     return _blend(
@@ -194,7 +196,8 @@ def render(
 def _blend(
     lens: Lens, pixel: F64, screen: F64, opacity: F64, color: F64 | F32, depth: F64, row: Any
 ) -> Picture:
-    """Blend sorted splats front to back, then again to find where half the coverage is passed."""
+    """Blend sorted splats front to back, then again to find where half of the coverage is
+    reached."""
     width, height = lens.size
     inverse = np.linalg.inv(screen)
     reach = np.sqrt(2.0 * np.log(255.0 * opacity))[:, None] * np.sqrt(

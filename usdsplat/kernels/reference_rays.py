@@ -1,7 +1,7 @@
-"""Every pixel's own ray in plain float64 NumPy: the oracle of `ray_hit`, `walk` and surfaces.
+"""Evaluate every pixel's ray in plain float64 NumPy: the oracle of `ray_hit`, `walk` and surfaces.
 
-All splats are evaluated at all pixels, so it is for small scenes. A Gaussian's maximum along a ray
-is found with the inverse of its covariance, as the formula is printed.
+All splats are evaluated at all pixels, so this is for small scenes. A Gaussian's maximum along a
+ray is computed with the inverse of its covariance, as in the published formula.
 
 Source: Radl et al. 2024, "StopThePop", equation for the point of maximum contribution.
 """
@@ -20,7 +20,7 @@ from usdsplat.kernels.reference import Footprints, Lens
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rays:
-    """Contributions to every pixel in its own order; the first axis is that order."""
+    """Contributions to every pixel in the pixel's order, along the first axis."""
 
     weight: F64
     """Opacity times the transmittance in front, 0 from the end of a pixel on, shape (n, h, w)."""
@@ -33,14 +33,13 @@ class Rays:
     color: F64
     """Premultiplied RGBA, shape (h, w, 4)."""
     through: F64
-    """Transmittance of all, also of what holds out, shape (h, w)."""
+    """Transmittance of all splats, mattes included, shape (h, w)."""
 
 
 def ray_hit_depths(seen: Footprints, lens: Lens) -> F64:
     """Return where each pixel's ray hits each splat: planar depth, shape (n, h, w).
 
-    Held within the depths of the ellipsoid in which a contribution counts, and not before the near
-    plane.
+    Depths are clamped to those of the ellipsoid of the cutoff, and to the near plane.
     """
     width, height = lens.size
     u = (np.arange(width) + 0.5 - lens.center[0]) / lens.focal[0]
@@ -62,7 +61,7 @@ def ray_hit_depths(seen: Footprints, lens: Lens) -> F64:
 
 
 def alphas(seen: Footprints, lens: Lens) -> F64:
-    """Contribution of each splat at each pixel by itself, shape (n, h, w)."""
+    """Return the contribution of each splat alone at each pixel, shape (n, h, w)."""
     width, height = lens.size
     inverse = np.linalg.inv(seen.screen)
     dx = np.arange(width) + 0.5 - seen.pixel[:, :1]
@@ -81,13 +80,13 @@ def trace(
     stops: F64 | None = None,
     keeps: F64 | None = None,
 ) -> Rays:
-    """Blend every pixel in its own order.
+    """Blend every pixel in the order of its contributions.
 
     Args:
-        seen: What the lens sees.
-        sort_by_ray_hit: Whether that order is by ray hits, or that of `seen`.
-        stops: Depth of surfaces: ray hits behind them are left out, shape (h, w).
-        keeps: 0 for what only holds out, shape (n,).
+        seen: Footprints of the visible splats.
+        sort_by_ray_hit: Whether the order is by ray hits, or that of `seen`.
+        stops: Depth of surfaces, shape (h, w). Ray hits behind them are skipped.
+        keeps: 0 for splats of mattes, shape (n,).
     """
     alpha, ray_hits = alphas(seen, lens), ray_hit_depths(seen, lens)
     if stops is not None:
@@ -118,7 +117,8 @@ def trace(
 
 
 def median(rays: Rays, part: float, whole: F64) -> F64:
-    """Depth at which a part of the coverage `whole` is passed, +inf where it never is, (h, w)."""
+    """Return the depth at which `part` of the coverage `whole` is reached, +inf where it never is,
+    (h, w)."""
     passed = (np.cumsum(rays.weight, axis=0) >= part * whole - 1e-9) & (rays.weight > 0)
     first = passed.argmax(axis=0)
     depth = np.take_along_axis(rays.depth, first[None], axis=0)[0]

@@ -1,8 +1,7 @@
-"""What each pixel of a surface looks like: geometry of the hit, material, light.
+"""Shade the pixels of surfaces: geometry of the hit, material, light.
 
-A surface is diffuse. It is lit by lights from infinitely far away, without shadows, or, where there
-is none, by a lamp at the eye. Geometry is float64 and relative to the triangle's first corner;
-colour is float32.
+A surface is diffuse. It is lit by directional lights without shadows or, if there are none, by a
+lamp at the eye. Geometry is float64 and relative to the triangle's first corner. Colour is float32.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ MATERIAL = np.dtype(
         ("first", "i4"), ("levels", "i4"), ("wrap_u", "i4"), ("wrap_v", "i4"),
     ]
 )  # fmt: skip
-"""Diffuse colour, whether the mesh's colours count, and the texture's pyramid: its first LEVEL and
-how many, 0 for none, and what lies outside."""
+"""Diffuse colour, whether the mesh's colours are used, first LEVEL and number of levels of the
+texture (0 for none), and its wrap modes."""
 
 LIGHT = 6
 """Floats of a light: direction to it in camera space, unit length | irradiance r g b."""
 
 NOTHING, DRAWN, MATTE = range(3)
-"""What a pixel's coverage can be."""
+"""Values of a pixel in `covered`."""
 
 
 # --- 1. mathematics: one pixel ----------------------------------------------------------
@@ -38,7 +37,7 @@ NOTHING, DRAWN, MATTE = range(3)
 
 @scalar
 def sight(view, x, y, z):
-    """The point in camera space that pixel (x, y) sees at depth z."""
+    """Return the point in camera space that pixel (x, y) sees at depth z."""
     u, v = (x - view.cx) / view.fx, (y - view.cy) / view.fy
     if view.orthographic:
         return u, v, z
@@ -47,7 +46,7 @@ def sight(view, x, y, z):
 
 @scalar
 def hit_at(view, a, b, c, x, y):
-    """The point in camera space, on the triangle's plane, that pixel (x, y) sees."""
+    """Return the point in camera space, on the triangle's plane, that pixel (x, y) sees."""
     p, q, r = depth_plane(view, a, b, c)
     z = depth_from(
         view, p * x + (q * y + r), min(a[Z], b[Z], c[Z]), max(a[Z], b[Z], c[Z])
@@ -57,7 +56,8 @@ def hit_at(view, a, b, c, x, y):
 
 @scalar
 def slopes(view, a, b, c, x, y, z):
-    """How the point that pixel (x, y) sees moves to the next pixel: (3 to the right, 3 down)."""
+    """Return the change of the point that pixel (x, y) sees to the next pixel: (3 to the right, 3
+    down)."""
     p, q, _ = depth_plane(view, a, b, c)
     if view.orthographic:
         return 1.0 / view.fx, 0.0, p, 0.0, 1.0 / view.fy, q
@@ -68,7 +68,8 @@ def slopes(view, a, b, c, x, y, z):
 
 @scalar
 def weights(a, b, c, x, y, z):
-    """Weights of corners b and c at a point relative to a, which may lie off the plane."""
+    """Return the weights of corners b and c at a point relative to a, which may lie off the
+    plane."""
     nx, ny, nz = facet(a, b, c)
     x1, y1, z1 = b[X] - a[X], b[Y] - a[Y], b[Z] - a[Z]
     x2, y2, z2 = c[X] - a[X], c[Y] - a[Y], c[Z] - a[Z]
@@ -80,21 +81,21 @@ def weights(a, b, c, x, y, z):
 
 @scalar
 def within(one, two):
-    """Weights of corners b and c, brought back onto the triangle: snapped corners cover a little
-    more."""
+    """Return the weights of corners b and c, clamped to the triangle. Snapped corners cover
+    slightly more."""
     one = min(max(one, 0.0), 1.0)
     return one, min(max(two, 0.0), 1.0 - one)
 
 
 @scalar
 def blended(three, one, two, channel):
-    """One channel of what the corners have."""
+    """Interpolate one channel of a value at the corners."""
     return (1.0 - one - two) * three[0, channel] + one * three[1, channel] + two * three[2, channel]
 
 
 @scalar
 def visible_side(a, b, c, x, y, z, parallel_rays):
-    """The facet's unit normal on the side that is seen from (0, 0, 0)."""
+    """Return the facet's unit normal on the side that is visible from (0, 0, 0)."""
     nx, ny, nz = facet(a, b, c)
     away = nz if parallel_rays else nx * x + ny * y + nz * z
     scale = (-1.0 if away > 0.0 else 1.0) / math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -103,9 +104,9 @@ def visible_side(a, b, c, x, y, z, parallel_rays):
 
 @scalar
 def turned(m, x, y, z, gx, gy, gz):
-    """A normal taken to camera space by a 3x3, unit length, on the side of facet normal g.
+    """Transform a normal to camera space by a 3x3, with unit length, on the side of facet normal g.
 
-    Where it has no direction it is the facet's.
+    If the result has no direction, return the facet's normal.
     """
     nx = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z
     ny = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z
@@ -119,7 +120,8 @@ def turned(m, x, y, z, gx, gy, gz):
 
 @scalar
 def light_on(lights, nx, ny, nz, px, py, pz, parallel_rays):
-    """Light that a white surface sends out: (r, g, b). p is the point; the eye is at 0."""
+    """Return the light that a white surface reflects: (r, g, b). p is the point; the eye is at
+    0."""
     zero = np.float32(0)
     if lights.shape[0] == 0:
         if parallel_rays:
@@ -139,7 +141,8 @@ def light_on(lights, nx, ny, nz, px, py, pz, parallel_rays):
 
 @scalar
 def texture_at(view, a, b, c, corner_uvs, one, two, x, y, z, material, levels, texels):
-    """The texture at a point of the triangle, over what the pixel covers: (r, g, b)."""
+    """Return the texture at a point of the triangle, filtered over the pixel's footprint: (r, g,
+    b)."""
     rx, ry, rz, dx, dy, dz = slopes(view, a, b, c, x, y, z)
     right1, right2 = weights(a, b, c, rx, ry, rz)
     down1, down2 = weights(a, b, c, dx, dy, dz)
@@ -163,7 +166,7 @@ def texture_at(view, a, b, c, corner_uvs, one, two, x, y, z, material, levels, t
 
 @scalar
 def clear(row, column, end, out):
-    """Say that pixels column..end-1 of a row see nothing."""
+    """Clear pixels column..end-1 of a row, which see no surface."""
     color, normal, albedo, covered, ids, hit, bary = out
     for i in range(column, end):
         for c in range(3):
@@ -187,8 +190,8 @@ def shade_stretch(
     k = find(firsts, t)
     look, local = appearances[k], t - firsts[k]
     a, b, c = corners(appearances, firsts, vertex_firsts, triangles, vertices, t)
-    # as numbers, which stay in registers: for all the compiler knows, writing a pixel might change
-    # the arrays
+    # as scalars, which stay in registers: the compiler cannot know that writing a pixel does not
+    # change the arrays
     a, b, c = (a[X], a[Y], a[Z]), (b[X], b[Y], b[Z]), (c[X], c[Y], c[Z])
     number = look.material
     if look.material_of >= 0:
@@ -243,15 +246,15 @@ def shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
     """Shade the nearest triangle of each pixel of a band.
 
     Args:
-        view, shapes, winner: Those of `raster.raster`.
+        view, shapes, winner: See `raster.raster`.
         normal_matrices: From normals in a mesh's space to camera space, of any length, float64,
             shape (n, 3, 3), one per appearance.
-        looks: What all meshes look like: (faces (t,) i32, normals (.., 3, 3) f32, colors (.., 3, 3)
+        looks: Appearance of all meshes: (faces (t,) i32, normals (.., 3, 3) f32, colors (.., 3, 3)
             f32, uvs (.., 3, 2) f32, material_of (..,) i32, MATERIAL records, LEVEL records, texels
-            f32). An APPEARANCE says which rows are whose.
-        lights: Shape (k, LIGHT) f32; with none there is a lamp at the eye.
+            f32). An APPEARANCE has the first row of a mesh in each.
+        lights: Shape (k, LIGHT) f32; without any there is a lamp at the eye.
         origin: x0, y0 of the band, i64.
-        out: Receives (color, normal, albedo, covered, ids, hit, bary), as `SurfaceBand` has them.
+        out: Receives (color, normal, albedo, covered, ids, hit, bary), see `SurfaceBand`.
     """
     for row in prange(winner.shape[0]):
         eye = view[0]

@@ -1,8 +1,8 @@
-"""Premultiplied pictures to what a screen shows: curve or lattice, background, 8 bits.
+"""Convert premultiplied pictures for display: curve or lattice, background, 8 bits.
 
-Colours are seen straight, as a view sees them, and lie over the background in the screen's code
-values, as splats lie over each other. Curves are tables over the square root of their argument, so
-that they are fine where eyes are.
+Colours are unpremultiplied for the view transform, and composited over the background in display
+code values, as splats are composited over each other. Curves are tables over the square root of
+their argument, so that they are finer in dark tones.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ALL, RED, GREEN, BLUE, ALPHA = range(5)
 
 @scalar
 def along(table, x, inverse_top):
-    """The entry nearest to x; entry i of n stands for (i / (n - 1))² / inverse_top."""
+    """Return the table entry nearest to x; entry i of n is at (i / (n - 1))² / inverse_top."""
     part = min(max(x * inverse_top, np.float32(0)), np.float32(1))
     at = np.float32(math.sqrt(part)) * np.float32(table.shape[0] - 1) + np.float32(0.5)
     return table[np.uint32(at)]
@@ -31,7 +31,8 @@ def along(table, x, inverse_top):
 
 @scalar
 def mixed(cube, c, i, j, k, u, v, w):
-    """Channel c in the cell (i, j, k) of a lattice, (u, v, w) of the way to its far corner."""
+    """Interpolate channel c in the cell (i, j, k) of a lattice, at (u, v, w) of the way to its far
+    corner."""
     a = cube[i, j, k, c] + (cube[i, j, k + 1, c] - cube[i, j, k, c]) * w
     b = cube[i, j + 1, k, c] + (cube[i, j + 1, k + 1, c] - cube[i, j + 1, k, c]) * w
     d = cube[i + 1, j, k, c] + (cube[i + 1, j, k + 1, c] - cube[i + 1, j, k, c]) * w
@@ -42,7 +43,7 @@ def mixed(cube, c, i, j, k, u, v, w):
 
 @scalar
 def byte(value):
-    """The nearest of 256 steps, halves up; what is not a number is black."""
+    """Return the nearest of 256 steps, halves up; NaN is black."""
     level = value * np.float32(255) + np.float32(0.5)
     return np.uint8(np.int32(min(max(level, np.float32(0)), np.float32(255))))
 
@@ -54,17 +55,17 @@ def byte(value):
 def show(
     image, matrix, shaper, shaper_scale, cube, table, table_scale, channel, backs, square, out
 ):
-    """Fill `out` with what a screen shows.
+    """Fill `out` with display values.
 
     Args:
         image: Premultiplied RGBA, shape (h, w, 4) f32.
         matrix: Applied to straight RGB, shape (3, 3) f32; of no size for none.
         shaper, shaper_scale: Curve from there to lattice coordinates [0..1].
-        cube: Lattice of RGB, shape (n, n, n, 3) f32; of no size for none.
-        table, table_scale: Last curve, to code values; of no size for none.
-        channel: One of ALL, RED, GREEN, BLUE, ALPHA; single ones are over black.
-        backs: Greys of the background [0..1], shape (2, w) f32: rows of two kinds, in turns.
-        square: How many rows are of one kind.
+        cube: Lattice of RGB, shape (n, n, n, 3) f32; empty for none.
+        table, table_scale: Last curve, to code values; empty for none.
+        channel: One of ALL, RED, GREEN, BLUE, ALPHA; single channels are over black.
+        backs: Greys of the background [0..1], shape (2, w) f32: two kinds of rows, which alternate.
+        square: Number of successive rows of one kind.
         out: Receives RGB, shape (h, w, 3) u8.
     """
     height, width = image.shape[0], image.shape[1]

@@ -1,4 +1,4 @@
-"""Argument types as text, and the tables of all kernels that we launch.
+"""Convert argument types to and from text, and read the tables of all launched kernels.
 
     int64 float32 bool      numbers
     f4:2C                   an array of float32 with two axes, contiguous; `A` any strides, `F`

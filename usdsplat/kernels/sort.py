@@ -1,7 +1,9 @@
-"""One global depth order: pack what is visible, sort it by key, lay its records out in that order.
+"""Sort splats by depth: pack the visible splats, sort them by key, and gather their records in that
+order.
 
-A stable radix sort of float32 keys by their bits, 11 at a time. Splats enter in the order
-of prim path and row, and stability keeps that order among equal keys: a picture is reproducible.
+The sort is a stable radix sort of the bits of float32 keys, 11 at a time. Splats enter in the order
+of prim path and row, and stability keeps that order among equal keys. A picture is therefore
+reproducible.
 
 Source: Knuth, TAOCP vol. 3, 5.2.5; Satish et al. 2009 for the chunked histograms.
 """
@@ -17,7 +19,7 @@ from .launch import kernel
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
 BLOCK = 1024
-"""Rows of one block."""
+"""Number of rows of one block."""
 PASSES = 3
 """3 x 11 bits cover the 32 of a key."""
 
@@ -27,12 +29,12 @@ PASSES = 3
 
 @serial(writes=("visible",), gpu="sort.visible_slots")
 def visible_slots(found, starts, blocks, visible):
-    """List the used slots in order; returns how many.
+    """List the used slots in order. Return their number.
 
     Args:
         found: Visible splats per block, shape (k,).
         starts: First slot of each block, shape (k,) i64.
-        blocks: k, how many blocks there are.
+        blocks: k, the number of blocks.
         visible: Receives slots, i32, room for all.
     """
     count = 0
@@ -46,7 +48,7 @@ def visible_slots(found, starts, blocks, visible):
 
 @scalar
 def ordered_bits(bits):
-    """The bits of a float32 as an unsigned number that sorts as the float does; -0 is 0."""
+    """Return the bits of a float32 as an unsigned number that sorts as the float does; -0 is 0."""
     sign = np.uint32(0x80000000)
     if bits == sign:
         return sign
@@ -55,12 +57,12 @@ def ordered_bits(bits):
 
 @parallel(writes=("work", "histogram"), gpu="sort.depth_order")
 def depth_order(visible, count, keys, chunks, work, histogram):
-    """Sort slots by key, stably; returns which of the two halves of `work` holds the result.
+    """Sort slots by key, stably. Return which of the two halves of `work` holds the result.
 
     Args:
         visible: Slots in tie order, shape (>= count,) i32.
         keys: Key of each slot, f32, no NaN.
-        chunks: How many pieces the pass is cut into; any number gives the same result.
+        chunks: Number of chunks of a pass; any number gives the same result.
         work: (key bits (2, count) u32, slots (2, count) i32).
         histogram: Scratch, shape (chunks, DIGITS) i64.
     """
@@ -99,18 +101,18 @@ def depth_order(visible, count, keys, chunks, work, histogram):
 
 @kernel(over="sources", writes=("sources",))
 def name_rows(at, rows, sources):
-    """Where a budget leaves a part of a field, go from rows of the part to rows of the field.
+    """Convert rows of a subset, which a splat budget selects, to rows of the field.
 
     Args:
-        rows: Of each splat of the part in its field, shape (n,) i32, n > 0.
-        sources: Slots of the part, of which unused ones hold anything; changed in place, i32.
+        rows: Row in the field of each splat of the subset, shape (n,) i32, n > 0.
+        sources: Rows of the subset by slot, arbitrary for unused slots; changed in place, i32.
     """
     sources[at] = rows[min(max(sources[at], 0), rows.shape[0] - 1)]
 
 
 @kernel(over="order", writes=("out",))
 def gather(k, order, records, out):
-    """out[k] = records[order[k]]: what blending reads, in the order it reads it."""
+    """Set out[k] to records[order[k]], so that blending reads memory in order."""
     slot = order[k]
     for c in range(records.shape[1]):
         out[k, c] = records[slot, c]
@@ -118,12 +120,12 @@ def gather(k, order, records, out):
 
 @serial(writes=("slots", "work"), gpu="sort.settle")
 def settle(bits, slots, count, sources, first_slots, work):
-    """Put splats of equal keys in the order of their appearances and, there, of their rows.
+    """Sort splats of equal keys by appearance, then by row.
 
-    Where all splats are in memory in the order of rows the sort has done so, being stable.
+    If all splats are stored in the order of rows, the stable depth sort has already done so.
 
     Args:
-        bits, slots: What `depth_order` made, shape (>= count,); slots are changed in place.
+        bits, slots: Results of `depth_order`, shape (>= count,); slots are changed in place.
         sources: Each slot's row in its field.
         first_slots: First slot of each appearance, ascending, i64.
         work: Scratch, shape (>= count,) i64.

@@ -1,6 +1,6 @@
-"""What a kernel is made of: the hash of its module and of all modules that this one imports.
+"""Hash the sources of a kernel: its module and all modules that it imports.
 
-Docstrings, comments and line breaks do not count: a module is hashed as its syntax tree.
+Docstrings, comments and line breaks do not matter: a module is hashed as its syntax tree.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def digest(module: str) -> str:
     """Return the hash of a module of this package and of all modules that it imports.
 
     Args:
-        module: Full name. It counts even if it is one of ASIDE.
+        module: Full name. It is hashed even if it is one of ASIDE.
 
     Raises:
         OSError: If a source cannot be read.
@@ -85,7 +85,7 @@ def _file(module: str) -> Path | None:
 
 
 class _WithoutTexts(ast.NodeTransformer):
-    """Removes docstrings, of whatever they are."""
+    """Transformer that removes all docstrings."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

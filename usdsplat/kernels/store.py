@@ -1,11 +1,12 @@
-"""A folder of compiled kernels, shared by all processes: one file for each entry, named by its key.
+"""Store compiled kernels in a folder that all processes share: one file per entry, named by its
+key.
 
 A key is the hash of everything that an entry depends on, so an entry is never out of date. A file
-is written under a temporary name and renamed, so concurrent processes never see half of one. It
-begins with the hash of its contents: a damaged file counts as missing.
+is written under a temporary name and renamed, so concurrent processes never see an incomplete one.
+It begins with the hash of its contents; a damaged file counts as missing.
 
 The folder is USDSPLAT_CACHE_DIR, or `usdsplat/kernels` in the user's cache folder. It may be
-deleted at any time. It may be read-only: entries are read, and whatever is missing is compiled
+deleted at any time. If it is read-only, existing entries are read, and missing ones are compiled
 again by each process.
 """
 
@@ -78,7 +79,7 @@ def save(key: str, data: bytes) -> bool:
     temporary = path.with_name(f".new-{os.getpid()}-{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "xb") as file:  # as others may read as the user's umask lets them
+        with open(temporary, "xb") as file:  # readable for others as the user's umask allows
             file.write(hashlib.sha256(data).digest() + data)
         os.replace(temporary, path)
     except OSError as error:

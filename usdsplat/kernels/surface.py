@@ -1,4 +1,4 @@
-"""Where a finished splat layer and opaque surfaces become one picture."""
+"""Composite a finished splat layer over opaque surfaces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .walk import held_through
 
 @scalar
 def straight_depth(depth):
-    """A holdout's depth: what is no depth hides nothing."""
+    """Return a holdout's depth; an invalid one is +inf, which hides nothing."""
     return depth if depth > np.float32(0) else np.float32(np.inf)
 
 
@@ -21,17 +21,17 @@ def straight_depth(depth):
 
 @kernel(over="stops", writes=("stops", "covered"), axes=2)
 def clear(y, x, stops, covered):
-    """Say that there is no surface: +inf and NOTHING, (h, w)."""
+    """Clear the surfaces: +inf and NOTHING, (h, w)."""
     stops[y, x], covered[y, x] = np.float32(np.inf), NOTHING
 
 
 @kernel(over="stops", writes=("stops", "covered"), axes=2)
 def hold_back(y, x, stops, covered, depth):
-    """Let a flat holdout hide what is behind it, surfaces too.
+    """Add a flat holdout, which also hides surfaces behind it.
 
     Args:
-        stops, covered: Planar depths of surfaces and what they are, (h, w); changed in place.
-        depth: Of the holdout, +inf where it has nothing, shape (h, w) f32.
+        stops, covered: Planar depths and kinds of surfaces, (h, w); changed in place.
+        depth: Depth of the holdout, +inf where it is empty, shape (h, w) f32.
     """
     nearest = straight_depth(depth[y, x])
     if nearest < stops[y, x]:
@@ -40,13 +40,13 @@ def hold_back(y, x, stops, covered, depth):
 
 @kernel(over="image", writes=("through", "left"), axes=2)
 def show_through(y, x, image, through, covered, stops, holdout, left):
-    """Find how much of a surface the layer in front of it lets through.
+    """Compute the transmittance of the layer in front of a surface.
 
     Args:
         image: The layer, premultiplied with coverage, shape (h, w, 4) f32.
-        through: Its transmittance, shape (h, w) f32; of no size where it is 1 − coverage.
-        covered, stops: What the surfaces are and their planar depth, (h, w).
-        holdout: As `walk` takes it: what else is in front of the surface.
+        through: Its transmittance, shape (h, w) f32; empty if it is 1 − coverage.
+        covered, stops: Kinds of the surfaces and their planar depth, (h, w).
+        holdout: Deep holdout, which may be in front of the surface, see `walk`.
         left: Receives 0..1, 0 where no surface is in the picture, shape (h, w) f32.
     """
     offsets, depths, held = holdout
@@ -61,10 +61,12 @@ def show_through(y, x, image, through, covered, stops, holdout, left):
 
 @kernel(over="image", writes=("image",), axes=2)
 def over(y, x, image, left, surface):
-    """Put a premultiplied layer over what it lets through of a surface, in place.
+    """Composite a premultiplied layer over a surface, in place.
 
     Args:
-        image: Shape (h, w, 4) f32; left: of `show_through`; surface: three numbers, (h, w, 3) f32.
+        image: The layer, shape (h, w, 4) f32.
+        left: Result of `show_through`.
+        surface: Three values of the surface, shape (h, w, 3) f32.
     """
     part = left[y, x]
     if part > np.float32(0):
@@ -75,11 +77,12 @@ def over(y, x, image, left, surface):
 
 @kernel(over="depth", writes=("depth", "ids"), axes=2)
 def nearest(y, x, depth, ids, stops, covered, surface_ids):
-    """Fill in surfaces where no splat is: depth and identity, in place.
+    """Write depth and ids of surfaces where no splat is, in place.
 
     Args:
-        depth, ids: Of the splats, +inf and -1 where none is, (h, w) f32 and (4, h, w) i32.
-        stops, covered, surface_ids: Of the surfaces, whose (prim, instance, face) are (3, h, w).
+        depth, ids: Those of splats, +inf and -1 where none is, (h, w) f32 and (4, h, w) i32.
+        stops, covered: Those of surfaces, (h, w).
+        surface_ids: (prim, instance, face) of surfaces, (3, h, w).
     """
     if covered[y, x] == DRAWN and ids[0, y, x] < 0:
         depth[y, x] = stops[y, x]
@@ -89,10 +92,11 @@ def nearest(y, x, depth, ids, stops, covered, surface_ids):
 
 @kernel(over="left", writes=("out",), axes=2)
 def shown(y, x, left, surface_ids, out):
-    """out[y, x] = the prim of the surface, -1 where nothing is left of it.
+    """Set out[y, x] to the prim of the surface, -1 where it is completely hidden.
 
     Args:
-        left: Of `show_through`; surface_ids: of `nearest`.
+        left: Result of `show_through`.
+        surface_ids: See `nearest`.
         out: Shape (h, w) i32.
     """
     out[y, x] = surface_ids[0, y, x] if left[y, x] > np.float32(0) else np.int32(-1)

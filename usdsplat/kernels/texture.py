@@ -1,7 +1,8 @@
-"""Pictures on surfaces: a pyramid of halved pictures, read between texels and between levels.
+"""Sample textures from mipmaps: a pyramid of halved pictures, read between texels and between
+levels.
 
 All pyramids lie in one flat array, level after level, row 0 of each at the top (v = 1). Each level
-is the exact mean of the one above it: where a size is odd, a texel covers two and a bit of them.
+is the exact mean of the one above it. If a size is odd, a texel covers two texels and a fraction.
 
 Source: Williams 1983, "Pyramidal parametrics", trilinear interpolation; the odd sizes are a box
 filter by area.
@@ -17,14 +18,14 @@ from .jit import scalar
 from .launch import kernel
 
 BLACK, CLAMP, REPEAT, MIRROR = range(4)
-"""What lies outside [0, 1]."""
+"""Wrap modes, for coordinates outside [0, 1]."""
 
 LEVEL = np.dtype([("first", "i8"), ("width", "i8"), ("height", "i8")])
-"""One level of a pyramid: where its floats begin, and its size [texel]."""
+"""One level of a pyramid: index of its first float, and its size [texel]."""
 
 CHANNELS = 3
 FARTHEST = 1e15
-"""Texture coordinates beyond it have no fraction left to speak of; they read as 0."""
+"""Limit of texture coordinates. Larger ones have no significant fraction and read as 0."""
 
 
 # --- 1. mathematics: one look-up --------------------------------------------------------
@@ -32,7 +33,7 @@ FARTHEST = 1e15
 
 @scalar
 def reduced(u, wrap):
-    """A coordinate that reads the same and is small; of what is not a number 0."""
+    """Return an equivalent small coordinate; 0 for NaN."""
     if not (abs(u) < FARTHEST):
         return 0.0
     if wrap == REPEAT:
@@ -44,7 +45,7 @@ def reduced(u, wrap):
 
 @scalar
 def texel(i, n, wrap):
-    """Which of n texels lies at place i of an endless row; -1 for black."""
+    """Return which of n texels is at index i of an infinite row; -1 for black."""
     if 0 <= i < n:
         return i
     if wrap == BLACK:
@@ -59,7 +60,7 @@ def texel(i, n, wrap):
 
 @scalar
 def fetch(texels, level, x, y, weight):
-    """A texel times a weight; black outside."""
+    """Return a texel times a weight; black outside."""
     if x < 0 or y < 0:
         return np.float32(0), np.float32(0), np.float32(0)
     at = level.first + (y * level.width + x) * CHANNELS
@@ -68,7 +69,7 @@ def fetch(texels, level, x, y, weight):
 
 @scalar
 def bilinear(texels, level, wrap_u, wrap_v, u, v):
-    """The picture of one level at (u, v), small coordinates: (r, g, b)."""
+    """Return the bilinear sample of one level at (u, v), small coordinates: (r, g, b)."""
     x = u * np.float64(level.width) - 0.5
     y = (1.0 - v) * np.float64(level.height) - 0.5
     i, j = np.int64(math.floor(x)), np.int64(math.floor(y))
@@ -85,7 +86,7 @@ def bilinear(texels, level, wrap_u, wrap_v, u, v):
 
 @scalar
 def footprint(level, dudx, dvdx, dudy, dvdy):
-    """The longer side of what a pixel covers [texel of the level]."""
+    """Return the longer side of a pixel's footprint [texel of the level]."""
     w, h = np.float64(level.width), np.float64(level.height)
     across = (dudx * w) * (dudx * w) + (dvdx * h) * (dvdx * h)
     down = (dudy * w) * (dudy * w) + (dvdy * h) * (dvdy * h)
@@ -94,10 +95,10 @@ def footprint(level, dudx, dvdx, dudy, dvdy):
 
 @scalar
 def trilinear(texels, levels, first, count, wrap_u, wrap_v, u, v, texels_per_pixel):
-    """The picture at (u, v), as sharp as a pixel of that many texels of level 0 can show it."""
+    """Return the trilinear sample at (u, v) for a pixel of a number of texels of level 0."""
     u, v = reduced(u, wrap_u), reduced(v, wrap_v)
     last = count - 1
-    # the first test is also false of what is not a number: a surface seen edge-on
+    # the first test is also false for NaN, from a surface seen edge-on
     if texels_per_pixel <= 1.0:
         depth = 0.0
     elif texels_per_pixel < 1e30:
@@ -116,7 +117,7 @@ def trilinear(texels, levels, first, count, wrap_u, wrap_v, u, v, texels_per_pix
 
 @scalar
 def taps(i, n):
-    """Weights of texels 2i, 2i + 1 and 2i + 2 in texel i of the next level."""
+    """Return the weights of texels 2i, 2i + 1 and 2i + 2 in texel i of the next level."""
     if n == 1:
         return np.float32(1), np.float32(0), np.float32(0)
     if n % 2 == 0:

@@ -1,4 +1,4 @@
-"""Sums of pictures."""
+"""Sum pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .launch import kernel
 
 @kernel(over="total", writes=("total",), axes=2)
 def clear(y, x, total):
-    """Begin with nothing; shape (h, w, n) f32."""
+    """Clear a sum, shape (h, w, n) f32."""
     for c in range(total.shape[2]):
         total[y, x, c] = np.float32(0)
 

@@ -1,11 +1,11 @@
-"""Triangles on the screen: vertices in pixels, edges that neighbours share exactly, depth planes.
+"""Project triangles: vertices in pixels, edges that neighbours share exactly, depth planes.
 
 Camera space here is x right, y down, z forward; pixel (0, 0) is centred on (0, 0). A vertex in
-front of the near plane, and not absurdly far outside, is snapped to 1/4096 pixel, where float64
-evaluates edge functions without any rounding. Other vertices stay homogeneous, so a triangle that
-crosses the near plane is never cut up: its edges are planes through the eye, and each pixel's depth
-is compared with the near plane, which is the same as clipping. Depth comes from the plane of the
-triangle itself and not from snapped corners.
+front of the near plane, and within GUARD, is snapped to 1/4096 pixel, where float64 evaluates edge
+functions without rounding. Other vertices stay homogeneous. A triangle that crosses the near plane
+is therefore never split: its edges are planes through the eye, and each pixel's depth is compared
+with the near plane, which is equivalent to clipping. Depth comes from the plane of the triangle
+itself and not from snapped corners.
 
 Source: Pineda 1988 for edge functions; Olano and Greer 1997, "Triangle scan conversion using 2D
 homogeneous coordinates"; the top-left rule as the graphics interfaces state it.
@@ -21,19 +21,19 @@ from .jit import scalar
 from .launch import block_kernel
 
 BLOCK = 1024
-"""Vertices or triangles of one block. It depends on nothing, so results depend on no thread
-count."""
+"""Number of vertices or triangles of one block. It is constant, so results do not depend on the
+thread count."""
 
 STEPS = 4096.0
-"""Places per pixel that a vertex can have."""
+"""Positions per pixel to which a vertex is snapped."""
 GUARD = 16384.0
-"""[pixel] Vertices farther from pixel (0, 0) are not snapped."""
+"""Distance from pixel (0, 0) beyond which vertices are not snapped [pixel]."""
 LIMIT = 1e50
-"""[scene unit] Triangles that reach farther are not drawn: products of four lengths stay finite."""
+"""Largest coordinate of a drawn triangle [scene unit]. Products of four lengths stay finite."""
 SLACK = 1.0
-"""[pixel] Added about what is only bounded."""
+"""Margin of bounds [pixel]."""
 TINY = 2.3e-308
-"""The least that an edge function must be where the edge's own pixels belong to the neighbour."""
+"""Minimum of the edge function inside, for an edge whose own pixels belong to the neighbour."""
 
 VERTEX = 5
 """Floats of a vertex: x y z in camera space | u v snapped [pixel], NaN where it is not."""
@@ -55,9 +55,9 @@ APPEARANCE = np.dtype(
         ("double_sided", "i4"), ("mirrored", "i4"), ("matte", "i4"),
     ]
 )  # fmt: skip
-"""One appearance of a mesh: the first row of its points, its triangles and of each array that it
-may have, else -1; the number of its first material; its ids; whether it is seen from behind, its
-transform mirrors, and it is matte."""
+"""One appearance of a mesh: the first row of its points, its triangles and of each optional array,
+else -1; the number of its first material; its ids; whether it is double-sided, mirrored by its
+transform, and a matte."""
 
 
 # --- 1. mathematics: one triangle -------------------------------------------------------
@@ -65,7 +65,8 @@ transform mirrors, and it is matte."""
 
 @scalar
 def find(firsts, i):
-    """Which range holds item i: `firsts` are where ranges begin, ascending, and the end of all."""
+    """Return the range that contains item i. `firsts` are the starts of the ranges, ascending, and
+    the end."""
     low, high = 0, firsts.shape[0] - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -98,13 +99,13 @@ def place_one(view, m, point, vertex):
 
 @scalar
 def is_snapped(vertex):
-    """Whether it has a place on the screen."""
+    """Return whether a vertex has a snapped position on the screen."""
     return vertex[U] == vertex[U]
 
 
 @scalar
 def homogeneous(view, vertex):
-    """A vertex in pixels times w, and w."""
+    """Return a vertex in pixels times w, and w."""
     if is_snapped(vertex):
         return vertex[U], vertex[V], 1.0
     x, y, z = vertex[X], vertex[Y], vertex[Z]
@@ -115,7 +116,8 @@ def homogeneous(view, vertex):
 
 @scalar
 def orientation(view, a, b, c):
-    """Positive where a b c turn clockwise in the picture as the eye sees it, y being down."""
+    """Return the orientation, positive if a b c are clockwise in the picture as seen by the eye, y
+    down."""
     if is_snapped(a) and is_snapped(b) and is_snapped(c):
         return (b[U] - a[U]) * (c[V] - a[V]) - (c[U] - a[U]) * (b[V] - a[V])
     ax, ay, aw = homogeneous(view, a)
@@ -126,7 +128,8 @@ def orientation(view, a, b, c):
 
 @scalar
 def comes_after(a, b):
-    """An order of the ends of an edge that both its triangles agree on."""
+    """Return whether end a sorts after end b, in an order that is the same for both triangles of an
+    edge."""
     if is_snapped(a) != is_snapped(b):
         return is_snapped(b)
     if a[X] != b[X]:
@@ -136,7 +139,7 @@ def comes_after(a, b):
 
 @scalar
 def edge_from(view, a, b):
-    """Edge function A (x − u) + B (y − v) + C of the plane through the eye, a and b.
+    """Return the edge function A (x − u) + B (y − v) + C of the plane through the eye, a and b.
 
     It is 0 on the edge, exactly so at a vertex that is snapped.
     """
@@ -149,12 +152,11 @@ def edge_from(view, a, b):
 
 @scalar
 def edge(view, a, b, side):
-    """The edge function, positive inside, and the least value that is inside: (A, B, u, v, C,
-    least).
+    """Return the edge function, positive inside, and its minimum inside: (A, B, u, v, C, least).
 
-    `side` is the sign of the triangle's orientation. Both neighbours of an edge compute it from the
-    same end and turn its sign afterwards, so one's value is the other's negative to the last bit,
-    and a pixel on it belongs to the triangle to the right of it or, where it is level, below.
+    `side` is the sign of the triangle's orientation. Both neighbours of an edge compute the
+    function from the same end and negate it afterwards, so their values are exactly opposite. A
+    pixel on the edge belongs to the triangle to the right of it or, if the edge is level, below.
     """
     if comes_after(a, b):
         a, b, side = b, a, -side
@@ -165,7 +167,7 @@ def edge(view, a, b, side):
 
 @scalar
 def facet(a, b, c):
-    """The cross product of two sides, in camera space."""
+    """Return the cross product of two sides, in camera space."""
     x1, y1, z1 = b[X] - a[X], b[Y] - a[Y], b[Z] - a[Z]
     x2, y2, z2 = c[X] - a[X], c[Y] - a[Y], c[Z] - a[Z]
     return y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
@@ -173,7 +175,7 @@ def facet(a, b, c):
 
 @scalar
 def depth_plane(view, a, b, c):
-    """What is linear on the screen: 1/z, or z where rays are parallel, is P x + Q y + R."""
+    """Return (P, Q, R) of the depth plane: 1/z, or z if rays are parallel, is P x + Q y + R."""
     nx, ny, nz = facet(a, b, c)
     d = nx * a[X] + ny * a[Y] + nz * a[Z]
     if view.orthographic:
@@ -185,9 +187,9 @@ def depth_plane(view, a, b, c):
 
 @scalar
 def depth_from(view, value, low, high):
-    """Planar depth from the plane's value, within the depths of the triangle's corners.
+    """Return planar depth from the plane's value, clamped to the depths of the triangle's corners.
 
-    A corner that was snapped may cover a pixel that the plane of a triangle seen edge-on misses.
+    A snapped corner may cover a pixel that the plane of a triangle seen edge-on misses.
     """
     z = value
     if not view.orthographic:
@@ -219,7 +221,7 @@ def near_end(view, a, b, low_u, low_v, high_u, high_v):
 
 @scalar
 def bounds(view, a, b, c):
-    """Lowest and highest pixel coordinates that the triangle can cover: (u, v, u, v)."""
+    """Return the lowest and highest pixel coordinates that the triangle can cover: (u, v, u, v)."""
     if is_snapped(a) and is_snapped(b) and is_snapped(c):
         return (
             min(a[U], b[U], c[U]), min(a[V], b[V], c[V]),
@@ -234,14 +236,14 @@ def bounds(view, a, b, c):
 
 @scalar
 def is_sound(vertex):
-    """Whether it is finite and not absurdly far away."""
+    """Return whether a vertex is finite and within LIMIT."""
     return abs(vertex[X]) < LIMIT and abs(vertex[Y]) < LIMIT and abs(vertex[Z]) < LIMIT
 
 
 @scalar
 def box_of(view, double_sided, mirrored, a, b, c, box):
-    """Fill the pixels (x0, y0, x1, y1), end exclusive, that the triangle may cover; zeros where it
-    is not drawn."""
+    """Fill `box` with the pixels (x0, y0, x1, y1), end exclusive, that the triangle may cover;
+    zeros if it is not drawn."""
     box[0], box[1], box[2], box[3] = 0, 0, 0, 0
     if not (is_sound(a) and is_sound(b) and is_sound(c)):
         return
@@ -266,12 +268,12 @@ def box_of(view, double_sided, mirrored, a, b, c, box):
 
 @block_kernel(over="vertices", writes=("vertices",))
 def place(first, last, view, appearances, firsts, matrices, points, vertices):
-    """Take the points of all appearances to camera space and to the screen.
+    """Transform the points of all appearances to camera space and to the screen.
 
     Args:
         view: One VIEW record, shape (1,).
         appearances: APPEARANCE records, shape (n,).
-        firsts: First vertex of each appearance, and how many there are, shape (n + 1,) i64.
+        firsts: First vertex of each appearance, and their total number, shape (n + 1,) i64.
         matrices: Local to camera, float64, shape (n, 3, 4).
         points: Points of all meshes, f32, shape (p, 3).
         vertices: Receives VERTEX rows, f64.
@@ -289,12 +291,12 @@ def place(first, last, view, appearances, firsts, matrices, points, vertices):
 
 @block_kernel(over="out", writes=("out",))
 def boxes(first, last, view, appearances, firsts, vertex_firsts, vertices, triangles, out):
-    """Find where on the screen each triangle of each appearance may be.
+    """Compute the screen bounds of each triangle of each appearance.
 
     Args:
-        view, appearances, vertices: What `place` has.
-        firsts: First triangle of each appearance, and how many there are, shape (n + 1,) i64.
-        vertex_firsts: First vertex of each, likewise.
+        view, appearances, vertices: See `place`.
+        firsts: First triangle of each appearance, and their total number, shape (n + 1,) i64.
+        vertex_firsts: First vertex of each appearance, and their total number, as `firsts`.
         triangles: Triangles of all meshes, rows of their own points, shape (t, 3) i32.
         out: Receives x0 y0 x1 y1 of each triangle [pixel], end exclusive, i32; zeros where it is
             not drawn.

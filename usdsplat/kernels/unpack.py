@@ -1,4 +1,4 @@
-"""Splats of 16 bytes and harmonics of one byte each, decoded one at a time.
+"""Decode packed splats: 16 bytes per splat, and one byte per harmonic.
 
 The layout is `smallestThree47_log16_v1`, which `schema.packing` describes and writes.
 """
@@ -20,15 +20,15 @@ STEP = np.float32(1 / 1024)
 
 @scalar
 def unpack_scale(code):
-    """Standard deviation [scene unit] of a 16-bit code."""
-    number = np.int32(code)  # 64 bits, which shifts widen to, are slow to convert on a GPU
+    """Return the standard deviation of a 16-bit code [scene unit]."""
+    number = np.int32(code)  # shifts widen to 64 bits, which are slow to convert on a GPU
     power = np.float32(math.exp2(np.float32(number) * STEP - np.float32(32)))
     return np.float32(0) if number == np.int32(0) else power
 
 
 @scalar
 def unpack_shape(words, rotation, scales):
-    """Write a splat's unit quaternion (w, x, y, z) and deviations; returns its opacity.
+    """Write a splat's unit quaternion (w, x, y, z) and standard deviations. Return its opacity.
 
     Args:
         words: The four integers of a splat, i32.
@@ -70,13 +70,13 @@ def unpack_colors(words, ranges, out):
 
 @scalar
 def unpack_harmonic(words, index, steps, degree):
-    """One coefficient above degree 0.
+    """Return one coefficient above degree 0.
 
     Args:
         words: A splat's harmonics, four codes in each integer, i32.
-        index: Place among the splat's codes: 3 (coefficient - 1) + channel.
-        steps: Size of a code for each degree from 1 on, f32.
-        degree: Of the coefficient.
+        index: Index of the code: 3 (coefficient - 1) + channel.
+        steps: Step of the codes of each degree from 1 on, f32.
+        degree: Degree of the coefficient.
     """
     word = np.uint32(words[index // 4])
     byte = np.int32(word >> np.uint32(8 * (index % 4)) & np.uint32(0xFF))
