@@ -15,7 +15,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.plot import drawing, lines_of
+from benchmarks.plot import draw, lines_of
 from benchmarks.report import Results, Row, read_results
 
 TEXT = Path(__file__).with_name("performance.md")
@@ -74,7 +74,7 @@ def page(text: str, results: dict[str, Results], folder: Path) -> str:
     def plotted(match: re.Match[str]) -> str:
         name, sources = match[1], f"{match[2]} {match[3] or ''}".split()
         rows = [row for source in sources if source in results for row in results[source].rows]
-        (folder / name).write_text(drawing(lines_of(rows)), encoding="utf-8")
+        draw(lines_of(rows), folder / name)
         return f"![Milliseconds of a picture over its splats]({name})"
 
     parts, missing = [], 0

@@ -26,6 +26,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.plot import save
 from benchmarks.scenes import capture, scaled, view_of
 from usdsplat.core.cloud import F32, F64
 from usdsplat.kernels.devices import open_device
@@ -143,90 +144,40 @@ def show(found: Found) -> None:
     Console(width=150).print(table)
 
 
-# --- the plot ---------------------------------------------------------------------------
-
-WIDTH, HEIGHT, MARGIN, GAP = 300, 190, 58, 34
-LOW, HIGH = 1e-4, 1.0
-STYLE = """
-svg { color: #1f2328; background: #ffffff; font: 12px sans-serif }
-text { fill: currentColor }
-.axis { stroke: currentColor; fill: none; opacity: .55 }
-.grid { stroke: currentColor; opacity: .13 }
-.cutoff { stroke: currentColor; opacity: .7; stroke-dasharray: 2 4 }
-.line { fill: none; stroke-width: 2.5 }
-.single { stroke-width: 1; opacity: .6 }
-.zDepth { stroke: #d1242f }
-.cameraDistance { stroke: #9a6700; stroke-dasharray: 7 4 }
-.rayHitDistance { stroke: #0969da }
-@media (prefers-color-scheme: dark) {
-  svg { color: #e6edf3; background: #0d1117 }
-  .zDepth { stroke: #ff7b72 }
-  .cameraDistance { stroke: #e3b341 }
-  .rayHitDistance { stroke: #79c0ff }
-}
-"""
-
-
-def _x(step: float) -> float:
-    return WIDTH * float(np.log(STEPS[0] / step) / np.log(STEPS[0] / STEPS[-1]))
-
-
-def _y(value: float) -> float:
-    return HEIGHT * float(np.log(HIGH / max(value, LOW)) / np.log(HIGH / LOW))
-
-
-def panel(found: Found, name: str, move: str) -> list[str]:
-    """Largest change over the step, both logarithmic."""
-    parts = [f'<text x="0" y="-8" font-weight="bold">{Path(name).stem}, {move}</text>']
-    for tick in (1.0, 0.1, 0.01, 0.001, 0.0001):
-        y = _y(tick)
-        parts.append(f'<path class="grid" d="M0 {y:.1f}H{WIDTH}"/>')
-        parts.append(f'<text x="-6" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    for step in STEPS:
-        parts.append(
-            f'<text x="{_x(step):.1f}" y="{HEIGHT + 16}" text-anchor="middle">{step:g}</text>'
-        )
-    parts.append(f'<path class="axis" d="M0 0V{HEIGHT}H{WIDTH}"/>')
-    y = _y(CUTOFF)
-    parts.append(f'<path class="cutoff" d="M0 {y:.1f}H{WIDTH}"/>')
-    parts.append(f'<text x="{WIDTH}" y="{y - 4:.1f}" text-anchor="end">1/255</text>')
-    for mode in MODES:
-        changes = found[name, move, mode]
-        for kind in ("single", "together"):
-            points = " ".join(
-                f"{_x(step):.1f},{_y(change.largest if kind == 'single' else change.together):.1f}"
-                for step, change in zip(STEPS, changes, strict=True)
-            )
-            parts.append(f'<polyline class="line {mode} {kind}" points="{points}"/>')
-    return parts
+COLOURS = {"zDepth": "#d1242f", "cameraDistance": "#9a6700", "rayHitDistance": "#0969da"}
+DASHES = {"zDepth": "-", "cameraDistance": "--", "rayHitDistance": "-"}
 
 
 def plot(found: Found, path: Path) -> None:
-    """Write the largest changes as an SVG."""
-    columns, rows = len(CAPTURES), len(MOVES)
-    width = columns * (WIDTH + MARGIN) + 20
-    height = rows * (HEIGHT + MARGIN) + 84
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        f'width="{width}" height="{height}">',
-        "<title>Largest change from frame to frame, by the length of the step</title>",
-        f"<style>{STYLE}</style>",
-    ]
-    for i, mode in enumerate(MODES):
-        x = MARGIN + 170 * i
-        parts.append(f'<path class="line {mode}" d="M{x} 22h30"/>')
-        parts.append(f'<text x="{x + 38}" y="26">{mode}</text>')
-    for row, move in enumerate(MOVES):
-        for column, name in enumerate(CAPTURES):
-            x = MARGIN + column * (WIDTH + MARGIN)
-            y = 66 + row * (HEIGHT + MARGIN)
-            parts.append(f'<g transform="translate({x} {y})">')
-            parts += [*panel(found, name, move), "</g>"]
-    parts.append(
-        f'<text x="{MARGIN}" y="{height - 12}">Largest change from frame to frame over the step '
-        "[pixel]; thick: of 3x3 pixels at once, thin: of one. What pops stays.</text>"
+    """Write the largest changes over the step, both logarithmic, as an SVG."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.4, 6.2), layout="constrained")
+    panels = figure.subplots(len(MOVES), len(CAPTURES), sharex=True, sharey=True)
+    for row, move in zip(panels, MOVES, strict=True):
+        for axes, name in zip(row, CAPTURES, strict=True):
+            for mode in MODES:
+                line = {"color": COLOURS[mode], "linestyle": DASHES[mode]}
+                changes = found[name, move, mode]
+                single = [change.largest for change in changes]
+                axes.plot(STEPS, single, **line, linewidth=1, alpha=0.6)
+                together = [change.together for change in changes]
+                axes.plot(STEPS, together, **line, linewidth=2.5, label=mode)
+            axes.axhline(CUTOFF, color="gray", linestyle=":")
+            axes.set(xscale="log", yscale="log", xlim=(STEPS[0], STEPS[-1]), ylim=(1e-4, 1))
+            axes.set_title(f"{Path(name).stem}, {move}", fontsize="medium")
+            axes.set_xticks(STEPS, [f"{step:g}" for step in STEPS])
+            axes.minorticks_off()
+            axes.grid(alpha=0.3)
+    figure.supxlabel(
+        "Largest change from frame to frame over the step [pixel]; "
+        "a jump does not shrink with it.\n"
+        "Thick: of 3x3 pixels at once, thin: of one pixel, dotted: 1/255.",
+        fontsize="medium",
     )
-    path.write_text("\n".join([*parts, "</svg>", ""]), encoding="utf-8")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(MODES), frameon=False)
+    save(figure, path)
 
 
 def main(path: str | None = None) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import re
+import sys
+import warnings
 from base64 import b64decode
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -42,7 +45,11 @@ def test_a_page_of_a_stage_needs_no_other_file(run, shot, tmp_path, compiled) ->
     assert len(found) == 3
     for data in found:
         assert Image.open(io.BytesIO(b64decode(data))).size == (SIDE, SIDE)
-    assert text.count("<svg") == 4
+    charts = re.findall(r"data:image/svg\+xml;base64,([^\"]+)", text)
+    assert len(charts) == 4
+    for data, name in zip(charts, ("scale", "opacity", "anisotropy", "brightness"), strict=True):
+        drawn = ElementTree.fromstring(b64decode(data))
+        assert any(name in (each.text or "") for each in drawn.iter() if each.tag.endswith("text"))
     assert "/World/Ball" in text and "/World/Ball" in out
 
 
@@ -53,6 +60,17 @@ def test_names_cannot_write_into_the_page(run, tmp_path, compiled) -> None:
     assert run("info", path, "--plot", tmp_path / "a.html")[0] == 0
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert "<script" not in text and "&lt;script&gt;alert(1)&lt;&amp;.ply" in text
+
+
+@pytest.mark.parametrize("suffix", [".png", ".html"])
+def test_any_name_is_drawn_as_it_is(run, tmp_path, suffix, compiled) -> None:
+    """Oracle: no word on stderr about formulas, or about characters that a font lacks."""
+    path = tmp_path / "$\\frac{ 日本.ply"
+    formats.write(ball(20), path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        status, _, err = run("info", path, "--plot", tmp_path / f"a{suffix}")
+    assert (status, err) == (0, "")
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -71,6 +89,18 @@ def test_a_stage_whose_field_cannot_be_read_has_a_page_that_says_so(run, tmp_pat
     stage.Save()
     assert run("info", tmp_path / "a.usda", "--plot", tmp_path / "a.html")[0] == 0
     assert "/Bad" in (tmp_path / "a.html").read_text(encoding="utf-8")
+
+
+def test_a_page_without_matplotlib_is_refused_with_the_command_that_installs_it(
+    run, capture, tmp_path, monkeypatch
+) -> None:
+    """Oracle: the extra of pyproject.toml; the description itself needs no matplotlib."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    status, out, err = run("info", capture, "--plot", tmp_path / "a.html")
+    expected = "usdsplat: --plot: found no matplotlib, expected pip install 'usdsplat[plots]'\n"
+    assert (status, out, err) == (2, "", expected)
+    assert not (tmp_path / "a.html").exists()
+    assert run("info", capture)[0] == 0
 
 
 def test_a_page_that_cannot_be_is_refused_before_any_work(run, capture, tmp_path) -> None:

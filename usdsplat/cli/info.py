@@ -8,7 +8,8 @@ examples:
   usdsplat info shot.usd --frame 12
   usdsplat info scan.sog --json
   usdsplat info scan.sog --plot report.html
-      a page with pictures from three sides and histograms; .png works too
+      the same with pictures from three sides and histograms; .png works too;
+      needs matplotlib: pip install usdsplat[plots]
 """
 
 from __future__ import annotations

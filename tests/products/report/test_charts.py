@@ -13,11 +13,9 @@ def test_bars_count_what_they_say() -> None:
     """Oracle: NumPy, and numbers that were laid out by hand."""
     even = histogram("a", np.linspace(0, 1, 60_001), limits=(0.0, 1.0))
     assert even.counts.sum() == 60_001 and abs(even.counts - 1000).max() <= 1
-    assert [text for _, text in even.ticks()] == ["0", "0.5", "1"]
     powers = histogram("b", 10.0 ** np.linspace(-3, 1, 4001), logarithmic=True)
     assert powers.counts.sum() == 4001 and len(powers.counts) == BARS
     assert powers.median == pytest.approx(0.1)
-    assert powers.place(0.1) == pytest.approx(0.5, abs=1e-3)
     odd = histogram("c", np.array([0.0, np.nan, np.inf, -1, 2, 2]), logarithmic=True)
     assert (odd.counts.sum(), odd.beyond, odd.median) == (2, 4, 2)
     assert histogram("d", np.array([0.0]), logarithmic=True) is None

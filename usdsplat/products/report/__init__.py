@@ -21,6 +21,7 @@ from usdsplat.interchange.authoring import author_field, prepare
 from usdsplat.interchange.placement import ROOT, placement
 from usdsplat.products.report import html_page, png_page
 from usdsplat.products.report.charts import Numbers
+from usdsplat.products.report.plots import check_matplotlib
 from usdsplat.products.report.values import Report
 from usdsplat.products.report.views import views
 from usdsplat.schema.validation import splat_fields
@@ -34,12 +35,14 @@ def check_target(path: Path, source: Path) -> None:
     """Raise an error, before any work is done, for a page that cannot be written.
 
     Raises:
-        UsageError: If the suffix is neither .png nor .html, or the file is the described one.
+        UsageError: If the suffix is neither .png nor .html, or it is the file that is described.
+        BackendError: If matplotlib is not installed.
     """
     if path.suffix.lower() not in _WRITERS:
         raise UsageError("--plot", f"suffix {path.suffix!r}", f"one of {', '.join(_WRITERS)}")
     if path.exists() and source.exists() and path.samefile(source):
         raise UsageError("--plot", f"{path}, which is being described", "another file")
+    check_matplotlib()
 
 
 def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:

@@ -28,28 +28,10 @@ class Histogram:
     """Number of values that are not counted: those that are not finite or, on a logarithmic axis,
     not positive."""
 
-    def place(self, value: float) -> float:
-        """Return the position of a value between the first edge, 0, and the last, 1."""
-        ends = np.array([self.edges[0], value, self.edges[-1]])
-        low, at, high = np.log(ends) if self.logarithmic else ends
-        return float((at - low) / (high - low))
-
     def summary(self) -> str:
         """Return a sentence with the median and the number of values that are not counted."""
         beyond = f", {self.beyond} left out" if self.beyond else ""
         return f"median {self.median:.4g}{beyond}"
-
-    def ticks(self) -> list[tuple[float, str]]:
-        """Return a few ticks as (position from 0 to 1, label)."""
-        low, high = float(self.edges[0]), float(self.edges[-1])
-        if not self.logarithmic:
-            step = round_down((high - low) / 2)
-            numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
-            return [(self.place(i * step), f"{i * step:.6g}") for i in numbers]
-        powers = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
-        step = max(1, len(powers) // 4)
-        values = [10.0**power for power in powers][::step] or [low, high]
-        return [(self.place(value), f"{value:.3g}") for value in values]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
