@@ -1,12 +1,9 @@
 """Operate on sixteen float32 numbers at once, for loops that must not depend on LLVM's vectoriser.
 
 A value of type `lanes` is one `<16 x float>`: one register with AVX-512, two with AVX2, four with
-NEON. By itself LLVM prefers half registers on AVX-512, and stops vectorising for reasons that are
-not visible in the source. Operators work as on float32, lane by lane, and accept float32 on one
-side. Comparisons give a mask, which `choose` and `bits` read. The compiler flags of the surrounding
-function apply, contraction included.
-
-Without compilation (NUMBA_DISABLE_JIT), lanes are NumPy arrays of 16.
+NEON. Operators work as on float32, lane by lane, and accept float32 on one side. Comparisons give a
+mask, which `choose` and `bits` read. The surrounding function's compiler flags apply. Without
+compilation (NUMBA_DISABLE_JIT), lanes are NumPy arrays of 16.
 """
 
 from __future__ import annotations
