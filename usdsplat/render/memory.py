@@ -17,7 +17,7 @@ import numpy as np
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels import bins, triangles
-from usdsplat.render.aov_resolver import AVERAGED, SUMMED
+from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
@@ -169,7 +169,7 @@ def buffers_of(
     ellipses, sampled = mode == "ellipses", settings.samples > 1
     images = {"color": bool(aovs)} | {group: name in aovs for name, group in IMAGES.items()}
     nearest = {
-        "median": bool(aovs - {*AVERAGED, *SUMMED, "depthFront"}),
+        "median": bool(aovs - BESIDE_MEDIAN),
         "front": "depthFront" in aovs,
     }
     uses = [

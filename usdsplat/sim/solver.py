@@ -192,6 +192,7 @@ class Solver:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
         self._influence = self._influences.at(moment.affectors, state.positions)
         self._place(moment, self.seconds)
+        self._lap("beginning")
         self._contact(state.positions.copy(), moment, moment)
 
     def _substep(self) -> None:

@@ -5,7 +5,7 @@ for, and holds those of the CPU to what they are said to write. Then the tables 
 notes, which may come from runs on several machines:
 
     pytest -p tests.kernels.cuda.launches --launches notes tests
-    python -m tests.kernels.cuda.launches notes
+    python -m tests.kernels.cuda.launches [--add] notes
 """
 
 from __future__ import annotations
@@ -133,8 +133,9 @@ def _of_the_gpu() -> set[str]:
     return {f"{name} {signatures.encode(s)}" for name, each in made.items() for s in each.overloads}
 
 
-def main(folder: str) -> None:
-    """Make the tables of notes; that of a device of which there are none stays."""
+def main(folder: str, *, adds: bool) -> None:
+    """Make the tables of notes, or add the notes to them; that of a device of which there are none
+    stays."""
     notes = {line for each in Path(folder).glob("*.txt") for line in each.read_text().splitlines()}
     for device, name in signatures.TABLES.items():
         lines = sorted(
@@ -143,9 +144,12 @@ def main(folder: str) -> None:
             if line.startswith(device + " ")
             and "Literal[" not in line  # of kernels called by others
         )
+        path = Path(signatures.__file__).parent / name
+        if adds:
+            lines = sorted({*lines, *path.read_text().splitlines()})
         if lines:
-            (Path(signatures.__file__).parent / name).write_text("\n".join(lines) + "\n")
+            path.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[-1], adds="--add" in sys.argv)
