@@ -5,7 +5,6 @@ from __future__ import annotations
 from usdsplat.core.errors import BackendError, UsdSplatError
 from usdsplat.kernels.device import CpuDevice, Device, checked_name
 
-TASKS = ("pictures", "geometry")
 START = 1.5
 """[s] That a GPU takes from the beginning of a process to its first picture, besides what the CPU
 takes."""
@@ -22,7 +21,7 @@ def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
     frame takes longer on a GPU at every size that was measured.
 
     Args:
-        task: One of TASKS.
+        task: "pictures" or "geometry".
         seconds: About what the task takes on the CPU; None if nobody knows when it ends.
     """
     from usdsplat.kernels import ahead

@@ -10,8 +10,6 @@ from .jit import scalar
 from .launch import kernel
 from .project import DEPTH
 
-BLOCK = 1024
-"""Splats of one block."""
 FEATURES = 9
 NORMAL, ALBEDO, EXPECTED = 0, 3, 6
 """First columns of the paints of a splat: its normal in the camera's space; its colour without

@@ -20,10 +20,6 @@ import numpy as np
 from .jit import scalar
 from .launch import block_kernel
 
-BLOCK = 1024
-"""Vertices or triangles of one block. It depends on nothing, so results depend on no thread
-count."""
-
 STEPS = 4096.0
 """Places per pixel that a vertex can have."""
 GUARD = 16384.0

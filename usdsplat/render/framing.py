@@ -25,9 +25,6 @@ CONFORM = (
 )
 """The tokens of `aspectRatioConformPolicy`."""
 
-WHOLE = (0.0, 0.0, 1.0, 1.0)
-"""The `dataWindowNDC` that is the display window."""
-
 
 def conform(window: Window, framing: Framing) -> tuple[Window, float]:
     """Make a camera's window and the image have one aspect ratio.
