@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from tests.core.strategies import SEEDS, directions, orthogonal, quaternions
+from tests.core.strategies import SEEDS, orthogonal, quaternions
 from usdsplat.core import quaternion
 
 
@@ -20,9 +20,6 @@ def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
     """Oracle: the right-hand rule."""
     turn = about([0, 0, 1], 90)
     np.testing.assert_allclose(quaternion.to_matrix(turn)[0] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(
-        quaternion.rotate(turn, np.array([[1.0, 0, 0]])), [[0, 1, 0]], atol=1e-15
-    )
 
 
 def test_matrices_follow_rodrigues_formula() -> None:
@@ -40,13 +37,11 @@ def test_matrices_follow_rodrigues_formula() -> None:
 @settings(max_examples=40, deadline=None)
 @given(SEEDS)
 def test_products_rotate_like_products_of_matrices(seed: int) -> None:
-    """Oracle: matrix products; rotate is matrix times vector."""
+    """Oracle: matrix products."""
     a, b = quaternions(seed, 6), quaternions(seed + 1, 6)
-    v = directions(seed + 2, 6)
     ma, mb = quaternion.to_matrix(a), quaternion.to_matrix(b)
     product = quaternion.multiply(a, b)
     np.testing.assert_allclose(quaternion.to_matrix(product), ma @ mb, atol=1e-13)
-    np.testing.assert_allclose(quaternion.rotate(a, v), np.einsum("nij,nj->ni", ma, v), atol=1e-13)
     np.testing.assert_allclose(quaternion.multiply(a[0], b), quaternion.multiply(a[:1], b))
 
 

@@ -10,7 +10,7 @@ import pytest
 from usdsplat.core.errors import UsageError
 from usdsplat.core.grade import UNIT, Grade
 from usdsplat.images.color import COLOR_SPACES, conversion, convert, is_identity
-from usdsplat.images.grade import grade_matrix, temperature_and_tint, white_xyz
+from usdsplat.images.grade import grade_matrix, white_xyz
 from usdsplat.images.science import colour_science
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.recolor import recolor
@@ -137,15 +137,6 @@ def test_a_greenish_light_makes_the_picture_magenta() -> None:
     moved = uv(white_xyz(6504.0, 0.01)) - uv(white_xyz())
     assert moved[1] > 0
     np.testing.assert_allclose(np.hypot(*moved), 0.01, rtol=1e-6)
-
-
-@pytest.mark.parametrize("kelvin", [1800.0, 3200.0, 4500.0, 6504.0, 9000.0])
-@pytest.mark.parametrize("tint", [-0.02, 0.0, 0.013])
-def test_a_light_is_found_by_its_colour(kelvin: float, tint: float) -> None:
-    """Oracle: the light it was made from."""
-    found = temperature_and_tint(3.0 * white_xyz(kelvin, tint))
-    np.testing.assert_allclose(found[0], kelvin, rtol=2e-3)
-    np.testing.assert_allclose(found[1], tint, atol=2e-5)
 
 
 @pytest.mark.parametrize("target", ["lin_rec709_scene", "lin_ap1_scene", "srgb_rec709_scene"])

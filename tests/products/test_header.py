@@ -9,10 +9,11 @@ import OpenImageIO as oiio
 import pytest
 from pxr import Usd
 
+from tests.preview.flipbooks import flipbook
 from usdsplat.cli.main import main
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.opening import open_document
-from usdsplat.preview.saving import flipbook, save_view
+from usdsplat.preview.saving import save_view
 from usdsplat.preview.values import DisplaySettings, Look, ViewState
 from usdsplat.render.settings import RenderSettings
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.render.framing import CONFORM, WHOLE, conform, data_window
+from usdsplat.render.framing import CONFORM, conform, data_window
 from usdsplat.render.specs import Framing
 
 SQUARE = (-1.0, -1.0, 1.0, 1.0)
@@ -102,5 +102,5 @@ def test_a_pixel_is_in_the_data_window_when_its_centre_is(resolution):
 
 def test_the_whole_display_window_is_none():
     """Oracle: `Framing.data_window`'s own meaning of None."""
-    assert data_window(WHOLE, (1920, 1080)) is None
+    assert data_window((0.0, 0.0, 1.0, 1.0), (1920, 1080)) is None
     assert data_window((0.0, 0.5, 1.0, 1.0), (10, 10)) == (0, 0, 10, 5)

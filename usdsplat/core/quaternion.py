@@ -38,13 +38,6 @@ def multiply(a: Floats, b: Floats) -> Floats:
     )
 
 
-def rotate(quaternions: Floats, vectors: Floats) -> Floats:
-    """Rotate vectors (n, 3) by unit quaternions (n, 4); either may be a single row, broadcast."""
-    w, u = quaternions[..., :1], quaternions[..., 1:]
-    turn = 2 * np.cross(u, vectors)
-    return vectors + w * turn + np.cross(u, turn)
-
-
 def to_matrix(quaternions: Floats) -> Floats:
     """Return rotation matrices of unit quaternions (n, 4), column vectors, shape (n, 3, 3)."""
     w, x, y, z = quaternions.T

@@ -10,10 +10,7 @@ u v; ANSI C78.377 for Duv; adaptation and primaries as in `color`.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.grade import NEUTRAL_TEMPERATURE, Grade
@@ -64,32 +61,6 @@ def white_xyz(temperature: float = NEUTRAL_TEMPERATURE, tint: float = 0.0) -> F6
         u, v = (u, v) + tint * across
     x, y = 3 * u / (2 * u - 8 * v + 4), 2 * v / (2 * u - 8 * v + 4)
     return np.array((x / y, 1.0, (1 - x - y) / y))
-
-
-def temperature_and_tint(xyz: npt.ArrayLike) -> tuple[float, float]:
-    """Return temperature [K] and tint of a light, relative to the nearest white on the locus.
-
-    Args:
-        xyz: CIE XYZ of any brightness, shape (3,).
-    """
-    x, y, z = np.asarray(xyz, np.float64)
-    u, v = 4 * x / (x + 15 * y + 3 * z), 6 * y / (x + 15 * y + 3 * z)
-    low, high = 1e6 / 25000.0, 1e6 / 1000.0  # in mired the locus is nearly uniform
-
-    def distance(mired: float) -> float:
-        at = _locus(1e6 / mired)
-        return math.hypot(u - at[0], v - at[1])
-
-    steps = np.linspace(low, high, 200)
-    best = steps[np.argmin([distance(mired) for mired in steps])]
-    span = steps[1] - steps[0]
-    low, high = max(low, best - span), min(high, best + span)
-    for _ in range(60):  # golden section
-        inner, outer = high - 0.618034 * (high - low), low + 0.618034 * (high - low)
-        low, high = (low, outer) if distance(inner) < distance(outer) else (inner, high)
-    mired = 0.5 * (low + high)
-    at = _locus(1e6 / mired)
-    return 1e6 / mired, math.copysign(distance(mired), v - at[1])
 
 
 def _locus(temperature: float) -> tuple[float, float]:

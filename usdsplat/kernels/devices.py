@@ -5,7 +5,6 @@ from __future__ import annotations
 from usdsplat.core.errors import BackendError, UsdSplatError
 from usdsplat.kernels.device import CpuDevice, Device, checked_name
 
-TASKS = ("pictures", "geometry")
 START = 1.5
 """Additional time of a GPU, relative to the CPU, from the start of a process to the first picture
 [s]."""
@@ -23,7 +22,7 @@ def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
     a GPU at every measured size.
 
     Args:
-        task: One of TASKS.
+        task: "pictures" or "geometry".
         seconds: Estimated time of the task on the CPU; None if its end is unknown.
     """
     from usdsplat.kernels import ahead

@@ -10,8 +10,6 @@ from .jit import scalar
 from .launch import kernel
 from .project import DEPTH
 
-BLOCK = 1024
-"""Number of splats of one block."""
 FEATURES = 9
 NORMAL, ALBEDO, EXPECTED = 0, 3, 6
 """First columns of the paints of a splat: normal in camera space; colour without higher harmonics;

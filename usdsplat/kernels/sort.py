@@ -18,8 +18,6 @@ from .launch import kernel
 
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
-BLOCK = 1024
-"""Number of rows of one block."""
 PASSES = 3
 """3 x 11 bits cover the 32 of a key."""
 

@@ -20,10 +20,6 @@ import numpy as np
 from .jit import scalar
 from .launch import block_kernel
 
-BLOCK = 1024
-"""Number of vertices or triangles of one block. It is constant, so results do not depend on the
-thread count."""
-
 STEPS = 4096.0
 """Positions per pixel to which a vertex is snapped."""
 GUARD = 16384.0

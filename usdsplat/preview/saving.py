@@ -51,43 +51,6 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
     return path
 
 
-def flipbook(
-    document: Document,
-    state: ViewState,
-    frames: Sequence[float],
-    path: Path | str,
-    *,
-    progress: Progress = silent,
-    cancel: CancelToken | None = None,
-) -> tuple[Path, ...]:
-    """Draw every frame in full, and write a picture of each, or one movie.
-
-    As a task for a session it takes as long as all frames: `Flipbook` lets others have turns.
-
-    Args:
-        document: Drawn with. Its listeners are not shown the frames.
-        state: What is seen, but for the time.
-        frames: Time codes, in their order.
-        path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
-            .mov, which plays at the stage's rate.
-        progress: Told how many frames are done.
-        cancel: Ends the work; complete pictures stay, but nothing of a movie.
-
-    Returns:
-        The files that were written.
-
-    Raises:
-        UnknownFormatError: If the suffix is another.
-        UsageError: If there are no frames, or the name has no place for them.
-        OutputError: If a file cannot be written, or a movie is asked for where there is no ffmpeg.
-        UsdSplatError: If a frame cannot be drawn.
-    """
-    book = Flipbook(state, frames, path, progress=progress, cancel=cancel)
-    while book.turn(document):
-        pass
-    return book.files
-
-
 def targets(path: Path, frames: Sequence[float]) -> tuple[Path, ...]:
     """The files that a flipbook writes.
 
@@ -98,12 +61,18 @@ def targets(path: Path, frames: Sequence[float]) -> tuple[Path, ...]:
 
 
 class Flipbook:
-    """A `flipbook` frame by frame: each turn is a task for a session, and others come between.
+    """A picture of each frame, or one movie of them, drawn in full, one frame at a turn.
 
-    What is not finished when the last reference to it goes leaves no movie.
+    Each turn is a task for a session, so that other tasks can run in between. A movie that is not
+    finished when the last reference to the flipbook is dropped is not written.
 
     Args:
-        state, frames, path, progress, cancel: As `flipbook` takes them.
+        state: What to draw, except for the time.
+        frames: Time codes, in their order.
+        path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
+            .mov, which plays at the stage's rate.
+        progress: Receives the number of finished frames.
+        cancel: Ends the work; finished pictures remain, but nothing of a movie.
     """
 
     def __init__(
@@ -122,10 +91,18 @@ class Flipbook:
         self._turns: Iterator[None] | None = None
 
     def turn(self, document: Document) -> bool:
-        """Draw and write the next frame; whether there is more to do. Raises what `flipbook` does.
+        """Draw and write the next frame, and return whether there are more.
+
+        The document's listeners do not get the frame.
 
         Args:
             document: The same one each time.
+
+        Raises:
+            UnknownFormatError: If the path has another suffix.
+            UsageError: If there are no frames, or the name has no place for them.
+            OutputError: If a file cannot be written, or a movie is requested without ffmpeg.
+            UsdSplatError: If a frame cannot be drawn.
         """
         if self._turns is None:
             self._turns = self._begun(document)

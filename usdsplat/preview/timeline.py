@@ -53,14 +53,6 @@ class Timeline:
         """
         self.rate = _positive("rate", rate)
 
-    def set_step(self, step: float) -> None:
-        """Set the time from one frame to the next [time code].
-
-        Raises:
-            UsageError: If it is not positive.
-        """
-        self.step = _positive("step", step)
-
     def go(self, time: float) -> float:
         """Show a time, clamped to the range, and return it. Playback continues from there.
 

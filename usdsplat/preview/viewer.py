@@ -27,7 +27,6 @@ from usdsplat.preview.values import (
     StageChanged,
     ViewState,
 )
-from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Matrix
 
 FLIGHT = 0.5
@@ -300,15 +299,6 @@ class Viewer:
     def set_look(self, **changes: Any) -> None:
         """Change fields of `state.look`."""
         self._see(look=replace(self.state.look, **changes))
-
-    def set_settings(self, **changes: Any) -> None:
-        """Change fields of the render settings of `state.look`.
-
-        Raises:
-            UsageError: If one cannot have that value.
-        """
-        values = {**asdict(self.state.look.settings), **changes}
-        self.set_look(settings=checked("render settings", RenderSettings, values))
 
     def set_other(self, other: Look | None) -> None:
         """Set the look right of the wipe; None for no comparison."""

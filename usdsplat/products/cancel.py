@@ -15,11 +15,6 @@ class CancelToken:
     def __init__(self) -> None:
         self._event = threading.Event()
 
-    @property
-    def is_cancelled(self) -> bool:
-        """Whether the work should stop."""
-        return self._event.is_set()
-
     def cancel(self) -> None:
         """Request the work to stop."""
         self._event.set()

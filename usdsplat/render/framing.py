@@ -25,9 +25,6 @@ CONFORM = (
 )
 """Tokens of `aspectRatioConformPolicy`."""
 
-WHOLE = (0.0, 0.0, 1.0, 1.0)
-"""`dataWindowNDC` of the display window."""
-
 
 def conform(window: Window, framing: Framing) -> tuple[Window, float]:
     """Make the aspect ratios of a camera's window and the image equal.

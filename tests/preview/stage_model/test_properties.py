@@ -16,7 +16,6 @@ from usdsplat.core.errors import StageError
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.properties import (
     composition,
-    layer_stack,
     metadata,
     properties,
 )
@@ -191,27 +190,6 @@ def test_composition_lists_opinions_the_strongest_first():
     assert "session" in part[0].layer and part[2].path == "/World/Part{season=summer}"
     kinds = [(each.kind, each.path) for each in composition(stage, "/World/Instance")]
     assert ("reference", "/_class") in kinds
-
-
-def test_the_layer_stack_is_listed_with_what_is_muted(tmp_path):
-    """Oracle: a root over two sublayers, one muted, one that is below itself."""
-    for name in ("a", "b"):
-        Sdf.Layer.CreateNew(str(tmp_path / f"{name}.usda")).Save()
-    root = Sdf.Layer.CreateNew(str(tmp_path / "root.usda"))
-    root.subLayerPaths = ["./a.usda", "./b.usda"]
-    a = Sdf.Layer.FindOrOpen(str(tmp_path / "a.usda"))
-    b = Sdf.Layer.FindOrOpen(str(tmp_path / "b.usda"))
-    stage = Usd.Stage.Open(root)
-    stage.MuteLayer(b.identifier)
-    found = layer_stack(stage)
-    assert [(each.name, each.depth, each.is_session) for each in found][1:] == [
-        ("root.usda", 0, False),
-        ("a.usda", 1, False),
-        ("b.usda", 1, False),
-    ]
-    assert found[0].is_session and [each.is_muted for each in found] == [False, False, False, True]
-    a.subLayerPaths = ["./root.usda"]
-    assert len(layer_stack(stage)) == 4
 
 
 @pytest.mark.parametrize("path", ["", "World", "/None", "/World/Ball.radius", "\0"])

@@ -16,8 +16,6 @@ from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 
-NOTHING = np.zeros(0, np.int32)
-
 
 @kernel
 def _begins(keys, starts):

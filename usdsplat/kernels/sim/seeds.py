@@ -10,7 +10,6 @@ from usdsplat.kernels.jit import scalar, serial
 from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.philox import SEEDS, uniforms
 
-ONE = np.float32(1)
 HALF_RANGE = 1 << 20
 """Corners of the noise's lattice on either side of the origin, after which it repeats."""
 

@@ -88,18 +88,6 @@ def children(
     return tuple(reader.row(child) for child in found[first:last])
 
 
-def row(stage: Usd.Stage, path: str, *, time: float | None = None) -> PrimRow:
-    """Return the row of one prim.
-
-    Raises:
-        StageError: If there is no such prim.
-    """
-    prim = _prim(stage, path)
-    if prim.IsPseudoRoot():
-        raise StageError(path, "the pseudo-root", "a prim")
-    return _Reader(prim.GetParent(), time).row(prim)
-
-
 def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
     """Return the paths of prims whose name, path or type contains a text, in stage order.
 
@@ -129,14 +117,6 @@ def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
             if len(found) >= most:
                 break
     return tuple(found)
-
-
-def ancestors(path: str) -> tuple[str, ...]:
-    """Return the paths of a prim's ancestors, from the root down; a tree expands them to show
-    it."""
-    if not Sdf.Path.IsValidPathString(path):
-        return ()
-    return tuple(str(each) for each in Sdf.Path(path).GetPrimPath().GetPrefixes()[:-1])
 
 
 class _Reader:

@@ -66,19 +66,6 @@ class ArcRow:
     """Whether the layer has a prim spec there."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LayerRow:
-    """A layer of the stage's layer stack."""
-
-    name: str
-    identifier: str
-    depth: int
-    """Depth in the sublayer hierarchy."""
-    is_muted: bool
-    is_dirty: bool
-    is_session: bool
-
-
 _SOURCES: dict[Any, Source] = {
     Usd.ResolveInfoSourceNone: "none",
     Usd.ResolveInfoSourceFallback: "fallback",
@@ -149,36 +136,6 @@ def composition(stage: Usd.Stage, path: str) -> tuple[ArcRow, ...]:
                         has_specs=spec is not None,
                     )
                 )
-    return tuple(rows)
-
-
-def layer_stack(stage: Usd.Stage) -> tuple[LayerRow, ...]:
-    """Return the layers of the stage's layer stack, the strongest first, including muted ones."""
-    muted = set(stage.GetMutedLayers())
-    session = stage.GetSessionLayer()
-    rows: list[LayerRow] = []
-
-    def add(layer: Sdf.Layer, depth: int, above: tuple[str, ...], is_session: bool) -> None:
-        if layer.identifier in above:  # a layer that is its own sublayer
-            return
-        rows.append(
-            LayerRow(
-                name=_name(layer),
-                identifier=layer.realPath or layer.identifier,
-                depth=depth,
-                is_muted=layer.identifier in muted,
-                is_dirty=layer.dirty,
-                is_session=is_session,
-            )
-        )
-        for path in layer.subLayerPaths:
-            below = Sdf.Layer.FindRelativeToLayer(layer, path)
-            if below:
-                add(below, depth + 1, (*above, layer.identifier), is_session)
-
-    if session:
-        add(session, 0, (), True)
-    add(stage.GetRootLayer(), 0, (), False)
     return tuple(rows)
 
 
