@@ -65,12 +65,12 @@ def main(arguments: list[str]) -> None:
     with Report("scaling", arguments) as report:
         device = open_device("cpu")
         table = Table(title=f"{device.name}: a picture at {SIZE[0]}×{SIZE[1]}")
-        for name in ("scene", "stored", "seen", "ms", "CPU ms", "project", "sort", "bins", "blend"):
+        for name in ("scene", "stored", "seen", "ms", "CPU ms", "project", "sort", "bin", "blend"):
             table.add_column(name, justify="right")
         quick = "--quick" in report.arguments
         for cost in costs(device, GRIDS[:3] if quick else GRIDS, 3 if quick else REPEATS):
             stats, wall, cpu = cost.stats, spread(cost.wall_ms), spread(cost.cpu_ms)
-            stages = [stats.cpu_ms.get(each, 0.0) for each in ("project", "sort", "bins", "blend")]
+            stages = [stats.cpu_ms.get(each, 0.0) for each in ("project", "sort", "bin", "blend")]
             table.add_row(
                 cost.scene, f"{stats.splats:,}", f"{stats.visible:,}", f"{wall['ms']:.1f}",
                 f"{cpu['ms']:.1f}", *(f"{each:.1f}" for each in stages),

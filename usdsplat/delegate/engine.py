@@ -107,8 +107,8 @@ class Engine:
 
     @property
     def remark(self) -> str:
-        """Why `device` is not the fastest one of this machine; "" if it is. The text changes if a
-        GPU fails while drawing and the CPU takes over."""
+        """Reason why a faster device is not used, for the user; "" if there is none. The text
+        changes if a GPU fails while drawing and the CPU takes over."""
         return self._drawer.renderer.remark
 
     @property
@@ -234,7 +234,7 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Announce what will be drawn, so that "auto" can choose the device that finishes first.
+        """Set the expected work, from which "auto" selects the device that finishes first.
 
         Call it before the first picture: the device is chosen once. By default a long session is
         assumed.

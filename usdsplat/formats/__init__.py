@@ -128,7 +128,7 @@ def write(
     Args:
         cloud: The splats.
         path: Target; an existing file is replaced once the new one is complete.
-        how: Options of the writer; its `progress` is replaced by the argument below.
+        how: Options for writing, such as the SPZ version; its `progress` is replaced by `progress`.
         progress: Receives the number of splats written.
 
     Returns:

@@ -62,7 +62,7 @@ class ExportOptions:
     split: bool = False
     """Whether to write each field to a separate capture, see `export_each`."""
     writing: WriteOptions = WRITE_OPTIONS
-    """Options of the writer."""
+    """Options for writing the capture file, such as the SPZ version."""
 
 
 IMPORT, SEQUENCE, EXPORT = ImportOptions(), SequenceOptions(), ExportOptions()

@@ -1,4 +1,4 @@
-"""What a GPU does otherwise than the CPU.
+"""Run kernels on NVIDIA GPUs.
 
 `device` runs a kernel in one of these forms:
 
@@ -8,7 +8,7 @@
   called with the device and the kernel's arguments.
 - Anything else is serial and done once. The CPU runs it, on copies.
 
-`frame` draws a whole colour picture without the host in between.
+`frame` draws a whole colour picture without returning to the host in between.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Arrays on a GPU whose views cost little: numba-cuda takes 25 µs for each, a frame has many."""
+"""GPU arrays with cached views: numba-cuda takes 25 µs for each view, and a frame needs many."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from usdsplat.kernels.cuda.support import is_compiled
 
 VIEWS = 64
-"""Views of one array that are kept."""
+"""Maximum number of cached views of one array."""
 
 
 def _base() -> Any:
@@ -24,13 +24,14 @@ _Base: Any = _base()
 
 
 class GpuArray(_Base):
-    """numba-cuda's array, which keeps its views: slices, rows, other shapes and types.
+    """numba-cuda's array with cached views: slices, rows, other shapes and types.
 
     A view holds the memory, not the array that it was made of, so there is no cycle.
     """
 
     def __getitem__(self, item: Any) -> Any:
-        """A view of a slice or a row; a single number is read by the host, which waits for it."""
+        """Return a view of a slice or a row. A single number is copied to the host, which waits for
+        it."""
         if isinstance(item, slice):
             return self._view((item.start, item.stop, item.step), super().__getitem__, item)
         if isinstance(item, int) and self.ndim > 1:
@@ -38,11 +39,12 @@ class GpuArray(_Base):
         return super().__getitem__(item)
 
     def reshape(self, *shape: Any) -> Any:
-        """A view of a contiguous array in another shape, given as a tuple or one by one."""
+        """Return a view of a contiguous array in another shape, given as a tuple or as several
+        numbers."""
         return self._view(("reshape", *shape), super().reshape, *shape)
 
     def view(self, dtype: Any) -> Any:
-        """The same memory as another type."""
+        """Return the same memory as another type."""
         return self._view(np.dtype(dtype), lambda: with_views(super(GpuArray, self).view(dtype)))
 
     def _view(self, key: Any, make: Any, *args: Any) -> Any:

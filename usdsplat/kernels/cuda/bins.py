@@ -1,4 +1,4 @@
-"""Lists of splats by tile on a GPU: a thread for each splat writes its pairs."""
+"""Bin splats to tiles on a GPU, with one thread for each splat."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 
 @kernel
 def _touch(records, grid, writes, places, tiles, splats):
-    """What `make_lists` calls touch. Counting and writing are one kernel, so that they agree."""
+    """Count or write the pairs of a splat, see `make_lists`. Counting and writing are one kernel,
+    so that they agree."""
     n = records.shape[0]
     for k in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
         if k == n:
@@ -43,7 +44,7 @@ def _touch(records, grid, writes, places, tiles, splats):
 def tile_lists(
     device: CudaDevice, records: Any, grid: Any, tiles: int, _chunks: int, get: Callable[..., Any]
 ) -> tuple[Any, Any, int]:
-    """`kernels.bins.tile_lists`."""
+    """Make the list of each tile, see `kernels.bins.tile_lists`."""
 
     def touch(writes: bool, places: Any, keys: Any, splats: Any) -> None:
         _touch[BLOCKS, THREADS, device.stream](records, grid, writes, places, keys, splats)

@@ -1,4 +1,4 @@
-"""Blending on a GPU: a thread for each pixel of a tile, by the same rules as on the CPU."""
+"""Blend on a GPU, with one thread for each pixel of a tile, by the same rules as on the CPU."""
 
 from __future__ import annotations
 
@@ -81,6 +81,9 @@ def _blend(
 
 
 def blend(device: CudaDevice, *args: Any) -> None:
-    """As `kernels.blend.blend`, but does not count the work: the host would wait for it."""
+    """Blend all tiles of a band, see `kernels.blend.blend`.
+
+    `work` is not filled, because the host would have to wait for it.
+    """
     starts = args[3]
     _blend[starts.shape[0] - 1, THREADS, device.stream](*args[:-1])

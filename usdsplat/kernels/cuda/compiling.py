@@ -1,4 +1,4 @@
-"""What numba-cuda compiles is told of as what Numba does: it has events of its own."""
+"""Forward numba-cuda's compile events to the listeners of Numba's."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from usdsplat.kernels.compiling import SPENT, TOLD
 from usdsplat.kernels.cuda.support import is_compiled
 
 FIRST = "cuda_translate_bytecode "
-"""The pass that a function is compiled by first."""
+"""Prefix of the first compiler pass of a function."""
 
 
 def connect() -> None:
-    """Set numba-cuda up for what users read, where it is; once for each process.
+    """Connect numba-cuda, if it is installed, to the compile messages. Called once per process.
 
-    Who listens by `kernels.compiling` hears of it from now on, and it no longer warns of each
-    launch of few threads: most of those are of one, on purpose. A user's own wish to be warned
-    is left alone.
+    Listeners of `kernels.compiling` receive its events from now on. Its warnings on launches with
+    few threads are switched off: most of those launches have one thread on purpose. A user's own
+    setting of these warnings is kept.
     """
     if not is_compiled():
         return
@@ -30,7 +30,8 @@ def connect() -> None:
         config.CUDA_LOW_OCCUPANCY_WARNINGS = 0
 
     class Functions(events.Listener):
-        """Functions, each as its first pass begins; what is loaded goes through none."""
+        """Listener for functions, called at the first pass of each. Loaded functions have no
+        passes."""
 
         def on_start(self, given: Any) -> None:
             if given.data["name"].startswith(FIRST):
@@ -41,7 +42,7 @@ def connect() -> None:
                 event.end_event(TOLD)
 
     class Locks(events.Listener):
-        """The compiler's lock, which is held until a kernel is ready."""
+        """Listener for the compiler's lock, which is held until a kernel is ready."""
 
         def on_start(self, given: Any) -> None:
             event.start_event(SPENT)

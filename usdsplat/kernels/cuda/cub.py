@@ -1,7 +1,7 @@
-"""CUB's radix sort and running sum, built for our types, and stored for later processes.
+"""Build CUB's radix sort and prefix sum for our types, and store them for later processes.
 
-A build takes seconds. It needs the GPU that it is for: a radix sort that `cuda.compute` 1.2 builds
-for another capability gives wrong results.
+A build takes seconds. It needs the GPU on which it will run: a radix sort that `cuda.compute` 1.2
+builds for another capability gives wrong results.
 
 Source: NVIDIA's CUB; its radix sort is stable.
 """
@@ -24,14 +24,14 @@ PACKAGES = ("cuda-cccl", "nvidia-cuda-nvrtc", "nvidia-nvjitlink")
 
 
 def build(algorithm: str, types: str) -> bytes:
-    """Return an algorithm for the GPU in use: the stored build, or else a new one, which is stored.
+    """Return an algorithm for the GPU in use: the stored build, or a new one, which is stored.
 
     Args:
         algorithm: SORT or SUM.
-        types: Of keys and values, or of what comes in and goes out, as "u4 i4".
+        types: Types of keys and values, or of input and output, such as "u4 i4".
 
     Returns:
-        What `cuda.compute.deserialize` reads.
+        The input of `cuda.compute.deserialize`.
     """
     import cuda.compute as compute
 
@@ -62,7 +62,7 @@ def build(algorithm: str, types: str) -> bytes:
 
 
 def load(algorithm: str, types: str) -> Any:
-    """Return a built algorithm as `cuda.compute` calls it; arguments as in `build`."""
+    """Return a built algorithm as an object of `cuda.compute`. For arguments see `build`."""
     import cuda.compute as compute
 
     return compute.deserialize(build(algorithm, types))

@@ -1,7 +1,7 @@
-"""One NVIDIA GPU: what it keeps, and how kernels get there.
+"""Run kernels on one NVIDIA GPU, and keep arrays there.
 
-Arrays of the host are copied in for a launch and, where the kernel may have written them, back
-after it. What stays on the GPU between launches was asked for: `keep`, `move`, `resident`.
+Host arrays are copied to the GPU for a launch and, if the kernel may have written them, back after
+it. `keep`, `move` and `resident` create arrays that stay on the GPU.
 """
 
 from __future__ import annotations
@@ -32,19 +32,21 @@ from usdsplat.kernels.launch import Kernel, Reduction, rounds
 if is_compiled():
     from numba.cuda.cudadrv.driver import device_to_host
 
-connect()  # once for each process, as a module is imported
+connect()  # once per process, on import
 
 HERE = "usdsplat.kernels.cuda"
 
 TOOLS = ("numba.", "cuda.")
-"""How the modules of what drives a GPU, and compiles for it, begin."""
+"""Prefixes of the modules of GPU drivers and compilers."""
 
 Form = Callable[..., Any]
 
 
 def form_of(kernel: Callable[..., Any]) -> Form | None:
-    """Return what a GPU runs for a kernel: a function of the device and the kernel's arguments, its
-    arrays on the GPU. None where the CPU does it."""
+    """Return the function that a GPU runs for a kernel, or None if the CPU runs it.
+
+    It is called with the device and the kernel's arguments, whose arrays are on the GPU.
+    """
     if isinstance(kernel, Kernel):
         return functools.partial(_launch, kernel)
     name: str = getattr(kernel, "gpu", "")
@@ -78,10 +80,10 @@ def _launch(kernel: Kernel, device: CudaDevice, *args: Any) -> Any:
 
 
 class CudaDevice:
-    """The GPU that CUDA counts first.
+    """First GPU in CUDA's order.
 
     Args:
-        threads: Of the host, for what the CPU does, 1 to the number of cores; None for all.
+        threads: Host threads for the CPU's part, 1 to the number of cores; None for all.
 
     Raises:
         UsageError: If `threads` is out of range.
@@ -94,7 +96,7 @@ class CudaDevice:
         self._cpu = CpuDevice(threads=threads)
         self.threads = self._cpu.threads
         self.stream = cuda.stream()
-        """In whose order everything happens."""
+        """Stream on which everything is launched, in order."""
         self._primitives: Any = None
         self._pinned, self._rings = PinnedPool(), Rings(self.stream)
         self._constants = Constants(self.stream)
@@ -102,13 +104,16 @@ class CudaDevice:
         self._lent: dict[tuple[int, str], Any] = {}
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """`array` as `run` reads it: contiguous, aligned and read-only, copied only if it is
-        not."""
+        """Return `array` contiguous, aligned and read-only, as `run` reads it. Copy it only if
+        needed."""
         return self._cpu.upload(array)
 
     def keep(self, array: npt.NDArray[Any]) -> Any:
-        """`array` on the GPU, copied there once, for as long as it lives. It must never change.
-        Small arrays of the same contents share their memory."""
+        """Return a copy of `array` on the GPU, cached for the lifetime of `array`, which must not
+        change.
+
+        Small arrays with the same contents share their memory.
+        """
         found = self._kept.get(id(array))
         if found is not None and found[0]() is array:
             return found[1]
@@ -119,11 +124,12 @@ class CudaDevice:
             return self._remember(array, self._constants.get(whole))
 
     def move(self, array: npt.NDArray[Any]) -> Any:
-        """A buffer of the GPU that holds what `array` does, of which the host takes its leave."""
+        """Move `array` to the GPU. The caller must not use the host array afterwards."""
         return self._in(np.require(array, requirements=["C", "A"]))
 
     def publish(self, array: Any) -> npt.NDArray[Any]:
-        """`fetch`, after which to `keep` what it gives costs nothing; neither may change."""
+        """Return a GPU array on the host, see `fetch`. A later `keep` of the result costs nothing.
+        Neither array may change."""
         if isinstance(array, np.ndarray):
             return array
         out = self.fetch(array)
@@ -131,21 +137,24 @@ class CudaDevice:
         return out
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
-        """A buffer of the host with undefined contents."""
+        """Return a host buffer with undefined contents."""
         return np.empty(shape, dtype)
 
     def resident(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """A buffer of the GPU with undefined contents.
+        """Return a GPU buffer with undefined contents.
 
         Raises:
-            BackendError: If it has no room for it.
+            BackendError: If the GPU has too little memory.
         """
         with in_words():
             return with_views(cuda.device_array(shape, dtype, stream=self.stream))
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
-        """A buffer of the GPU for the time of one form, with undefined contents: kept for the next
-        that the same thread of the host runs, and grown. The stream orders who uses it."""
+        """Return a temporary GPU buffer with undefined contents, for one kernel call.
+
+        It is reused by the next call of the same host thread, and grows. The order of the stream
+        prevents conflicts.
+        """
         key = threading.get_ident(), name
         found = self._lent.get(key)
         if found is None or found.size < size or found.dtype != np.dtype(dtype):
@@ -154,7 +163,7 @@ class CudaDevice:
         return found
 
     def fetch(self, array: Any) -> npt.NDArray[Any]:
-        """What an array of the GPU holds, for the host to read; a host's array as it is."""
+        """Return a GPU array on the host, or a host array unchanged."""
         if isinstance(array, np.ndarray):
             return array
         with in_words():
@@ -165,7 +174,7 @@ class CudaDevice:
         return out
 
     def number(self, array: Any, place: int) -> int:
-        """One number of a flat array of the GPU, which the host waits for."""
+        """Return one number of a flat GPU array. The host waits for it."""
         if is_simulated():
             return int(array[place])
         size = array.dtype.itemsize
@@ -176,7 +185,7 @@ class CudaDevice:
         return int(out[0])
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
-        """Call `kernel` with arrays of the host or the GPU and return what it returns.
+        """Call `kernel` with host or GPU arrays and return its result.
 
         Raises:
             BackendError: If the GPU's driver or compiler fails.
@@ -208,7 +217,7 @@ class CudaDevice:
 
     @property
     def primitives(self) -> Any:
-        """What sorts and sums, a `primitives.Primitives`."""
+        """Sort and prefix sum of this device, a `primitives.Primitives`."""
         if self._primitives is None:
             from usdsplat.kernels.cuda.primitives import Primitives
 
@@ -216,7 +225,8 @@ class CudaDevice:
         return self._primitives
 
     def close(self) -> None:
-        """Release what it keeps, and what was let go of before: Numba frees some time later."""
+        """Release everything that is kept, and arrays released earlier, which Numba frees with a
+        delay."""
         self._kept.clear()
         self._lent.clear()
         self._pinned.clear()
@@ -224,19 +234,19 @@ class CudaDevice:
         self._constants.clear()
         self._primitives = None
         if not is_simulated():
-            with suppress(Exception):  # of a GPU that has failed, which frees nothing any more
+            with suppress(Exception):  # a failed GPU cannot free memory
                 cuda.current_context().deallocations.clear()
 
     # --- private ---------------------------------------------------------------------------
 
     def _remember(self, array: npt.NDArray[Any], copy: Any) -> Any:
-        """Let `keep` find the copy of an array for as long as that lives."""
+        """Cache the copy of an array for `keep`, for the lifetime of the array."""
         kept, key = self._kept, id(array)
         kept[key] = weakref.ref(array, lambda _: kept.pop(key, None)), copy
         return copy
 
     def _arrive(self, array: npt.NDArray[Any], is_changed: bool) -> Any:
-        """A copy of an array of the host for one launch, which may change it."""
+        """Return a copy of a host array for one launch, which may change it."""
         whole = np.ascontiguousarray(array)
         if is_simulated() or whole.nbytes > SMALL:
             return self._in(whole)
@@ -259,10 +269,10 @@ class CudaDevice:
 
 @contextmanager
 def in_words() -> Iterator[None]:
-    """Say in a sentence what the driver or the compiler of a GPU raises.
+    """Convert exceptions of a GPU's driver or compiler to one-line errors.
 
     Raises:
-        BackendError: In its place.
+        BackendError: Instead of the original exception.
     """
     try:
         yield
@@ -288,18 +298,19 @@ def _is_resident(value: Any) -> bool:
 
 
 class _Moves:
-    """Arrays that go to the other side for one call; the same array goes once."""
+    """Copies of arrays for one call between host and GPU. Each array is copied once."""
 
     def __init__(
         self, move: Callable[[Any, bool], Any], is_elsewhere: Callable[[Any], bool]
     ) -> None:
         self._move, self._is_elsewhere = move, is_elsewhere
         self.made: dict[int, tuple[Any, Any]] = {}
-        """Identity of each that went -> it and its copy."""
+        """id(array) -> the array and its copy."""
         self._changed: set[int] = set()
 
     def mark(self, value: Any) -> None:
-        """Let `value`, or tuples of values, come back, for it may be changed."""
+        """Mark `value`, or tuples of values, to be copied back, because the kernel may change
+        it."""
         if isinstance(value, tuple):
             for each in value:
                 self.mark(each)
@@ -307,7 +318,7 @@ class _Moves:
             self._changed.add(id(value))
 
     def arrive(self, value: Any) -> Any:
-        """`value`, or tuples of values, with arrays on this side."""
+        """Return `value`, or tuples of values, with all arrays replaced by copies."""
         if isinstance(value, tuple):
             return tuple(map(self.arrive, value))
         if not self._is_elsewhere(value):
@@ -317,5 +328,5 @@ class _Moves:
         return self.made[id(value)][1]
 
     def changed(self) -> list[tuple[Any, Any]]:
-        """Those that may have been changed, with their copies."""
+        """Return the arrays that may have been changed, with their copies."""
         return [self.made[each] for each in self.made if each in self._changed]

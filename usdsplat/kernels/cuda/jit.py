@@ -1,8 +1,8 @@
 """Compile kernels for a GPU, and store them for later processes.
 
 A kernel is stored as machine code. Its key contains the hash of its sources, its argument types,
-the GPU's compute capability and the versions of the compilers. It can be compiled for a GPU that is
-not here: neither NVIDIA's compiler nor its assembler needs a driver.
+the GPU's compute capability and the versions of the compilers. It can be compiled for GPUs of other
+machines, because NVIDIA's compiler and assembler need no driver.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def kernel(
     """Return a kernel of a function, with our cache: a `launch.Kernel`, or the simulator's.
 
     Args:
-        name: Unique name; None for that of the module and the function.
+        name: Unique name; None for the names of module and function.
         made_of: Further modules that the kernel depends on, besides its own and its imports.
-        detail: Whatever else it depends on, as text.
+        detail: Everything else that the kernel depends on, as text.
         exact: Round each product and each sum by itself: none is contracted to a fused
             multiply-add. The same expression then has the same bits in every kernel.
-        options: Of `cuda.jit`.
+        options: Options of `cuda.jit`.
     """
     if function is None:
         return functools.partial(
@@ -53,7 +53,7 @@ def kernel(
     own = name or f"{function.__module__.removeprefix(PREFIX)}.{function.__name__}"
     if exact and is_compiled():
         _EXACT.add(function)
-        options["lto"] = False  # the linker would contract what it compiles
+        options["lto"] = False  # the linker would contract operations
         detail = f"{detail} exact"
     made = cuda.jit(function, **options)  # as a decorator with options it drops `lto`
     if is_compiled() and function.__module__.startswith(PREFIX):
@@ -95,7 +95,7 @@ class KernelCache:
         try:
             made = _Kernel._rebuild(**pickle.loads(data))
             made.bind()
-        except Exception:  # whatever is wrong with it, it can be compiled
+        except Exception:  # any damaged form can be compiled again
             return None
         return made
 
@@ -113,15 +113,15 @@ class KernelCache:
         store.save(self.key(types, capability), dumps(state))
 
     def flush(self) -> None:
-        """Part of numba-cuda's interface; nothing is buffered here."""
+        """Do nothing: numba-cuda's interface requires this method, and nothing is buffered."""
 
 
 def assemble(name: str, types: tuple[Any, ...], capability: Capability) -> bytes:
     """Compile and assemble a kernel of KERNELS for any GPU, and store it.
 
     Args:
-        types: Numba's, of its arguments.
-        capability: Of the GPU, such as (9, 0).
+        types: Numba's types of its arguments.
+        capability: Compute capability of the GPU, such as (9, 0).
 
     Returns:
         The machine code.
@@ -137,7 +137,7 @@ def assemble(name: str, types: tuple[Any, ...], capability: Capability) -> bytes
 
 
 def source_of(name: str, types: tuple[Any, ...], capability: Capability) -> str:
-    """Return the PTX of a kernel of KERNELS: what NVIDIA's assembler is given."""
+    """Return the PTX of a kernel of KERNELS, the input of NVIDIA's assembler."""
     with _compiling_for(capability):
         text: str = _built(name, types)._codelibrary.get_asm_str()
     return text
@@ -147,9 +147,11 @@ def source_of(name: str, types: tuple[Any, ...], capability: Capability) -> str:
 
 
 def _without_contraction() -> None:
-    """Let numba-cuda pass NVVM's option `-fma=0` for the kernels of _EXACT; it has no option for
-    that of its own. NVVM then writes instructions that say how they are rounded, which the
-    assembler does not contract either; `tests/kernels/cuda/test_exact.py` reads them."""
+    """Make numba-cuda pass NVVM's option `-fma=0` for the kernels of _EXACT.
+
+    numba-cuda has no option for that. NVVM then writes instructions with explicit rounding, which
+    the assembler does not contract either; `tests/kernels/cuda/test_exact.py` reads them.
+    """
     dispatcher: Any = importlib.import_module("numba.cuda.dispatcher")
     compile_cuda = dispatcher.compile_cuda
 

@@ -1,7 +1,7 @@
-"""Launches of compiled kernels at little cost for the host.
+"""Launch compiled kernels at little cost for the host.
 
-numba-cuda looks at each array of each launch anew, which takes longer than the small kernels do.
-Here, what a kernel is told of an array is worked out once for each array object.
+numba-cuda examines each array again at each launch, which takes longer than the small kernels.
+Here, the kernel's arguments for an array are computed once for each array object.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from typing import Any
 from numba import cuda
 
 _KNOWN = "_usdsplat_launch"
-"""Attribute of a GPU array: its type, as text, and the numbers that a kernel is given for it."""
+"""Attribute of a GPU array that caches its type, as text, and its kernel arguments."""
 
 
 class Kernel:
-    """A kernel, launched as `kernel[blocks, threads, stream](*args)`.
+    """Compiled kernel, launched as `kernel[blocks, threads, stream](*args)`.
 
-    Arrays are numba-cuda's, on the GPU. Numbers are passed by their type: an `int` as int64, a
-    `float` as float64, NumPy's as themselves.
+    Arrays are numba-cuda's, on the GPU. An `int` is passed as int64, a `float` as float64, NumPy's
+    numbers as their own type.
 
     Args:
-        dispatcher: numba-cuda's, which compiles.
+        dispatcher: numba-cuda's dispatcher, which compiles.
     """
 
     def __init__(self, dispatcher: Any) -> None:
         self.dispatcher = dispatcher
         self._forms: dict[tuple[Any, ...], Any] = {}
-        """Types of arguments -> what the driver launches."""
+        """Types of arguments -> function that the driver launches."""
 
     def __getitem__(self, shape: tuple[int, int, Any]) -> functools.partial[None]:
         return functools.partial(self._launch, *shape)
@@ -39,7 +39,7 @@ class Kernel:
 
         keys: list[Any] = []
         values: list[Any] = []
-        _describe(args, keys, values)
+        _append_arguments(args, keys, values)
         key = tuple(keys)
         form = self._forms.get(key)
         if form is None:
@@ -48,7 +48,7 @@ class Kernel:
         launch(_stream(int(stream.handle)), _config(int(blocks), int(threads)), form, *values)
 
     def _compiled(self, args: tuple[Any, ...]) -> Any:
-        """The form for arguments of these types, compiled or loaded."""
+        """Return the form for arguments of these types, compiled or loaded."""
         types = tuple(self.dispatcher.typeof_pyval(each) for each in args)
         return self.dispatcher.compile(types)._codelibrary.get_cufunc().kernel
 
@@ -57,7 +57,7 @@ class Kernel:
 
 
 class _Thread(threading.local):
-    """Whether this thread of the host uses the GPU's context, of which a process has one."""
+    """State of a host thread: whether it uses the GPU's context, of which a process has one."""
 
     is_ready = False
 
@@ -71,16 +71,16 @@ def _enter() -> None:
         _THREAD.is_ready = True
 
 
-def _describe(args: tuple[Any, ...], keys: list[Any], values: list[Any]) -> None:
-    """Append what tells the types of arguments, and what the driver is given for them."""
+def _append_arguments(args: tuple[Any, ...], keys: list[Any], values: list[Any]) -> None:
+    """Append the types of arguments to `keys`, and their kernel arguments to `values`."""
     for arg in args:
         if isinstance(arg, tuple):
             keys.append(len(arg))
-            _describe(arg, keys, values)
+            _append_arguments(arg, keys, values)
         elif hasattr(arg, "gpu_data"):
             known = arg.__dict__.get(_KNOWN)
             if known is None:
-                known = arg.__dict__[_KNOWN] = _described(arg)
+                known = arg.__dict__[_KNOWN] = _array_fields(arg)
             keys.append(known[0])
             values += known[1]
         else:
@@ -88,9 +88,9 @@ def _describe(args: tuple[Any, ...], keys: list[Any], values: list[Any]) -> None
             values.append(arg)
 
 
-def _described(array: Any) -> tuple[str, tuple[int, ...]]:
-    """The type of an array, and its fields in the order that numba-cuda's kernels take them in:
-    two that are unused, elements, bytes of an element, address, shape, strides."""
+def _array_fields(array: Any) -> tuple[str, tuple[int, ...]]:
+    """Return the type of an array, and its fields in the order of numba-cuda's kernel arguments:
+    two unused ones, elements, bytes per element, address, shape, strides."""
     address = array.device_ctypes_pointer.value or 0
     fields = 0, 0, array.size, array.dtype.itemsize, address, *array.shape, *array.strides
     return array._numba_type_.name, tuple(int(each) for each in fields)

@@ -1,6 +1,7 @@
-"""Lists of what touches each tile, on a GPU: pairs of tile and thing, sorted by tile.
+"""Make lists of the items that touch each tile, on a GPU: pairs of tile and item, sorted by tile.
 
-Things write their pairs in their own order, and the sort is stable: every list is in that order.
+Items write their pairs in item order, and the sort is stable. Every list is therefore in item
+order.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from usdsplat.kernels.cuda.loops import BLOCKS, THREADS
 
 @kernel
 def _begins(keys, starts):
-    """starts[t] = how many keys, which are sorted, are less than t."""
+    """Set starts[t] to the number of keys less than t. The keys are sorted."""
     n, tiles = keys.shape[0], starts.shape[0] - 1
     for i in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
         first = np.int64(keys[i - 1]) + 1 if i > 0 else np.int64(0)
@@ -36,7 +37,7 @@ def make_lists(
     tiles: int,
     touch: Callable[[bool, Any, Any, Any], None],
 ) -> tuple[Any, Any, int]:
-    """Return what `bins.tile_lists` returns, of any things.
+    """Make the lists for any kind of item. The result is as in `bins.tile_lists`.
 
     Args:
         get: Makes buffers by name, shape and dtype; name: theirs.

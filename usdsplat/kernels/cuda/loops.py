@@ -1,4 +1,4 @@
-"""Loops for the threads of a GPU, out of functions of one item."""
+"""Make loops for the threads of a GPU from functions of one item."""
 
 from __future__ import annotations
 
@@ -12,15 +12,19 @@ from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.launch import ROUND, Kernel, Reduction, Scratch
 
 THREADS = 128
-"""Of a block of threads."""
+"""Number of threads of a block."""
 BLOCKS = 132 * 16
-"""At most, of a launch: enough to fill any GPU. The loops take what is left."""
+"""Maximum number of blocks of a launch, which fills any GPU. The loops process the remaining
+items."""
 
 
 @functools.cache
 def gpu_loop(given: Kernel) -> Any:
-    """Return the GPU's kernel of a function of one item, called with the size and a tuple of
-    arguments; a reduction's, with the size, the number of blocks, their results and arguments."""
+    """Return the GPU's kernel of a function of one item.
+
+    It is called with the size and a tuple of arguments. A reduction's is called with the size, the
+    number of blocks, their results and the arguments.
+    """
     item = given.item
     if isinstance(given, Reduction):
         return kernel(given.named(_blocks_to_numbers(given)), made_of=(__name__,))
@@ -54,7 +58,7 @@ def gpu_loop(given: Kernel) -> Any:
 
 
 def grid_of(count: int) -> int:
-    """Return how many blocks of threads a launch over `count` items has."""
+    """Return the number of blocks of threads of a launch over `count` items."""
     return max(1, min(BLOCKS, -(-count // THREADS)))
 
 
@@ -79,7 +83,10 @@ def _blocks_with_scratch(item: Any, scratch: tuple[Scratch, ...]) -> Callable[..
 
 
 def _blocks_to_numbers(given: Reduction) -> Callable[..., None]:
-    """Source: Harris 2007, "Optimizing parallel reduction in CUDA"."""
+    """Return the loop of a reduction, with one result for each block.
+
+    Source: Harris 2007, "Optimizing parallel reduction in CUDA".
+    """
     item, combine, dtype = given.item, given.combine, given.dtype
 
     def loop(n, blocks, partial, args):

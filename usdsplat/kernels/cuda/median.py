@@ -1,4 +1,4 @@
-"""The median splat on a GPU: a thread for each pixel of a tile."""
+"""Find median splats on a GPU, with one thread for each pixel of a tile."""
 
 from __future__ import annotations
 
@@ -82,6 +82,6 @@ def _median(
 
 
 def median(device: CudaDevice, *args: Any) -> None:
-    """`kernels.median.median`."""
+    """Find median splats, see `kernels.median.median`."""
     starts = args[1]
     _median[starts.shape[0] - 1, THREADS, device.stream](*args)

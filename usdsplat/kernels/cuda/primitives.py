@@ -1,4 +1,4 @@
-"""Sorting and summing on the GPU, by CUB."""
+"""Sort and compute prefix sums on the GPU, with CUB."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from usdsplat.kernels.cuda.support import SORT, SUM
 
 
 class _Ordered:
-    """A stream as `cuda.compute` knows one."""
+    """Stream in the interface of `cuda.compute`."""
 
     def __init__(self, stream: Any) -> None:
         handle = stream.handle
@@ -24,11 +24,11 @@ class _Ordered:
 
 
 class Primitives:
-    """What one device sorts and sums with. Scratch memory is kept, and grows.
+    """Sort and prefix sum of one device. Scratch memory is kept, and grows.
 
-    What was outgrown is kept too: recorded launches go on using it.
+    Outgrown memory is kept too, because recorded launches continue to use it.
 
-    Arrays are of the device, and may be longer than `count`.
+    Arrays are on the device, and may be longer than `count`.
     """
 
     def __init__(self, stream: Any) -> None:
@@ -49,7 +49,7 @@ class Primitives:
     ) -> None:
         """Sort `count` pairs by some bits of their keys, stably, into other arrays.
 
-        Types of keys and values are among `support.CUB`.
+        Types of keys and values must be listed in `support.CUB`.
         """
         bits = {"begin_bit": begin_bit, "end_bit": end_bit or 8 * keys.dtype.itemsize}
         self._call(
@@ -63,7 +63,7 @@ class Primitives:
         )
 
     def running_sum(self, values: Any, out: Any, count: int) -> None:
-        """out[k] = values[0] + ... + values[k - 1], for k < count; whole numbers."""
+        """Set out[k] to values[0] + ... + values[k - 1], for k < count; integers."""
         self._call(
             self._algorithm(SUM, values, out),
             d_in=values,
@@ -90,5 +90,5 @@ class Primitives:
 
     @property
     def bytes(self) -> int:
-        """What the scratch takes of the device's memory."""
+        """Size of the scratch memory [byte]."""
         return sum(int(each.size) for each in self._scratch)

@@ -1,7 +1,7 @@
-"""Projection on a GPU: a block of threads for each block of slots.
+"""Project splats on a GPU, with a block of threads for each block of slots.
 
-Threads take splats in the order of rows, and votes say where in the slots each goes: what is seen
-is packed to the front in the order of rows, as on the CPU.
+Threads take splats in the order of rows, and votes determine their slots. Visible splats are packed
+to the front in the order of rows, as on the CPU.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WARPS = THREADS // 32
 ALL_LANES = 0xFFFFFFFF
 
 
-@kernel(exact=True)  # as `frame.project`: both must see the same splats, in the same order
+@kernel(exact=True)  # like `frame.project`: both must find the same splats, in the same order
 def _project(
     camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
     base, out, found,
@@ -89,7 +89,7 @@ def _project(
 
 
 def project(device: CudaDevice, *args: Any) -> None:
-    """`kernels.project.project` with a thread for each splat."""
+    """Project all instances of one field, see `kernels.project.project`."""
     found = args[-1]
     if found.shape[0] > 0:
         _project[found.shape[0], THREADS, device.stream](*args)

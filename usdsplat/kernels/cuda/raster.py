@@ -1,5 +1,5 @@
-"""Triangles on a GPU: a thread for each one lists it, then one for each pixel of a tile finds its
-nearest."""
+"""Rasterize triangles on a GPU. One thread per triangle lists it, then one thread per pixel of a
+tile finds its nearest triangle."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from usdsplat.kernels.raster import FEW, columns_of, corners, edges_of, tiles_of
 from usdsplat.kernels.triangles import Z, depth_from, depth_plane
 
 BATCH = 64
-"""Triangles of a batch."""
+"""Number of triangles of a batch."""
 EDGE, PLANE, LOW, HIGH = 0, 18, 21, 22
-"""Of a triangle in a batch: three edges of six numbers, the depth plane's three, the depths of its
-nearest and its farthest corner."""
+"""Offsets of a triangle in a batch: three edges of six numbers, the depth plane's three, the depths
+of its nearest and its farthest corner."""
 NUMBERS = 23
 
 
 @kernel
 def _touch(view, shapes, boxes, grid, writes, places, tiles, owners):
-    """What `make_lists` calls touch. Counting and writing are one kernel, so that they agree."""
+    """Count or write the pairs of a triangle, see `make_lists`. Counting and writing are one
+    kernel, so that they agree."""
     appearances, firsts, vertex_firsts, triangles, vertices = shapes
     n = boxes.shape[0]
     for t in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
@@ -68,7 +69,7 @@ def tile_lists(
     _chunks: int,
     get: Callable[..., Any],
 ) -> tuple[Any, Any, int]:
-    """`kernels.raster.tile_lists`."""
+    """Make the list of each tile, see `kernels.raster.tile_lists`."""
 
     def touch(writes: bool, places: Any, keys: Any, owners: Any) -> None:
         _touch[BLOCKS, LIST_THREADS, device.stream](
@@ -80,7 +81,7 @@ def tile_lists(
 
 @cuda.jit(device=True)
 def _fetch(view, shapes, boxes, t, batch, box, i):
-    """Put a triangle into place i of a batch."""
+    """Write a triangle to index i of a batch."""
     appearances, firsts, vertex_firsts, triangles, vertices = shapes
     a, b, c = corners(appearances, firsts, vertex_firsts, triangles, vertices, t)
     first, second, third = edges_of(view, a, b, c)
@@ -97,7 +98,7 @@ def _fetch(view, shapes, boxes, t, batch, box, i):
 
 @cuda.jit(device=True)
 def _is_in(batch, i, edge, u, v):
-    """Whether a pixel is on the inner side of one edge, as `raster.cover` has it."""
+    """Return whether a pixel is on the inner side of one edge, see `raster.cover`."""
     k = EDGE + 6 * edge
     row = batch[k + 1, i] * (v - batch[k + 3, i]) + batch[k + 4, i]
     return batch[k, i] * (u - batch[k + 2, i]) + row >= batch[k + 5, i]
@@ -140,6 +141,6 @@ def _raster(view, shapes, boxes, grid, starts, lists, depth, winner):
 
 
 def raster(device: CudaDevice, *args: Any) -> None:
-    """`kernels.raster.raster`."""
+    """Find the nearest triangle of each pixel, see `kernels.raster.raster`."""
     starts = args[4]
     _raster[starts.shape[0] - 1, THREADS, device.stream](*args)

@@ -1,4 +1,4 @@
-"""Shading on a GPU: a thread for each pixel."""
+"""Shade surfaces on a GPU, with one thread for each pixel."""
 
 from __future__ import annotations
 
@@ -29,5 +29,5 @@ def _shade(view, shapes, normal_matrices, looks, lights, origin, winner, out):
 
 
 def shade(device: CudaDevice, *args: Any) -> None:
-    """`kernels.shade.shade`."""
+    """Shade the nearest triangle of each pixel, see `kernels.shade.shade`."""
     _shade[BLOCKS, THREADS, device.stream](*args)

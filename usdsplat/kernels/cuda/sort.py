@@ -1,4 +1,4 @@
-"""The order of depths on a GPU: used slots by a running sum, then CUB's radix sort, also stable."""
+"""Sort splats by depth on a GPU: used slots from a prefix sum, then CUB's stable radix sort."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _keyed(visible, keys, bits, slots):
 
 
 def visible_slots(device: CudaDevice, found: Any, starts: Any, blocks: int, visible: Any) -> int:
-    """`kernels.sort.visible_slots`; the one number that the host waits for."""
+    """List the used slots, see `kernels.sort.visible_slots`. The host waits for their number."""
     if blocks == 0:
         return 0
     counts = device.borrow("used counts", blocks + 1, np.int32)
@@ -64,7 +64,7 @@ def depth_order(
     work: Any,
     _histogram: Any,
 ) -> int:
-    """`kernels.sort.depth_order`, of 32 bits at once."""
+    """Sort slots by key, see `kernels.sort.depth_order`, with 32 bits at once."""
     bits, slots = work
     if count > 0:
         raw = keys.view(np.uint32)
@@ -75,7 +75,7 @@ def depth_order(
 
 @kernel
 def _name(slots, count, sources, first_slots, names, total):
-    """Of each slot that is used: its appearance, and its row there; and total[0] = 0."""
+    """Write appearance and row of each used slot to `names`, and set total[0] = 0."""
     for k in range(cuda.grid(1), count, cuda.gridsize(1)):
         if k == 0:
             total[0] = 0
@@ -105,7 +105,7 @@ def _settled(out, count, slots):
 def settle(
     device: CudaDevice, bits: Any, slots: Any, count: int, sources: Any, first_slots: Any, work: Any
 ) -> None:
-    """`kernels.sort.settle`."""
+    """Sort splats of equal keys, see `kernels.sort.settle`."""
     if count == 0:
         return
     names = device.borrow("tie names", sources.shape[0], np.int64)

@@ -1,4 +1,4 @@
-"""Whether kernels can run on a GPU here, found out without loading what that needs."""
+"""Find out whether kernels can run on a GPU of this machine, without loading GPU packages."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ CAPABILITY_MAJOR, CAPABILITY_MINOR = 75, 76
 
 
 def is_simulated() -> bool:
-    """Whether Numba simulates a GPU: for tests, slowly."""
+    """Return whether Numba simulates a GPU, which is slow and for tests only."""
     return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0")
 
 
 def is_compiled() -> bool:
-    """Whether numba-cuda is there to compile kernels: where it is not, tests only read them."""
+    """Return whether numba-cuda is installed to compile kernels. Without it, tests only read
+    kernels."""
     return not is_simulated() and importlib.util.find_spec("numba_cuda") is not None
 
 
 def has_gpu() -> bool:
-    """Whether the driver is there and has a GPU to use."""
+    """Return whether a driver with a usable GPU is installed."""
     return capability() is not None
 
 
@@ -58,7 +59,7 @@ def capability() -> Capability | None:
 
 @functools.cache
 def obstacle() -> tuple[str, str] | None:
-    """What keeps kernels from running on a GPU here: (found, expected), or None."""
+    """Return the reason why kernels cannot run on a GPU here, as (found, expected), or None."""
     if is_simulated():
         return None
     if not has_gpu():
@@ -66,7 +67,7 @@ def obstacle() -> tuple[str, str] | None:
     for module, package in (("numba_cuda", "numba-cuda"), ("cuda.compute", "cuda-cccl")):
         try:
             there = importlib.util.find_spec(module) is not None
-        except ModuleNotFoundError:  # not even the package around it
+        except ModuleNotFoundError:  # the parent package is missing too
             there = False
         if not there:
             return f"a GPU but no package {package}", INSTALL

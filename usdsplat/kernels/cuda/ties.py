@@ -1,8 +1,8 @@
-"""Splats of equal sort keys, put in order.
+"""Sort splats of equal sort keys.
 
-They are ordered by their whole depth, and those of one depth by instance and row, so that the order
-in memory does not matter. In a short run of equal keys each splat is compared with all others. A
-long run, as of a flat field that faces the camera, is merge-sorted by a block of threads.
+They are sorted by their full depth, and those of equal depth by instance and row, so that the order
+in memory does not matter. In a short run of equal keys, each splat is compared with all others. A
+long run, for example of a flat field that faces the camera, is merge-sorted by a block of threads.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ from __future__ import annotations
 from numba import cuda, int32
 
 TIES = 1024
-"""Splats of a short run."""
+"""Maximum number of splats of a short run."""
 MERGERS = 1024
-"""Threads of a block that merges long runs."""
+"""Number of threads of a block that merges long runs."""
 MERGING = 64
-"""Blocks that do."""
+"""Number of blocks that merge long runs."""
 
 
 @cuda.jit(device=True, inline="always")
 def limit(keys, n, key, beyond):
-    """The first of n ascending keys that is not less than `key`, or that is `beyond` it."""
+    """Return the index of the first of n ascending keys that is not less than `key`, or that is
+    `beyond` it."""
     low, high = int32(0), int32(n)
     while low < high:
         middle = (low + high) >> 1
@@ -32,9 +33,9 @@ def limit(keys, n, key, beyond):
 
 @cuda.jit(device=True, inline="always")
 def comes_before(a, b, depths, names):
-    """Whether item `a` is drawn before item `b` of the same key.
+    """Return whether item `a` is drawn before item `b` of the same key.
 
-    depths: Of all items, f32; of no size where keys are whole depths. names: Unique numbers, i64.
+    depths: Depths of all items, f32; empty if keys are full depths. names: Unique numbers, i64.
     """
     if depths.shape[0] > 0 and depths[a] != depths[b]:
         return depths[a] < depths[b]
@@ -43,7 +44,7 @@ def comes_before(a, b, depths, names):
 
 @cuda.jit(device=True)
 def place_in_run(k, n, keys, order, depths, names, total, firsts):
-    """Where item order[k] goes; k itself where its run is long, which is then listed.
+    """Return the position of item order[k]; k itself if its run is long, which is then listed.
 
     Args:
         keys, order: As sorted, of which n count.

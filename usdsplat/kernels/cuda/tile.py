@@ -1,7 +1,8 @@
-"""A tile on a GPU: a block of threads, one for each pixel; splats of its list come in batches.
+"""Process a tile on a GPU: a block of threads, one for each pixel, with splats of its list in
+batches.
 
-Each thread fetches one splat of a batch into memory that the block shares, and finds the rows that
-it touches; then each goes through all of them for its own pixel.
+Each thread loads one splat of a batch into shared memory, and computes the rows that it touches.
+Then each thread processes all of them for its own pixel.
 """
 
 from __future__ import annotations
@@ -17,21 +18,23 @@ from usdsplat.kernels.ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_
 
 THREADS = TILE * TILE
 BATCH = THREADS
-"""Splats of a batch."""
+"""Number of splats of a batch."""
 FIELDS, RAY_HITS = 6, 7
-"""Numbers of a splat in a batch, and those of its ray hit."""
+"""Numbers per splat in a batch, and per ray hit."""
 
 
 @cuda.jit(device=True)
 def origin(g, tile):
-    """The first column and row of a tile [pixel]."""
+    """Return the first column and row of a tile [pixel]."""
     return g.left + tile % g.columns * TILE, g.top + tile // g.columns * TILE
 
 
 @cuda.jit(device=True)
 def fetch_splat(records, rank, left, top, batch, rows, i):
-    """Put a splat into place i of a batch: u and v relative to the tile, the rest scaled as
-    `falloff` takes it; and the rows of the tile that it touches."""
+    """Write a splat to index i of a batch, and the rows of the tile that it touches.
+
+    u and v are relative to the tile, other values are scaled for `falloff`.
+    """
     s = records[rank]
     u, v = s[U] - np.float32(left), s[V] - np.float32(top)
     a, b, c, log_opacity = s[A], s[B], s[C], s[LOG_OPACITY]
@@ -45,14 +48,14 @@ def fetch_splat(records, rank, left, top, batch, rows, i):
 
 @cuda.jit(device=True)
 def fetch_ray_hit(ray_hits, rank, shape, i):
-    """Put a splat's ray hit into place i of a batch."""
+    """Write a splat's ray hit to index i of a batch."""
     for k in range(RAY_HITS):
         shape[k, i] = ray_hits[rank, k]
 
 
 @cuda.jit(device=True)
 def alpha_in(batch, i, x, y):
-    """What splat i of a batch contributes to pixel (x, y) of the tile."""
+    """Return the contribution of splat i of a batch to pixel (x, y) of the tile."""
     rest, slope = along_row(np.float32(x) - batch[0, i], batch[2, i], batch[3, i], batch[5, i])
     return contribution(exponent(np.float32(y) - batch[1, i], batch[4, i], slope, rest))
 

@@ -1,7 +1,7 @@
-"""Copies between the host and a GPU, through pinned memory.
+"""Copy arrays between the host and a GPU, through pinned memory.
 
-From pageable memory the driver copies at a fifth of the speed of the bus. Pinned memory is slow to
-allocate, so it is used again.
+The driver copies pageable memory at a fifth of the speed of the bus. Pinned memory is slow to
+allocate, so it is reused.
 """
 
 from __future__ import annotations
@@ -23,25 +23,27 @@ if is_compiled():
     from numba.cuda.cudadrv.driver import host_to_device
 
 LEAST = 1 << 16
-"""[byte] Of an array that is fetched into pinned memory; smaller ones are not worth it."""
+"""Minimum size of an array that is fetched into pinned memory [byte]."""
 STEP = 1 << 20
-"""[byte] Sizes of pinned buffers are multiples of this."""
+"""Sizes of pinned buffers are multiples of this [byte]."""
 IDLE = 1 << 30
-"""[byte] Of pinned buffers that are kept for later."""
+"""Total size of pinned buffers that are kept for reuse [byte]."""
 RING = 1 << 22
-"""[byte] Of small arrays on their way in."""
+"""Size of a ring buffer for small arrays [byte]."""
 SMALL = 1 << 16
-"""[byte] Of the largest of those."""
+"""Maximum size of an array in a ring buffer [byte]."""
 CONSTANT, CONSTANTS = 2048, 256
-"""[byte] Of the largest array that is looked up by what it holds, and how many are kept."""
+"""Maximum size of an array that is cached by contents [byte], and number of cached arrays."""
 BLOCK = 1 << 16
-"""[byte] Of the memory that such arrays share; it is released with the last of them."""
+"""Size of the memory blocks that cached arrays share [byte]. A block is released with its last
+array."""
 ALIGNED = 256
-"""[byte] What each begins on."""
+"""Alignment of each array [byte]."""
 
 
 class _Lease:
-    """A part of a pinned buffer as NumPy takes one; the buffer is idle again when it is gone."""
+    """Part of a pinned buffer in NumPy's array interface. When it is deleted, the buffer is idle
+    again."""
 
     def __init__(self, buffer: Any, nbytes: int, idle: PinnedPool) -> None:
         self.__array_interface__ = {
@@ -54,31 +56,31 @@ class _Lease:
 
 
 class PinnedPool:
-    """Pinned memory for arrays that come from a GPU."""
+    """Pool of pinned memory for arrays that are fetched from a GPU."""
 
     def __init__(self) -> None:
         self._idle: deque[Any] = deque()
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
-        """Return an array with undefined contents. Its memory is used again once nothing refers to
-        it or to a part of it."""
+        """Return an array with undefined contents. Its memory is reused when nothing refers to it
+        or to a part of it."""
         nbytes = math.prod(shape) * np.dtype(dtype).itemsize
         if nbytes < LEAST:
             return np.empty(shape, dtype)
         return np.asarray(_Lease(self._fitting(nbytes), nbytes, self)).view(dtype).reshape(shape)
 
     def give(self, buffer: Any) -> None:
-        """Keep a buffer for later; the oldest go where there are too many."""
+        """Keep a buffer for reuse. The oldest ones are dropped above the limit."""
         self._idle.append(buffer)
         while sum(each.nbytes for each in list(self._idle)) > IDLE:
             self._idle.popleft()
 
     def clear(self) -> None:
-        """Release what is idle."""
+        """Release the idle buffers."""
         self._idle.clear()
 
     def _fitting(self, nbytes: int) -> Any:
-        """A buffer that holds so much, but not twice as much and more."""
+        """Return an idle buffer of at least this size, but less than twice as much."""
         for _ in range(len(self._idle)):
             try:
                 buffer = self._idle.popleft()
@@ -91,10 +93,10 @@ class PinnedPool:
 
 
 class Ring:
-    """Small arrays on their way to a GPU: no allocation, and nobody waits.
+    """Ring buffer for small arrays that are copied to a GPU, without allocation or waiting.
 
-    One thread of the host uses it. What was put in is there for what is launched on the stream
-    until RING bytes more were put in.
+    It is used by one host thread. A copy is valid for launches on the stream until RING more bytes
+    are copied.
     """
 
     def __init__(self, stream: Any) -> None:
@@ -107,7 +109,7 @@ class Ring:
         """Return a copy on the GPU of a contiguous array of at most SMALL bytes."""
         nbytes = array.nbytes
         if self._next + nbytes > RING:
-            self._stream.synchronize()  # all that was put in has been used
+            self._stream.synchronize()  # all copies have been used
             self._next = 0
         first, end = self._next, self._next + nbytes
         self._next = -(-end // ALIGNED) * ALIGNED
@@ -117,8 +119,10 @@ class Ring:
 
 
 class Constants:
-    """Small arrays that kernels only read, on a GPU by what they hold: a camera's numbers, the grid
-    of tiles, nothing at all. Most are the same for several launches, and for many pictures."""
+    """Cache of small read-only arrays on a GPU, by contents, such as cameras and tile grids.
+
+    Most of them are the same for several launches, and for many pictures.
+    """
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -153,14 +157,14 @@ class Constants:
 
 
 class Rings:
-    """A ring for each thread of the host."""
+    """One ring for each host thread."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
         self._of: dict[int, Ring] = {}
 
     def put(self, array: npt.NDArray[Any]) -> Any:
-        """As `Ring.put`."""
+        """Return a copy on the GPU, see `Ring.put`."""
         thread = threading.get_ident()
         if thread not in self._of:
             self._of[thread] = Ring(self._stream)
@@ -177,9 +181,9 @@ class Rings:
 def _copied(
     like: npt.NDArray[Any], source: npt.NDArray[Any], memory: Any, first: int, stream: Any
 ) -> Any:
-    """The bytes of `source` at byte `first` of a GPU's memory, as an array like `like`."""
+    """Copy `source` to byte `first` of a GPU's memory, and return it as an array like `like`."""
     part = memory.gpu_data.view(first, first + like.nbytes)
-    # NumPy gives an axis of length 1 any stride, by which numba-cuda would type the array
+    # NumPy gives an axis of length 1 any stride, which would change numba-cuda's type of the array
     strides = np.empty(like.shape, np.uint8).strides
     strides = tuple(like.dtype.itemsize * each for each in strides)
     there = GpuArray(like.shape, strides, like.dtype, stream, part)

@@ -1,6 +1,6 @@
-"""Four floats at once: one access of 16 bytes where Numba would make four of 4.
+"""Load and store four floats at once: one access of 16 bytes instead of Numba's four of 4.
 
-Records are read in an order of their own, so that each access is a transaction of its own.
+Records are read in scattered order, so each access is a separate memory transaction.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ else:
     _FOUR = ir.VectorType(ir.FloatType(), 4)
 
     def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-        """The address of four floats."""
+        """Return the address of four floats."""
         data = context.make_array(kind)(context, builder, array).data
         return builder.bitcast(builder.gep(data, [index]), _FOUR.as_pointer())
 
     @intrinsic
     def load4(typingctx: Any, array: Any, index: Any) -> Any:
-        """(array[index], ... array[index + 3]) of a flat float32 array of the device.
+        """Return (array[index], ... array[index + 3]) of a flat float32 array of the device.
 
         index: uint64, a multiple of 4; the array begins on 16 bytes.
         """

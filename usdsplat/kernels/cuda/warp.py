@@ -1,4 +1,4 @@
-"""A warp's threads as one: votes and sums over its 32 lanes."""
+"""Combine the threads of a warp: votes and sums over its 32 lanes."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ FULL = np.uint32(0xFFFFFFFF)
 
 @cuda.jit(device=True, inline="always")
 def votes(condition):
-    """A bit for each lane, set where its condition holds."""
+    """Return a bit for each lane, set where its condition holds."""
     return np.uint32(cuda.ballot_sync(FULL, condition))
 
 
 @cuda.jit(device=True, inline="always")
 def below(lane):
-    """The bits of all lanes before `lane`."""
+    """Return the bits of all lanes before `lane`."""
     return np.uint32((np.uint32(1) << np.uint32(lane)) - np.uint32(1))
 
 
 @cuda.jit(device=True, inline="always")
 def without_lowest(bits):
-    """`bits` but for the lowest that is set."""
+    """Return `bits` without the lowest set bit."""
     return np.uint32(bits & np.uint32(bits - np.uint32(1)))
 
 
 @cuda.jit(device=True, inline="always")
 def running(value, lane):
-    """The sum of `value` over this lane and all before it."""
+    """Return the sum of `value` over this lane and all before it."""
     for shift in (1, 2, 4, 8, 16):
         other = cuda.shfl_up_sync(FULL, value, shift)
         if lane >= shift:

@@ -1,4 +1,4 @@
-"""Searches among points, buffers included: what simulation and interchange both ask for.
+"""Search points, with allocation of results, for simulation and interchange.
 
-The loops are `kernels/sim`'s; here are arrays in, new arrays out.
+The loops are in `kernels/sim`. Functions here take arrays and return new arrays.
 """

@@ -1,4 +1,4 @@
-"""Points in the order of the cells of a grid that fits them."""
+"""Sort points by the cells of a grid that fits them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import grid
 
 CHUNK = 1 << 15
-"""Rows that a histogram is made of."""
+"""Number of rows per histogram."""
 MOST_BITS, LEAST_BITS = 24, 2
-"""Of a key, and of an axis."""
+"""Maximum bits of a key, minimum bits of an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Cells:
-    """n points in cells; the arrays are the device's own."""
+    """n points sorted by cells. Arrays belong to the device."""
 
     inverse: float
     """1 / edge of a cell [1/unit]."""
@@ -54,7 +54,8 @@ def into_cells(device: Device, positions: Any, edge: float) -> Cells:
 
 
 def extent(device: Device, positions: Any) -> F64:
-    """Size of the box about the finite points [unit], shape (3,); zeros where there are none.
+    """Return the size of the box around the finite points [unit], shape (3,); zeros if there are
+    none.
 
     positions: float32 (n, 3), of the host or the device's own.
     """
@@ -66,7 +67,8 @@ def extent(device: Device, positions: Any) -> F64:
 
 
 def _table_bits(cells: F64, n: int) -> tuple[int, int, int]:
-    """Bits of each axis for a domain of so many cells: a table of at most 2 n where n allows it."""
+    """Return the bits of each axis for a number of cells: a table of at most 2 n entries if n
+    allows it."""
     most = min(MOST_BITS, max(3 * LEAST_BITS, int(math.log2(max(2 * n, 1)))))
     wanted = np.ceil(np.log2(np.minimum(cells, 2.0**30) + 2.0)).astype(int)
     bits = [max(LEAST_BITS, int(each)) for each in wanted]

@@ -1,4 +1,4 @@
-"""Points that are at one place, of which a search for the nearest would look at every one."""
+"""Find coincident points. A search for the nearest points would visit all of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
 
 def coincident(points: F32) -> tuple[I64, I64]:
-    """An order in which points at one place follow each other.
+    """Return an order in which coincident points are adjacent.
 
     Args:
         points: Finite, shape (n, 3).

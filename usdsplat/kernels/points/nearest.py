@@ -1,4 +1,4 @@
-"""The nearest points of any point."""
+"""Find the nearest points of a point."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from usdsplat.kernels.points.cells import extent, into_cells
 from usdsplat.kernels.sim import nearest as kernels
 
 LEAF = 8
-"""Points of a leaf, about."""
+"""Approximate number of points of a leaf."""
 
 
 def nearest(device: Device, points: F32, queries: F32, k: int) -> tuple[I32, F32]:
-    """The k points nearest to each query; of equally near ones, those of the least index.
+    """Return the k points nearest to each query; of equally near ones, those with the lowest index.
 
     Args:
         device: Where to.

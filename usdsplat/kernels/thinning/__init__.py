@@ -1,1 +1,1 @@
-"""Fewer splats for the same picture."""
+"""Reduce the number of splats."""

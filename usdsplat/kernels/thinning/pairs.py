@@ -1,4 +1,4 @@
-"""Pairs of splats that one splat can stand for, and that splat.
+"""Find pairs of splats that one splat can replace, and merge them.
 
 A splat has the mass that a picture shows of it: opacity times the area that it covers, seen from
 anywhere. A pair becomes the Gaussian with the mean and the covariance of both, weighted by mass,
@@ -36,7 +36,8 @@ TINY = 1e-30
 
 @exact
 def covariance(w, x, y, z, a, b, c):
-    """R diag(a, b, c) R^T as (xx, xy, xz, yy, yz, zz) of a unit quaternion and variances."""
+    """Return R diag(a, b, c) R^T as (xx, xy, xz, yy, yz, zz), for a unit quaternion and
+    variances."""
     r00, r01, r02 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     r10, r11, r12 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     r20, r21, r22 = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
@@ -52,7 +53,7 @@ def covariance(w, x, y, z, a, b, c):
 
 @exact
 def log_volume(xx, xy, xz, yy, yz, zz):
-    """Logarithm of the blurred ellipsoid's volume, but for a constant."""
+    """Return the logarithm of the blurred ellipsoid's volume, up to a constant."""
     soft = SOFTNESS * (xx + yy + zz) + TINY
     xx, yy, zz = xx + soft, yy + soft, zz + soft
     volume = (
@@ -63,8 +64,8 @@ def log_volume(xx, xy, xz, yy, yz, zz):
 
 @exact
 def area(xx, xy, xz, yy, yz, zz):
-    """Area that a picture shows of an ellipsoid, but for a constant: the root mean square over all
-    directions of view [unit^2]."""
+    """Return the visible area of an ellipsoid, up to a constant: the root mean square over all view
+    directions [unit^2]."""
     faces = xx * yy - xy * xy + yy * zz - yz * yz + zz * xx - xz * xz
     narrow = NARROW * (xx + yy + zz)
     return math.sqrt(max(faces, narrow * narrow) / 3)
@@ -98,7 +99,7 @@ def joined(i, j, part, positions, covariances):
 
 @kernel(over="scales", writes=("covariances", "masses", "volumes"))
 def weigh(i, scales, rotations, opacities, covariances, masses, volumes):
-    """What pairs are judged by.
+    """Compute the values by which pairs are compared.
 
     Args:
         scales, rotations, opacities: Of a cloud.
@@ -125,7 +126,7 @@ def cheapest(
     s, rows, near, positions, covariances, masses, volumes, opacities, sh, by_color, by_opacity,
     partners, costs,
 ):  # fmt: skip
-    """The neighbour with which each splat makes the cheapest pair.
+    """Find the neighbour with which each splat forms the cheapest pair.
 
     Args:
         rows: Of the splats that are left, (m,) i32.
@@ -166,7 +167,7 @@ def cheapest(
 
 @serial(writes=("taken", "pairs"))
 def match(order, partners, most, taken, pairs):
-    """Take pairs in order, none that shares a splat with one before.
+    """Select pairs in order, none of which shares a splat with an earlier one.
 
     Args:
         order: Entries of `partners`, (m,) i64.

@@ -1,15 +1,15 @@
 """Blend each tile's list front to back: a CUDA block is a tile, a thread one pixel or a few.
 
 A warp owns a part of the tile, 8 pixels wide. Each splat of a batch is tested once against every
-part, and a warp then walks the splats that may touch its own: a vote of 32 lanes makes a word of
-them, the nearest its highest bit. Exponents are powers of two, for the hardware knows no others.
-The rules are those of `kernels.blend`; as there, a pixel that has ended turns the sign of its
-transmittance. Whichever variant draws, a pixel is the same: rectangles are widened by SLACK, so
-that rounding leaves out nothing that counts.
+part. A warp then walks the splats that may touch its part: a vote of 32 lanes forms a word whose
+highest bit is the nearest splat. Exponents have base 2, as the hardware's exponential. The rules
+are those of `kernels.blend`. As there, a saturated pixel inverts the sign of its transmittance. All
+variants draw the same pixels: rectangles are widened by SLACK, so that rounding removes no
+contribution.
 
-The innermost loop is bound by the number of its instructions: places in shared memory are unsigned,
-for signed ones are tested for being negative, and the numbers of a splat lie on 16 bytes, so that
-four come at once.
+The innermost loop is limited by its number of instructions. Indices into shared memory are
+unsigned, because signed ones are tested for negative values. The numbers of a splat are aligned to
+16 bytes, so that four are loaded at once.
 
 Source: Kerbl et al. 2023, "3D Gaussian Splatting", for the compositing rules.
 """
@@ -30,7 +30,7 @@ from usdsplat.kernels.cuda.warp import votes
 from usdsplat.kernels.project import LOG_CUTOFF, RECORD
 
 WIDE = 8
-"""[pixel] of a warp's part; it is 4 high, times the pixels of a thread."""
+"""Width of a warp's part [pixel]. Its height is 4, times the pixels of a thread."""
 DEEP = 32 // WIDE
 FIELDS = 12
 """Floats of a splat in shared memory, the last three unused."""
@@ -40,13 +40,14 @@ HIGHEST = np.uint32(1 << 31)
 N1, N2, N3, N4, N5, N6, N7, N8 = (np.uint64(i) for i in range(1, 9))
 
 SMALL = 6
-"""Pairs a splat under which splats are small: then tests beyond a box cost more than they save."""
+"""Pairs per splat below which splats are small. Tests beyond a box then cost more than they
+save."""
 LARGE = 1 << 22
-"""[pixel] of a picture from which a thread takes four pixels: there are enough tiles."""
+"""Pixels of a picture from which a thread draws four pixels, because there are enough tiles."""
 
 
 def variant(pairs: int, splats: int, pixels: int) -> tuple[int, bool]:
-    """What is fastest: (pixels of a thread, whether parts are tested beyond boxes)."""
+    """Return the fastest variant: (pixels of a thread, whether parts are tested beyond boxes)."""
     if pairs < SMALL * splats:
         return 1, False
     return (4 if pixels >= LARGE else 2), True
@@ -54,8 +55,11 @@ def variant(pairs: int, splats: int, pixels: int) -> tuple[int, bool]:
 
 @cuda.jit(device=True, inline="always")
 def misses(a, b, c, reach, u, v, left, top, right, bottom):
-    """Whether the ellipse a dx² + b dx dy + c dy² = −reach has no point in a rectangle of pixels:
-    its largest value lies on an edge that is nearest to the centre."""
+    """Return whether the ellipse a dx² + b dx dy + c dy² = −reach has no point in a rectangle of
+    pixels.
+
+    The largest value in the rectangle lies on an edge that is nearest to the centre.
+    """
     x, y = min(max(u, left), right), min(max(v, top), bottom)
     if x == u and y == v:
         return False
@@ -72,12 +76,12 @@ def misses(a, b, c, reach, u, v, left, top, right, bottom):
 
 
 VARIANTS = ((1, False), (2, True), (4, True))
-"""All that `variant` may say."""
+"""All results of `variant`."""
 
 
 @functools.cache
 def make_blend(pixels: int, is_exact: bool) -> tuple[Any, int]:
-    """The kernel for so many pixels a thread, and its threads.
+    """Return the kernel for a number of pixels per thread, and its number of threads.
 
     Its arguments: the GRID record; the first pair of each tile, (tiles + 1,); the pairs' rows in
     `records`; `image`, (height, width, 4) f32, premultiplied, which is written.

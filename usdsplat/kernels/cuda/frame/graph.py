@@ -1,4 +1,4 @@
-"""Launches recorded once and replayed as one."""
+"""Record launches once and replay them as one."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from usdsplat.kernels.cuda.support import is_simulated
 
 
 def record(stream: Any, launches: Callable[[], None]) -> Callable[[], None]:
-    """What replays `launches` on `stream`, arrays and numbers as they are now.
+    """Return a function that replays `launches` on `stream`, with the present arrays and numbers.
 
-    They run once before, so that whatever they compile or allocate is there. Kernels must be
-    launched on `stream`, and nothing may wait for them.
+    They run once before the recording, so that everything is compiled and allocated. Kernels must
+    be launched on `stream`, and nothing may wait for them.
     """
     launches()
     if is_simulated():
@@ -46,7 +46,7 @@ class _Graph:
             self._driver.cuGraphExecDestroy(graph)
 
     def _check(self, answer: Any) -> Any:
-        """What a call gave besides its success."""
+        """Return the result of a driver call, or raise an error."""
         if answer[0] != self._driver.CUresult.CUDA_SUCCESS:
             raise RuntimeError(f"CUDA: {answer[0]}")
         return answer[1] if len(answer) > 1 else None

@@ -1,8 +1,8 @@
-"""How a splat is read: from arrays of floats, or from its 28 bytes as they are.
+"""Read a splat from arrays of floats, or from its 28 packed bytes.
 
-Each form is a pair of device functions on a tuple of arrays, the positions first: `load` writes the
-quaternion and the deviations and returns the opacity; `shade` writes the colour seen along a sight.
-Kernels that call them are exact: they give the same bits as where other AOVs are asked for.
+Each form is a pair of device functions on a tuple of arrays, positions first. `load` writes
+quaternion and standard deviations and returns the opacity. `shade` writes the colour for a view
+direction. Kernels that call them are exact: they give the same bits as the kernels for other AOVs.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from usdsplat.kernels.radiance import harmonics
 from usdsplat.kernels.unpack import unpack_colors, unpack_harmonic, unpack_shape
 
 COEFFICIENTS = 25
-"""Of degree 4."""
+"""Number of coefficients of degree 4."""
 
 
 @cuda.jit(device=True, inline="always")
 def direction(sight, position):
-    """Unit direction of sight in the field's space; 0 at the eye."""
+    """Return the unit view direction in the field's space; 0 at the eye."""
     px, py, pz = position[0], position[1], position[2]
     dx = sight[0, 0] * px + sight[0, 1] * py + sight[0, 2] * pz + sight[0, 3]
     dy = sight[1, 0] * px + sight[1, 1] * py + sight[1, 2] * pz + sight[1, 3]
@@ -33,14 +33,14 @@ def direction(sight, position):
 
 @cuda.jit(device=True, inline="always")
 def row_of(splats, i):
-    """Where splat i of memory is in its field; `splats` ends with all of these, or with none where
-    memory has the field's order."""
+    """Return the row in its field of splat i in memory. The last array of `splats` has all rows, or
+    is empty if memory has the field's order."""
     return splats[5][i] if splats[5].shape[0] > 0 else i
 
 
 @cuda.jit(device=True, inline="always")
 def load_floats(splats, i, rotation, scales):
-    """Of (positions, rotations, scales, opacities, sh, rows), arrays as a SplatCloud has them; sh
+    """Load from (positions, rotations, scales, opacities, sh, rows), arrays as in SplatCloud. sh is
     in the order of the field, the others in that of memory."""
     for c in range(4):
         rotation[c] = splats[1][i, c]
@@ -51,7 +51,7 @@ def load_floats(splats, i, rotation, scales):
 
 @cuda.jit(device=True, inline="always")
 def shade_floats(splats, i, sight, degree, color):
-    """Of the same."""
+    """Shade from the arrays of `load_floats`."""
     x, y, z = float32(0), float32(0), float32(0)
     if degree > 0:
         x, y, z = direction(sight, splats[0][i])
@@ -61,14 +61,15 @@ def shade_floats(splats, i, sight, degree, color):
 
 @cuda.jit(device=True, inline="always")
 def load_packed(splats, i, rotation, scales):
-    """Of (positions, words (n, 4) i32, harmonics (n, 4 w) i32, color range (6,) f32, steps of the
-    harmonics (degree,) f32, rows); harmonics in the order of the field."""
+    """Load from (positions, words (n, 4) i32, harmonics (n, 4 w) i32, color range (6,) f32, steps
+    of the harmonics (degree,) f32, rows). Harmonics are in the order of the field."""
     return unpack_shape(splats[1][i], rotation, scales)
 
 
 @cuda.jit(device=True, inline="always")
 def shade_packed_flat(splats, i, sight, degree, color):
-    """Of the same, at degree 0: without the memory of a thread's own, which slows all of them."""
+    """Shade from the arrays of `load_packed` at degree 0, without local memory, which slows all
+    threads."""
     unpack_colors(splats[1][i], splats[3], color)
     least = cuda.local.array((1, 3), np.float32)
     for c in range(3):
@@ -79,7 +80,8 @@ def shade_packed_flat(splats, i, sight, degree, color):
 
 @cuda.jit(device=True, inline="always")
 def shade_packed(splats, i, sight, degree, color):
-    """Of the same, of degree 1 and above; a channel at a time needs a third of the memory."""
+    """Shade from the arrays of `load_packed` at degree 1 and above, by channels, which needs a
+    third of the memory."""
     unpack_colors(splats[1][i], splats[3], color)
     sh = cuda.local.array((COEFFICIENTS, 1), np.float32)
     x, y, z = direction(sight, splats[0][i])

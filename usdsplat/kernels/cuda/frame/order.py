@@ -1,10 +1,10 @@
-"""The order of depth: keys are sorted, and what they leave undecided is settled.
+"""Sort splats by depth: sort shortened keys, then resolve ties.
 
-CUB sorts eight bits at a time, so of few splats two bytes of a key cost half of four. The keys of a
-view lie close together: counted from the least, and cut to as many bits as the largest asks for,
-they differ but for splats of almost one depth. Those are put in order by their whole keys, and of
-one key by their rows: the order of memory means nothing. Of many splats more are that close, and
-settling costs more than a pass.
+CUB sorts eight bits at a time. With few splats, two bytes of a key take half the time of four. The
+keys of a view are close together: relative to the smallest, and shortened to the bits that the
+largest needs, they are equal only for splats of almost the same depth. Those are sorted by their
+full keys, and splats of equal keys by rows, because the order of memory has no meaning. With many
+splats more of them are that close, and resolving ties takes longer than a pass.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from usdsplat.kernels.sort import ordered_bits
 
 LAST = np.uint32(0xFFFFFFFF)
 CUT = ((1 << 17, 16), (1 << 18, 24))
-"""(Splats up to which keys are cut, bits that are left of them)."""
+"""(Maximum number of splats for shortened keys, bits of a shortened key)."""
 
 
 def bits_of(count: int) -> int:
-    """Bits of the keys by which so many splats are sorted."""
+    """Return the bits of the keys for a number of splats."""
     return next((bits for most, bits in CUT if count <= most), 32)
 
 
 @kernel
 def narrow(totals, bits, span, most, keys):
-    """Cut the keys of the splats that there are to `most` bits, and fill up with the last; clear
+    """Shorten the keys of the existing splats to `most` bits, pad with the largest key, and clear
     totals[4].
 
     bits: Of float32 keys, (m,) u32; span: of the least and the largest, (2,) u32; keys: (m,) u32.
@@ -47,7 +47,7 @@ def narrow(totals, bits, span, most, keys):
 
 @kernel
 def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_counts, long_runs):
-    """Put splats of equal narrow keys in order, and their counts of tiles with them.
+    """Sort splats of equal shortened keys, with their counts of tiles.
 
     Args:
         totals: Splats that there are in [0]. [2] begins anew: splats of many tiles are counted from
@@ -73,8 +73,8 @@ def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_count
 
 @kernel
 def settle_long(totals, narrowed, order, keys, names, counts, out, ordered_counts, long_runs):
-    """Put the long runs that `settle_ties` has listed in order: a block of threads each. `order` is
-    scratch."""
+    """Sort the long runs that `settle_ties` has listed, with a block of threads for each. `order`
+    is scratch."""
     n = min(totals[0], narrowed.shape[0])
     for run in range(cuda.blockIdx.x, totals[4], cuda.gridDim.x):
         first = long_runs[run]

@@ -1,4 +1,4 @@
-"""One picture of plain splats: the order of the launches, and their buffers."""
+"""Draw one picture of splats in colour alone: the order of the launches, and their buffers."""
 
 from __future__ import annotations
 
@@ -20,34 +20,35 @@ from usdsplat.kernels.project import BLOCK, RECORD
 
 THREADS = 256
 WAVES = 132 * 16
-"""Blocks that fill any GPU; loops take what is left."""
+"""Number of blocks that fills any GPU; loops process the remaining items."""
 STEPS = 8
-"""Sizes between a power of two and the next for which a sort is recorded."""
+"""Number of sizes between successive powers of two for which a sort is recorded."""
 LEAST = 1 << 12
-"""The smallest such size."""
+"""Smallest such size."""
 KEPT = 8
-"""Recorded second halves that are kept."""
+"""Number of recorded second halves that are kept."""
 ALIGNED = 256
-"""[byte] What each array of a view begins on."""
+"""Alignment of each array of a view [byte]."""
 ROOM = 1 << 18
-"""Records that there is room for at first."""
+"""Initial capacity of records."""
 
 TOTALS = 5
-"""Numbers that a picture counts: splats, pairs, splats of many tiles, too many pairs, long runs."""
+"""Number of counters of a picture: splats, pairs, splats of many tiles, too many pairs, long
+runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameGroup:
-    """Instances of one field, next to each other in the drawing order."""
+    """Consecutive instances of one field in drawing order."""
 
     splats: tuple[Any, ...]
-    """Arrays of the device as `load` names them: the positions first, the rows last."""
+    """Arrays of the device, see `load`: positions first, rows last."""
     is_packed: bool
     boxes: Any
-    """Of the field's blocks, shape (blocks, 8) f32; no rows where all are looked at."""
+    """Bounds of the field's blocks, shape (blocks, 8) f32; empty if blocks are not culled."""
     instances: int
     degree: int
-    """Of the harmonics that are evaluated."""
+    """Degree of the harmonics that are evaluated."""
 
     @property
     def count(self) -> int:
@@ -67,16 +68,17 @@ class FrameGroup:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameView:
-    """What changes from picture to picture; arrays of the host."""
+    """Values that change from picture to picture; arrays of the host."""
 
     cameras: npt.NDArray[Any]
     """A CAMERA for each group."""
     matrices: npt.NDArray[np.float64]
     """Local to camera for each instance, shape (m, 3, 4)."""
     sights: npt.NDArray[np.float64]
-    """As `radiance` takes them, shape (m, 3, 4)."""
+    """Affine maps to view directions, see `radiance`, shape (m, 3, 4)."""
     conversions: npt.NDArray[np.float32]
-    """Of each group; the last number says whether colours are converted, shape (groups, 14)."""
+    """Colour conversion of each group, shape (groups, 14); the last number says whether colours are
+    converted."""
     grid: npt.NDArray[Any]
     """The GRID record of the data window."""
 
@@ -87,12 +89,12 @@ class FrameView:
 
 
 class FramePicture:
-    """Draws pictures on one device and keeps its buffers between them."""
+    """Fused rendering of pictures on one device, which keeps its buffers between them."""
 
     def __init__(self, device: CudaDevice) -> None:
         self._device, self._stream = device, device.stream
         self._primitives = device.primitives
-        """Recorded launches use its memory, also when the device has been closed."""
+        """Recorded launches use its memory, even after the device is closed."""
         self._key: tuple[Any, ...] = ()
         self._groups: tuple[FrameGroup, ...] = ()
         self._buffers: dict[str, Any] = {}
@@ -105,15 +107,15 @@ class FramePicture:
         self._counted = cuda.event()
         self._guess: tuple[int, int] | None = None
         self.visible, self.pairs = 0, 0
-        """Of the last picture."""
+        """Number of visible splats, and of pairs of splat and tile, in the last picture."""
         self.waited = 0.0
-        """How long the host has waited for the two numbers so far [s]."""
+        """Time that the host has waited for the two numbers so far [s]."""
 
     def draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
         """Draw; the image stays on the device until the next picture.
 
-        The second half is launched before its two numbers are known, for as many as there were in
-        the last picture; it is done again where that was too few.
+        The second half is launched before its two numbers are known, with those of the last
+        picture. It is launched again if they were too small.
 
         Returns:
             Premultiplied colour and coverage, shape (height, width, 4) f32; None where there are
@@ -155,13 +157,13 @@ class FramePicture:
 
     @property
     def bytes(self) -> int:
-        """What the buffers take of the device's memory, splats not counted."""
+        """Size of the buffers on the device without splats [byte]."""
         return sum(int(array.nbytes) for array in self._buffers.values())
 
     # --- what changes seldom ---------------------------------------------------------------
 
     def _adopt(self, groups: tuple[FrameGroup, ...], view: FrameView) -> None:
-        """Make room for other fields, or another size."""
+        """Allocate buffers for other fields, or another size."""
         grid = view.grid[0]
         width, height = int(grid["x1"] - grid["x0"]), int(grid["y1"] - grid["y0"])
         own = tuple(
@@ -193,7 +195,8 @@ class FramePicture:
             self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
 
     def _stage(self, view: FrameView) -> None:
-        """Make room for what changes from picture to picture: one buffer, sent as one."""
+        """Allocate one buffer for the values that change from picture to picture, which is copied
+        at once."""
         sizes = [-(-array.nbytes // ALIGNED) * ALIGNED for array in view.arrays]
         ends = np.cumsum(sizes)
         host = cuda.pinned_array(int(ends[-1]), np.uint8)
@@ -207,7 +210,7 @@ class FramePicture:
         self._sent, self._staged = (host, there), tuple(staged)
 
     def _grow(self, visible: int) -> None:
-        """Make room for so many records, and some more."""
+        """Allocate buffers for a number of records, with a reserve."""
         self._forget()
         self._room = _size(visible + visible // 8)
         for name in ("records", "keys", "rows", "counts", "numbers", "names"):
@@ -221,14 +224,14 @@ class FramePicture:
         self._buffers["numbers"].copy_to_device(numbers, self._stream)
 
     def _forget(self) -> None:
-        """Recorded launches know addresses: they go where a buffer moves."""
+        """Drop the recorded launches, which contain addresses, when a buffer moves."""
         self._first = self._guess = None
         self._second.clear()
 
     # --- a picture -------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """All up to the two numbers."""
+        """Launch the first half, up to the two numbers."""
         if self._first is None:
             self._first = record(self._stream, self._see)
         else:
@@ -266,7 +269,7 @@ class FramePicture:
         b["totals"].copy_to_host(self._totals, stream)
 
     def _finish(self, m: int, p: int) -> None:
-        """All after them, with room for m splats and p pairs."""
+        """Launch the second half, with capacity for m splats and p pairs."""
         size = m, p
         if size in self._second:
             self._second[size]()
@@ -278,7 +281,7 @@ class FramePicture:
         self._second[size] = record(self._stream, lambda: self._lists_and_image(m, p, variant))
 
     def _make_lists(self, m: int, p: int) -> None:
-        """Buffers of the second half; all that was recorded goes where one moves."""
+        """Allocate the buffers of the second half. Drop all recorded launches if one moves."""
         tile_type = np.uint16 if self._tile_count < 1 << 16 else np.uint32
         shapes = {
             "narrow": (m, np.uint32), "sorted narrow": (m, np.uint32),
@@ -336,7 +339,7 @@ class FramePicture:
     # --- buffers ---------------------------------------------------------------------------
 
     def _get(self, name: str, shape: tuple[int, ...], dtype: Any, *, exactly: bool = True) -> Any:
-        """The buffer `name`, made anew where it does not fit."""
+        """Return the buffer `name`, allocated again if it does not fit."""
         found = self._buffers.get(name)
         fits = found is not None and (
             found.dtype == np.dtype(dtype)
@@ -352,7 +355,7 @@ class FramePicture:
 
 
 def _size(count: int) -> int:
-    """The next of the sizes for which launches are recorded; at least `count`."""
+    """Return the next size for which launches are recorded, at least `count`."""
     if count <= LEAST:
         return LEAST
     step = 1 << (count.bit_length() - 1 - int(math.log2(STEPS)))

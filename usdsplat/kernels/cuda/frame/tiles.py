@@ -29,16 +29,17 @@ from usdsplat.kernels.project import (
 
 F4 = np.uint64(4)
 FEW = 2
-"""Rows of tiles that one thread takes."""
+"""Maximum number of rows of tiles of a splat that one thread processes."""
 TEAM = 8
-"""Lanes that share a splat of more rows."""
+"""Number of lanes that share a splat of more rows."""
 MANY = 32
-"""Tiles above which a splat is left to a whole warp."""
+"""Number of tiles above which a whole warp processes a splat."""
 
 
 @cuda.jit(device=True, inline="always")
 def chosen(crowd, team):
-    """The lane whose splat is for the team of this number, of those in `crowd`; -1 for none."""
+    """Return the lane whose splat is for the team of this number, of those in `crowd`; -1 for
+    none."""
     for _ in range(team):
         crowd = without_lowest(crowd)
     return int32(cuda.ffs(crowd)) - int32(1)
@@ -46,7 +47,7 @@ def chosen(crowd, team):
 
 @cuda.jit(device=True, inline="always")
 def without_four(crowd):
-    """`crowd` without the lanes that the teams have taken."""
+    """Return `crowd` without the lanes that the teams have taken."""
     for _ in range(LANES // TEAM):
         crowd = without_lowest(crowd)
     return crowd
@@ -54,7 +55,7 @@ def without_four(crowd):
 
 @cuda.jit(device=True, inline="always")
 def footprint(records, row, shape):
-    """Read what a splat's tiles follow from: the first floats of its record, 8 f32."""
+    """Read the values that determine a splat's tiles: the first floats of its record, 8 f32."""
     at = uint64(row) * uint64(RECORD)
     shape[U], shape[V], shape[A], shape[B] = load4(records, at)
     shape[C], shape[LOG_OPACITY], shape[HALF_WIDTH], shape[HALF_HEIGHT] = load4(records, at + F4)
@@ -118,7 +119,7 @@ def count(totals, grid, records, counts):
 
 @cuda.jit(device=True, inline="always")
 def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
-    """Make pairs that are missing ones of tile `nothing`."""
+    """Write pairs of tile `nothing` for missing pairs."""
     while at < stop:
         pair_tiles[at], pair_splats[at] = nothing, row
         at += 1
@@ -218,7 +219,8 @@ def fill(
 def fill_many(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write the pairs of splats that `fill` has left, a warp each: a row of tiles side by side."""
+    """Write the pairs of the splats that `fill` has left, with a warp for each: a row of tiles at a
+    time."""
     g = grid[0]
     lane = cuda.threadIdx.x % LANES
     room = int32(pair_tiles.shape[0])
