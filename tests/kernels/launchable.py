@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.kernels.jit import parallel, serial
-from usdsplat.kernels.launch import EACH, Scratch, block_kernel, kernel, reduction
+from usdsplat.kernels.launch import EACH, BlockArray, block_kernel, kernel, reduction
 
 
 @kernel(over="values", writes=("out",))
@@ -52,7 +52,10 @@ def summed(first, last, values, out):
 
 
 @block_kernel(
-    over="values", writes=("out",), block=8, scratch=(Scratch(shape=(2, EACH), dtype=np.float32),)
+    over="values",
+    writes=("out",),
+    block=8,
+    scratch=(BlockArray(shape=(2, EACH), dtype=np.float32),),
 )
 def mirrored(first, last, own, values, out):
     """Write squares by way of scratch, which has a column for each item of a block."""
@@ -68,7 +71,7 @@ def mirrored(first, last, own, values, out):
     over="values",
     writes=("out",),
     block=8,
-    scratch=(Scratch(shape=3, dtype=np.int64), Scratch(shape=EACH, dtype=np.float32)),
+    scratch=(BlockArray(shape=3, dtype=np.int64), BlockArray(shape=EACH, dtype=np.float32)),
 )
 def weighed(first, last, whole, parts, values, out):
     """Use two arrays of scratch of different types."""

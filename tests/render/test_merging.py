@@ -104,7 +104,9 @@ def test_splats_are_hidden_where_they_peak_behind_a_surface(kind, model, sorting
     bare = picture(add(scene_of(), "/mesh", mesh_of(kind)), view_of(eye), aovs=("color",))
     found = picture(scene, view_of(eye), sorting=sorting, aovs=("color", "depth"))
     seen, stops = reference.footprints(parts, eye), depth_of(kind, eye)
-    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", stops=stops)
+    rays = reference_rays.trace(
+        seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", occluder_depth=stops
+    )
     expected = rays.color + rays.through[..., None] * bare["color"]
     sure = decided(seen, eye, stops)
     assert sure.mean() > 0.8
@@ -127,7 +129,9 @@ def test_matte_things_hide_and_are_not_there() -> None:
     for sorting in ("zDepth", "rayHitDistance"):
         found = picture(scene, view, sorting=sorting, aovs=("color",))["color"]
         by_ray_hit = sorting == "rayHitDistance"
-        rays = reference_rays.trace(seen, eye, sort_by_ray_hit=by_ray_hit, stops=stops, keeps=keeps)
+        rays = reference_rays.trace(
+            seen, eye, sort_by_ray_hit=by_ray_hit, occluder_depth=stops, keeps=keeps
+        )
         assert psnr(found[sure], rays.color[sure]) > 60
 
 
@@ -235,7 +239,9 @@ def test_a_deep_holdout_dims_what_is_behind_each_sample(sorting) -> None:
     found = picture(scene, view_of(eye), holdout=holdout, sorting=sorting, aovs=("color",))["color"]
     bare = picture(add(scene_of(), "/mesh", mesh_of("ball")), view_of(eye), aovs=("color",))
     seen, stops = reference.footprints(parts, eye), depth_of("ball", eye)
-    rays = reference_rays.trace(seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", stops=stops)
+    rays = reference_rays.trace(
+        seen, eye, sort_by_ray_hit=sorting == "rayHitDistance", occluder_depth=stops
+    )
 
     def held(at):
         """What the samples nearer than `at`, shape (..., h, w), let through."""

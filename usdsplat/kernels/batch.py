@@ -107,14 +107,14 @@ def lay_row(batch, rows, y, slopes):
 
 
 @scalar
-def load_stops(stops, top, left, g, stop):
+def load_occluder_depth(occluder_depth, top, left, g, stop):
     """Copy the depths of surfaces in a tile, +inf outside the band. Return (minimum, maximum)."""
     least, most = np.float32(np.inf), np.float32(-np.inf)
     for y in range(TILE):
         for x in range(TILE):
             depth = np.float32(np.inf)
             if g.y0 <= top + y < g.y1 and g.x0 <= left + x < g.x1:
-                depth = stops[top + y - g.y0, left + x - g.x0]
+                depth = occluder_depth[top + y - g.y0, left + x - g.x0]
                 least, most = min(least, depth), max(most, depth)
             stop[y * TILE + x] = depth
     return least, most

@@ -28,8 +28,8 @@ from .batch import (
     behind_surfaces,
     lay_row,
     load_batch,
+    load_occluder_depth,
     load_paints,
-    load_stops,
 )
 from .batch import SHRINK as SHRINK
 from .bins import SLACK, TILE, span
@@ -195,15 +195,17 @@ def blend_row(state, batch, slopes, touched):
 
 
 @parallel(writes=("image", "work"), gpu="blend.blend")
-def blend(records, paints, column, starts, lists, grid, ray_hits, stops, is_parallel, image, work):
+def blend(
+    records, paints, column, starts, lists, grid, ray_hits, occluder_depth, is_parallel, image, work
+):
     """Blend all tiles of a band.
 
     Args:
         records, starts, lists, grid: Results of `project` and `bins`.
         paints: Three numbers of each splat from column `column` on; shape (n, >= column + 3) f32.
         ray_hits: Of the records, shape (n, RAY_HIT) f32; read only where there are surfaces.
-        stops: Planar depth of surfaces, +inf where there is none, shape (y1 - y0, x1 - x0) f32; or
-            of no size when there are none at all.
+        occluder_depth: Planar depth of surfaces, +inf where there is none, shape (y1 - y0, x1 - x0)
+            f32; or of no size when there are none at all.
         is_parallel: Whether all rays are parallel, as for an orthographic camera.
         image: Receives premultiplied paint and coverage of the band, shape
             (y1 - y0, (x1 - x0) * 4) f32.
@@ -225,8 +227,8 @@ def blend(records, paints, column, starts, lists, grid, ray_hits, stops, is_para
         alive = y1 - y0
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
-        if stops.shape[0] > 0:
-            least, most = load_stops(stops, top, left, g, stop)
+        if occluder_depth.shape[0] > 0:
+            least, most = load_occluder_depth(occluder_depth, top, left, g, stop)
         batch = np.ones((FIELDS + 3) * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.float32)
         slopes = np.empty(2 * LOOK, np.float32)

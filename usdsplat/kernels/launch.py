@@ -88,7 +88,7 @@ def flattened(args: Sequence[Any]) -> tuple[Shape, tuple[Any, ...]]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scratch:
+class BlockArray:
     """Private array of each block of a `block_kernel`, with undefined contents."""
 
     shape: int | tuple[int, ...]
@@ -104,7 +104,7 @@ class Scratch:
 
 
 EACH = -1
-"""Number of items of a block, in the shape of a `Scratch`. It is larger on the CPU than on a
+"""Number of items of a block, in the shape of a `BlockArray`. It is larger on the CPU than on a
 GPU."""
 
 
@@ -142,7 +142,7 @@ class Kernel:
         team: bool = False,
         grain: int = GRAIN,
         block: int = 0,
-        scratch: tuple[Scratch, ...] = (),
+        scratch: tuple[BlockArray, ...] = (),
     ) -> None:
         self.__doc__, self.__module__ = function.__doc__, function.__module__
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
@@ -300,7 +300,7 @@ def block_kernel(
     over: str,
     writes: tuple[str, ...],
     block: int = 1024,
-    scratch: tuple[Scratch, ...] = (),
+    scratch: tuple[BlockArray, ...] = (),
     exact: bool = False,
 ) -> Callable[[Callable[..., Any]], Kernel]:
     """Make a `Kernel` of a function of a block of items; see there for the arguments."""
@@ -361,7 +361,7 @@ def _joined(before: Any, first: int, end: int, is_tuple: bool) -> Any:
 
 
 def _cpu_blocks(
-    item: Any, block: int, scratch: tuple[Scratch, ...], nest: Any
+    item: Any, block: int, scratch: tuple[BlockArray, ...], nest: Any
 ) -> Callable[..., None]:
     def blocks(n, args):
         for k in prange((n + block - 1) // block):

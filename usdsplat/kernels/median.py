@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, load_batch, load_stops, look
+from .batch import FIELDS, LOOK, load_batch, load_occluder_depth, look
 from .bins import TILE
 from .blend import END, alpha_at
 from .jit import parallel, scalar
@@ -74,13 +74,15 @@ def pass_row_before(state, stop, row, u, a, slope, rest, place, ray_hit, dy, is_
 
 
 @parallel(writes=("ranks",), gpu="median.median")
-def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks):
+def median(
+    records, starts, lists, grid, ray_hits, occluder_depth, is_parallel, image, covered, part, ranks
+):
     """Find the splat at which part of every pixel's coverage is reached, after `blend` has
     finished.
 
     Args:
-        records, starts, lists, grid, ray_hits, stops, is_parallel, image: Arguments and result of
-            `blend`.
+        records, starts, lists, grid, ray_hits, occluder_depth, is_parallel, image: Arguments and
+            result of `blend`.
         covered: 1 where a surface is visible behind the splats, shape (y1 - y0, x1 - x0) u8; or
             empty without surfaces.
         part: Fraction of the coverage: 0.5, or 0 for the first splat that contributes.
@@ -105,8 +107,8 @@ def median(records, starts, lists, grid, ray_hits, stops, is_parallel, image, co
         counter = np.empty(1, np.int32)
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
-        if stops.shape[0] > 0:
-            least, most = load_stops(stops, top, left, g, stop)
+        if occluder_depth.shape[0] > 0:
+            least, most = load_occluder_depth(occluder_depth, top, left, g, stop)
         begin, end = starts[tile], starts[tile + 1]
         for first in range(begin, end, LOOK):
             if look(state, ROW, live) == 0:

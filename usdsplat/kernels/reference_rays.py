@@ -77,7 +77,7 @@ def trace(
     lens: Lens,
     *,
     sort_by_ray_hit: bool,
-    stops: F64 | None = None,
+    occluder_depth: F64 | None = None,
     keeps: F64 | None = None,
 ) -> Rays:
     """Blend every pixel in the order of its contributions.
@@ -85,12 +85,12 @@ def trace(
     Args:
         seen: Footprints of the visible splats.
         sort_by_ray_hit: Whether the order is by ray hits, or that of `seen`.
-        stops: Depth of surfaces, shape (h, w). Ray hits behind them are skipped.
+        occluder_depth: Depth of surfaces, shape (h, w). Ray hits behind them are skipped.
         keeps: 0 for splats of mattes, shape (n,).
     """
     alpha, ray_hits = alphas(seen, lens), ray_hit_depths(seen, lens)
-    if stops is not None:
-        alpha = np.where(ray_hits <= stops, alpha, 0.0)
+    if occluder_depth is not None:
+        alpha = np.where(ray_hits <= occluder_depth, alpha, 0.0)
     depth = (
         ray_hits if sort_by_ray_hit else np.broadcast_to(seen.camera[:, 2, None, None], alpha.shape)
     )

@@ -19,33 +19,33 @@ def straight_depth(depth):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@kernel(over="stops", writes=("stops", "covered"), axes=2)
-def clear(y, x, stops, covered):
+@kernel(over="occluder_depth", writes=("occluder_depth", "covered"), axes=2)
+def clear(y, x, occluder_depth, covered):
     """Clear the surfaces: +inf and NOTHING, (h, w)."""
-    stops[y, x], covered[y, x] = np.float32(np.inf), NOTHING
+    occluder_depth[y, x], covered[y, x] = np.float32(np.inf), NOTHING
 
 
-@kernel(over="stops", writes=("stops", "covered"), axes=2)
-def hold_back(y, x, stops, covered, depth):
+@kernel(over="occluder_depth", writes=("occluder_depth", "covered"), axes=2)
+def hold_back(y, x, occluder_depth, covered, depth):
     """Add a flat holdout, which also hides surfaces behind it.
 
     Args:
-        stops, covered: Planar depths and kinds of surfaces, (h, w); changed in place.
+        occluder_depth, covered: Planar depths and kinds of surfaces, (h, w); changed in place.
         depth: Depth of the holdout, +inf where it is empty, shape (h, w) f32.
     """
     nearest = straight_depth(depth[y, x])
-    if nearest < stops[y, x]:
-        stops[y, x], covered[y, x] = nearest, MATTE
+    if nearest < occluder_depth[y, x]:
+        occluder_depth[y, x], covered[y, x] = nearest, MATTE
 
 
 @kernel(over="image", writes=("through", "left"), axes=2)
-def show_through(y, x, image, through, covered, stops, holdout, left):
+def show_through(y, x, image, through, covered, occluder_depth, holdout, left):
     """Compute the transmittance of the layer in front of a surface.
 
     Args:
         image: The layer, premultiplied with coverage, shape (h, w, 4) f32.
         through: Its transmittance, shape (h, w) f32; empty if it is 1 − coverage.
-        covered, stops: Kinds of the surfaces and their planar depth, (h, w).
+        covered, occluder_depth: Kinds of the surfaces and their planar depth, (h, w).
         holdout: Deep holdout, which may be in front of the surface, see `walk`.
         left: Receives 0..1, 0 where no surface is in the picture, shape (h, w) f32.
     """
@@ -55,7 +55,7 @@ def show_through(y, x, image, through, covered, stops, holdout, left):
         part = through[y, x] if through.shape[0] > 0 else np.float32(1) - image[y, x, 3]
         if offsets.shape[0] > 0:
             pixel = y * image.shape[1] + x
-            part *= held_through(offsets, depths, held, pixel, stops[y, x])
+            part *= held_through(offsets, depths, held, pixel, occluder_depth[y, x])
         left[y, x] = part
 
 
@@ -76,16 +76,16 @@ def over(y, x, image, left, surface):
 
 
 @kernel(over="depth", writes=("depth", "ids"), axes=2)
-def nearest(y, x, depth, ids, stops, covered, surface_ids):
+def nearest(y, x, depth, ids, occluder_depth, covered, surface_ids):
     """Write depth and ids of surfaces where no splat is, in place.
 
     Args:
         depth, ids: Those of splats, +inf and -1 where none is, (h, w) f32 and (4, h, w) i32.
-        stops, covered: Those of surfaces, (h, w).
+        occluder_depth, covered: Those of surfaces, (h, w).
         surface_ids: (prim, instance, face) of surfaces, (3, h, w).
     """
     if covered[y, x] == DRAWN and ids[0, y, x] < 0:
-        depth[y, x] = stops[y, x]
+        depth[y, x] = occluder_depth[y, x]
         for k in range(3):
             ids[k, y, x] = surface_ids[k, y, x]
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, load_stops
+from .batch import FIELDS, LOOK, load_occluder_depth
 from .bins import TILE
 from .contributions import (
     SPLAT,
@@ -166,14 +166,14 @@ def hold_out(keys, count, weights, keeps, lists, begin, holdout, pixel, x0, x1, 
 
 @parallel(writes=("out",), gpu="walk.walk")
 def walk(
-    options, records, features, keeps, labels, starts, lists, grid, ray_hits, stops, covered,
-    holdout, out,
+    options, records, features, keeps, labels, starts, lists, grid, ray_hits, occluder_depth,
+    covered, holdout, out,
 ):  # fmt: skip
     """Walk through all pixels of a band.
 
     Args:
         options: One WALK record, shape (1,).
-        records, starts, lists, grid, ray_hits, stops: As `blend` takes them.
+        records, starts, lists, grid, ray_hits, occluder_depth: As `blend` takes them.
         features: What `feature` made; read only by ALBEDO and NORMALS.
         keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
         labels: Number of each splat's prim, shape (n,) i32; read only by WEIGH.
@@ -205,10 +205,14 @@ def walk(
         width = g.x1 - g.x0
         xs, zero, one = ramp(), np.float32(0), np.uint64(1)
         inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
-        has_stops, holds, has_keeps = stops.shape[0] > 0, hold_offsets.shape[0] > 0, len(keeps) > 0
-        stop = np.empty(TILE * TILE if has_stops else 0, np.float32)
-        if has_stops:
-            load_stops(stops, top, left, g, stop)
+        has_occluders, holds, has_keeps = (
+            occluder_depth.shape[0] > 0,
+            hold_offsets.shape[0] > 0,
+            len(keeps) > 0,
+        )
+        stop = np.empty(TILE * TILE if has_occluders else 0, np.float32)
+        if has_occluders:
+            load_occluder_depth(occluder_depth, top, left, g, stop)
         fields = np.empty(SPLAT * n, np.float32)
         batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.float32)
@@ -301,7 +305,7 @@ def walk(
                         if holds:
                             beyond *= held_through(
                                 hold_offsets, hold_depths, hold_through, pixel + x - x0,
-                                stops[row, first + x - x0],
+                                occluder_depth[row, first + x - x0],
                             )  # fmt: skip
                         whole += beyond
                     goals[x] = whole * HALF
@@ -368,11 +372,11 @@ def walk(
                 for x in range(x0, x1):
                     if wants & COUNT:
                         counts[row, first + x - x0] = np.uint32(planes[x])
-                    elif has_stops and (has_keeps or holds):
+                    elif has_occluders and (has_keeps or holds):
                         beyond = planes[4 * TILE + x] / planes[TILE + x]
                         if holds:
                             beyond *= held_through(
                                 hold_offsets, hold_depths, hold_through, pixel + x - x0,
-                                stops[row, first + x - x0],
+                                occluder_depth[row, first + x - x0],
                             )  # fmt: skip
                         through[row, first + x - x0] = min(beyond, np.float32(1))

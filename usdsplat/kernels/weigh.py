@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, behind_surfaces, lay_row, load_batch, load_stops
+from .batch import FIELDS, LOOK, behind_surfaces, lay_row, load_batch, load_occluder_depth
 from .bins import TILE
 from .blend import END, alphas_at, is_alive, ray_hits_at
 from .jit import parallel, scalar
@@ -75,12 +75,12 @@ def number_prims(labels, lists, begin, n, known, local, names):
 
 @parallel(writes=("ids", "weights"), gpu="weigh.weigh")
 def weigh(
-    records, labels, prims, starts, lists, grid, ray_hits, stops, is_parallel, ids, weights
+    records, labels, prims, starts, lists, grid, ray_hits, occluder_depth, is_parallel, ids, weights
 ):  # fmt: skip
     """Find the prims that contribute most to each pixel of a band.
 
     Args:
-        records, starts, lists, grid, ray_hits, stops, is_parallel: As `blend` takes them.
+        records, starts, lists, grid, ray_hits, occluder_depth, is_parallel: As `blend` takes them.
         labels: Number of each splat's prim, shape (n,) i32.
         prims: How many prims there are.
         ids, weights: Receive the heaviest prims and their weights, shape (h, w, RANKS) i32 and
@@ -108,8 +108,8 @@ def weigh(
         alive = y1 - y0
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
-        if stops.shape[0] > 0:
-            least, most = load_stops(stops, top, left, g, stop)
+        if occluder_depth.shape[0] > 0:
+            least, most = load_occluder_depth(occluder_depth, top, left, g, stop)
         batch = np.ones(FIELDS * LOOK, np.float32)
         rows = np.empty(2 * LOOK, np.float32)
         slopes = np.empty(2 * LOOK, np.float32)

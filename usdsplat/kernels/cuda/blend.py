@@ -27,7 +27,7 @@ from usdsplat.kernels.cuda.tile import (
 
 @kernel
 def _blend(
-    records, paints, column, starts, lists, grid, ray_hits, stops, is_parallel, image
+    records, paints, column, starts, lists, grid, ray_hits, occluder_depth, is_parallel, image
 ):  # fmt: skip
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
     colors = cuda.shared.array((3, BATCH), np.float32)
@@ -39,8 +39,8 @@ def _blend(
     left, top = origin(g, tile)
     column_of, row_of = left + x - g.x0, top + y - g.y0
     inside = g.x0 <= left + x < g.x1 and g.y0 <= top + y < g.y1
-    has_stops = stops.shape[0] > 0
-    stop = stops[row_of, column_of] if has_stops and inside else np.float32(np.inf)
+    has_occluders = occluder_depth.shape[0] > 0
+    stop = occluder_depth[row_of, column_of] if has_occluders and inside else np.float32(np.inf)
     t = np.float32(1) if inside else np.float32(-1)
     red, green, blue = np.float32(0), np.float32(0), np.float32(0)
     begin, end = starts[tile], starts[tile + 1]
@@ -52,7 +52,7 @@ def _blend(
             fetch_splat(records, rank, left, top, batch, rows, thread)
             for c in range(3):
                 colors[c, thread] = paints[rank, column + c]
-            if has_stops:
+            if has_occluders:
                 fetch_ray_hit(ray_hits, rank, shape, thread)
         cuda.syncthreads()
         for i in range(min(BATCH, end - first)):
@@ -63,7 +63,7 @@ def _blend(
             alpha = alpha_in(batch, i, x, y)
             if alpha <= np.float32(0):
                 continue
-            if has_stops and is_hidden(batch, shape, i, x, y, stop, is_parallel):
+            if has_occluders and is_hidden(batch, shape, i, x, y, stop, is_parallel):
                 continue
             weight = alpha * t
             remains = behind(t, alpha)

@@ -9,7 +9,7 @@ from typing import Any
 from numba import cuda
 
 from usdsplat.kernels.cuda.jit import kernel
-from usdsplat.kernels.launch import ROUND, Kernel, Reduction, Scratch
+from usdsplat.kernels.launch import ROUND, BlockArray, Kernel, Reduction
 
 THREADS = 128
 """Number of threads of a block."""
@@ -62,7 +62,7 @@ def grid_of(count: int) -> int:
     return max(1, min(BLOCKS, -(-count // THREADS)))
 
 
-def _blocks_with_scratch(item: Any, scratch: tuple[Scratch, ...]) -> Callable[..., None]:
+def _blocks_with_scratch(item: Any, scratch: tuple[BlockArray, ...]) -> Callable[..., None]:
     shape, dtype = scratch[0].sized(1), scratch[0].dtype
 
     def with_one(n, args):

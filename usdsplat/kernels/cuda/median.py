@@ -28,7 +28,7 @@ from usdsplat.kernels.median import NONE
 
 @kernel
 def _median(
-    records, starts, lists, grid, ray_hits, stops, is_parallel, image, covered, part, ranks
+    records, starts, lists, grid, ray_hits, occluder_depth, is_parallel, image, covered, part, ranks
 ):  # fmt: skip
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
     shape = cuda.shared.array((RAY_HITS, BATCH), np.float32)
@@ -39,8 +39,8 @@ def _median(
     left, top = origin(g, tile)
     column_of, row_of = left + x - g.x0, top + y - g.y0
     inside = g.x0 <= left + x < g.x1 and g.y0 <= top + y < g.y1
-    has_stops = stops.shape[0] > 0
-    stop = stops[row_of, column_of] if has_stops and inside else np.float32(np.inf)
+    has_occluders = occluder_depth.shape[0] > 0
+    stop = occluder_depth[row_of, column_of] if has_occluders and inside else np.float32(np.inf)
     t, goal = np.float32(-1), np.float32(0)
     if inside:
         whole = image[row_of, column_of, 3]
@@ -56,7 +56,7 @@ def _median(
         if first + thread < end:
             rank = lists[first + thread]
             fetch_splat(records, rank, left, top, batch, rows, thread)
-            if has_stops:
+            if has_occluders:
                 fetch_ray_hit(ray_hits, rank, shape, thread)
         cuda.syncthreads()
         for i in range(min(BATCH, end - first)):
@@ -67,7 +67,7 @@ def _median(
             alpha = alpha_in(batch, i, x, y)
             if alpha <= np.float32(0):
                 continue
-            if has_stops and is_hidden(batch, shape, i, x, y, stop, is_parallel):
+            if has_occluders and is_hidden(batch, shape, i, x, y, stop, is_parallel):
                 continue
             remains = behind(t, alpha)
             if remains < END:

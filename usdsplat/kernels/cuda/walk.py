@@ -192,8 +192,8 @@ def _held_at_stop(holdout, pixel, stop):
 
 @kernel
 def _walk(
-    options, tiles, room, records, paints, keeps, labels, starts, lists, grid, ray_hits, stops,
-    covered, holdout, out,
+    options, tiles, room, records, paints, keeps, labels, starts, lists, grid, ray_hits,
+    occluder_depth, covered, holdout, out,
 ):  # fmt: skip
     nears, strengths, places, bounds, local, known, names, tables = room
     image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
@@ -208,7 +208,7 @@ def _walk(
     mode, sort_by_ray_hit, is_parallel = o.wants, o.sort_by_ray_hit, o.is_parallel
     near, strength = nears[cuda.blockIdx.x], strengths[cuda.blockIdx.x]
     place, table = places[cuda.blockIdx.x], tables[cuda.blockIdx.x]
-    has_stops = stops.shape[0] > 0
+    has_occluders = occluder_depth.shape[0] > 0
     for each in range(cuda.blockIdx.x, tiles.shape[0], cuda.gridDim.x):
         tile = tiles[each]
         left, top = origin(g, tile)
@@ -232,7 +232,7 @@ def _walk(
         state[THROUGH] = state[SEEN] = np.float32(1)
         mark[0] = NONE if mode == MEDIAN else np.int32(0)
         alive = inside
-        stop = stops[row, column] if has_stops and inside else np.float32(np.inf)
+        stop = occluder_depth[row, column] if has_occluders and inside else np.float32(np.inf)
         if mode == MEDIAN and inside:
             whole = image[row, column, 3]
             alive = whole > np.float32(0)
@@ -246,7 +246,7 @@ def _walk(
             if first + thread < n:
                 rank = lists[begin + first + thread]
                 fetch_splat(records, rank, left, top, batch, rows, thread)
-                if sort_by_ray_hit or has_stops:
+                if sort_by_ray_hit or has_occluders:
                     fetch_ray_hit(ray_hits, rank, shape, thread)
             cuda.syncthreads()
             for i in range(min(BATCH, n - first)):
@@ -256,7 +256,7 @@ def _walk(
                 if rows[0, i] <= y < rows[1, i]:
                     alpha = alpha_in(batch, i, x, y)
                     goes_in = alpha > np.float32(0)
-                    if goes_in and has_stops:
+                    if goes_in and has_occluders:
                         goes_in = not is_hidden(batch, shape, i, x, y, stop, is_parallel)
                     if goes_in and not sort_by_ray_hit:
                         rank = lists[begin + k]
@@ -301,7 +301,7 @@ def _walk(
             _strongest(table, prims, thread, names[cuda.blockIdx.x], ids, weights, row, column)
         elif mode == COUNT:
             counts[row, column] = mark[0]
-        elif has_stops and (keeps.shape[0] > 0 or holdout[0].shape[0] > 0):
+        elif has_occluders and (keeps.shape[0] > 0 or holdout[0].shape[0] > 0):
             beyond = state[THROUGH] / state[SEEN] * _held_at_stop(holdout, pixel, stop)
             through[row, column] = min(beyond, np.float32(1))
 

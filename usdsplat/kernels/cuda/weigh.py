@@ -26,7 +26,7 @@ NOTHING: dict[str, Any] = {
 
 def weigh(
     device: CudaDevice, records: Any, labels: Any, prims: int, starts: Any, lists: Any, grid: Any,
-    ray_hits: Any, stops: Any, is_parallel: bool, ids: Any, weights: Any,
+    ray_hits: Any, occluder_depth: Any, is_parallel: bool, ids: Any, weights: Any,
 ) -> None:  # fmt: skip
     """`kernels.weigh.weigh`."""
     options = np.zeros(1, WALK)
@@ -39,5 +39,5 @@ def weigh(
     )  # fmt: skip
     any_order.launch(
         device, options, records, records, no["keeps"], labels, starts, lists, grid,
-        ray_hits, stops, no["covered"], (no["offsets"], no["numbers"], no["numbers"]), out,
+        ray_hits, occluder_depth, no["covered"], (no["offsets"], no["numbers"], no["numbers"]), out,
     )  # fmt: skip

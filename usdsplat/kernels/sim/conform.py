@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..jit import exact, scalar
-from ..launch import Scratch, block_kernel, kernel
+from ..launch import BlockArray, block_kernel, kernel
 from .facets import unit
 from .philox import STAGGER, uniforms
 
@@ -203,7 +203,7 @@ def advance(i, now, timing, ranks, select, out):
 @block_kernel(
     over="points",
     writes=("points", "gradient"),
-    scratch=(Scratch(shape=12, dtype=np.float64),),
+    scratch=(BlockArray(shape=12, dtype=np.float64),),
 )
 def move(first, last, own, points, gradient, way, bound, mesh, splats, how, slide):
     """Move, turn and stretch splats a part of the way to their targets.

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from usdsplat.kernels.jit import scalar, serial
-from usdsplat.kernels.launch import EACH, Scratch, block_kernel
+from usdsplat.kernels.launch import EACH, BlockArray, block_kernel
 
 from .noise import cell, change, curl_in_cell
 
@@ -70,8 +70,8 @@ def _whirls(count, cells, within, first, part, second, other, air):
     over="positions",
     writes=("positions", "velocities"),
     scratch=(
-        Scratch(shape=(4, EACH), dtype=np.uint32),
-        Scratch(shape=(6, EACH), dtype=np.float32),
+        BlockArray(shape=(4, EACH), dtype=np.uint32),
+        BlockArray(shape=(6, EACH), dtype=np.float32),
     ),
 )
 def fly(

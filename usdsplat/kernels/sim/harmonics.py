@@ -18,7 +18,7 @@ import numpy as np
 
 from usdsplat.core import sh as basis_of
 from usdsplat.kernels.jit import scalar
-from usdsplat.kernels.launch import Scratch, block_kernel, kernel
+from usdsplat.kernels.launch import BlockArray, block_kernel, kernel
 
 from .matrix import ONE, ZERO, is_identity, matrix_quat, polar, quat_matrix
 
@@ -330,7 +330,7 @@ def turns(i, gradient, cosine, out):
     over="rest",
     writes=("out", "turned"),
     block=256,
-    scratch=(Scratch(shape=3 * LANES, dtype=np.float32),),
+    scratch=(BlockArray(shape=3 * LANES, dtype=np.float32),),
 )
 def rotate(first, last, values, rotations, rest, out, turned):
     """Turned coefficients of all splats from those at rest.

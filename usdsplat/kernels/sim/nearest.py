@@ -16,7 +16,7 @@ import numpy as np
 from numba import prange
 
 from usdsplat.kernels.jit import exact, parallel, serial
-from usdsplat.kernels.launch import Scratch, block_kernel
+from usdsplat.kernels.launch import BlockArray, block_kernel
 
 from .grid import squared_distance
 
@@ -122,8 +122,8 @@ def plant(points, index, levels, boxes):
     over="order",
     writes=("indices", "distances"),
     scratch=(
-        Scratch(shape=(2, DEPTH), dtype=np.int64),
-        Scratch(shape=DEPTH, dtype=np.float32),
+        BlockArray(shape=(2, DEPTH), dtype=np.int64),
+        BlockArray(shape=DEPTH, dtype=np.float32),
     ),
     exact=True,
 )

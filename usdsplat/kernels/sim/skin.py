@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from ..jit import exact, scalar
-from ..launch import Scratch, block_kernel, kernel
+from ..launch import BlockArray, block_kernel, kernel
 
 DUAL = 17
 """Columns of a joint for dual quaternions: rotation, dual part, stretch by rows."""
@@ -78,7 +78,7 @@ def edge(points, triangles, face, end):
 @block_kernel(
     over="points",
     writes=("points", "gradient"),
-    scratch=(Scratch(shape=12, dtype=np.float64),),
+    scratch=(BlockArray(shape=12, dtype=np.float64),),
 )
 def blend_linear(first, last, m, points, gradient, indices, weights, amount, joints):
     """Move splats by the mean of what their joints do.
@@ -108,7 +108,7 @@ def blend_linear(first, last, m, points, gradient, indices, weights, amount, joi
 @block_kernel(
     over="points",
     writes=("points", "gradient"),
-    scratch=(Scratch(shape=29, dtype=np.float64),),
+    scratch=(BlockArray(shape=29, dtype=np.float64),),
 )
 def blend_dual(first, last, own, points, gradient, indices, weights, amount, joints):
     """Move splats by the rigid motion between those of their joints; stretch is blended linearly
@@ -178,7 +178,7 @@ def blend_dual(first, last, own, points, gradient, indices, weights, amount, joi
 @block_kernel(
     over="points",
     writes=("points", "gradient"),
-    scratch=(Scratch(shape=21, dtype=np.float64),),
+    scratch=(BlockArray(shape=21, dtype=np.float64),),
 )
 def follow_triangles(
     first, last, own, points, gradient, faces, weights, amount, triangles, before, after, bind
