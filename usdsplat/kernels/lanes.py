@@ -155,11 +155,8 @@ def _place(context: Any, builder: Any, source_type: Any, source: Any, at: Any) -
 
 @intrinsic
 def place(typing: Any, array: Any, at: Any) -> Any:
-    """Return the place of number `at` of a flat float32 array.
-
-    Functions that are not inlined take places, because an array is seven arguments and a reference
-    count.
-    """
+    """Return the place of number `at` of a flat float32 array, for functions that are not inlined:
+    an array is seven arguments and a reference count."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.gep(_first(context, builder, sig.args[0], args[0]), [args[1]])
