@@ -24,7 +24,7 @@ def data() -> Path:
     return DATA
 
 
-ON_EACH_DEVICE = ("delegate/", "sim/", "kernels/", "test_")
+ON_EACH_DEVICE = ("delegate/", "render/", "sim/", "kernels/", "test_")
 """Tests that ask for any device, by where they are: they run on each that is here."""
 
 
