@@ -20,14 +20,12 @@ from .jit import scalar
 from .lane_keys import FAR, any_of, depths_of, look_up, store_keys
 from .lanes import bits, choose, higher, load, lower, lowest_bit, ramp, size, spread, store
 from .project import DEPTH
-from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
+from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, least_hit, row_at
 
 SPLAT = 16
 """Floats of a splat of a tile: u v a b c ln(opacity), as `batch` has them; its ray hit; the first
 row of the tile that it touches and one past the last; depth of its centre."""
 HIT, FIRST, LAST, MIDDLE = 6, 13, 14, 15
-ROUNDING = np.float32(4e-6)
-"""Of a bound of ray hits, relative to the terms that it is made of."""
 ENDED = np.float32(0.99) * END
 """A transmittance that has passed END, however products are rounded."""
 
@@ -38,31 +36,11 @@ ENDED = np.float32(0.99) * END
 @scalar
 def least_depth(fields, splat, is_parallel):
     """Return a depth in front of which no ray of a tile hits the splat of fields[splat:]."""
-    zero, most = np.float32(0), np.float32(TILE - 1)
     hit = splat + HIT
-    center, reach = fields[hit + CENTER], fields[hit + REACH]
-    base = center - reach
-    x0, y0 = -fields[splat], -fields[splat + 1]
-    x1, y1 = most + x0, most + y0
-    ax0, ax1 = fields[hit + GX] * x0, fields[hit + GX] * x1
-    ay0, ay1 = fields[hit + HX] * y0, fields[hit + HX] * y1
-    bx0, bx1 = fields[hit + GY] * x0, fields[hit + GY] * x1
-    by0, by1 = fields[hit + HY] * y0, fields[hit + HY] * y1
-    # d = (a, b, c) is linear in a pixel's place: its extremes are at corners of the tile
-    low = np.float32(1) + min(ax0, ax1) + min(ay0, ay1)
-    high = np.float32(1) + max(ax0, ax1) + max(ay0, ay1)
-    b = max(abs(min(bx0, bx1) + min(by0, by1)), abs(max(bx0, bx1) + max(by0, by1)))
-    c = fields[hit + HZ] * max(abs(y0), abs(y1))
-    slack = np.float32(1) + max(abs(ax0), abs(ax1)) + max(abs(ay0), abs(ay1))
-    slack = ROUNDING * slack * (abs(center) + reach)
-    found = base
-    if is_parallel:
-        found = center + (np.float32(1) - high) - slack
-    elif low > zero:
-        rest = b * b + c * c  # a / (a² + rest) falls with rest, and rises and falls with a
-        found = center * min(low / (low * low + rest), high / (high * high + rest)) - slack
-    found = min(found, center + reach)  # within which depths are held
-    return found if found > base else base
+    return least_hit(
+        fields[splat], fields[splat + 1], fields[hit + GX], fields[hit + GY], fields[hit + HX],
+        fields[hit + HY], fields[hit + HZ], fields[hit + CENTER], fields[hit + REACH], is_parallel,
+    )  # fmt: skip
 
 
 # --- 2. CPU ----------------------------------------------------------------------------

@@ -23,6 +23,7 @@ import math
 
 import numpy as np
 
+from .bins import TILE
 from .jit import exact, scalar
 from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
@@ -32,6 +33,8 @@ RAY_HIT = 8
 it, and one unused."""
 GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
 
+ROUNDING = np.float32(4e-6)
+"""Rounding error of the least depth of a ray hit, relative to the terms it is computed from."""
 THIN = 1e-6
 """Minimum ratio of a splat's thinnest to its thickest axis; it keeps flat splats invertible."""
 
@@ -123,6 +126,39 @@ def ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
     apart = one - a if is_parallel else center * (a / along - one)
     apart = apart if abs(apart) < reach else (reach if apart > np.float32(0) else -reach)
     return center + apart
+
+
+@scalar
+def least_hit(u, v, gx, gy, hx, hy, hz, center, reach, is_parallel):
+    """Return a depth in front of which no ray of a tile hits a splat.
+
+    Args:
+        u, v: The splat's place relative to the tile [pixel].
+        gx, gy, hx, hy, hz, center, reach: The splat's ray hit.
+    """
+    zero, most = np.float32(0), np.float32(TILE - 1)
+    base = center - reach
+    x0, y0 = -u, -v
+    x1, y1 = most + x0, most + y0
+    ax0, ax1 = gx * x0, gx * x1
+    ay0, ay1 = hx * y0, hx * y1
+    bx0, bx1 = gy * x0, gy * x1
+    by0, by1 = hy * y0, hy * y1
+    # d = (a, b, c) is linear in a pixel's place: its extremes are at corners of the tile
+    low = np.float32(1) + min(ax0, ax1) + min(ay0, ay1)
+    high = np.float32(1) + max(ax0, ax1) + max(ay0, ay1)
+    b = max(abs(min(bx0, bx1) + min(by0, by1)), abs(max(bx0, bx1) + max(by0, by1)))
+    c = hz * max(abs(y0), abs(y1))
+    slack = np.float32(1) + max(abs(ax0), abs(ax1)) + max(abs(ay0), abs(ay1))
+    slack = ROUNDING * slack * (abs(center) + reach)
+    found = base
+    if is_parallel:
+        found = center + (np.float32(1) - high) - slack
+    elif low > zero:
+        rest = b * b + c * c  # a / (a² + rest) falls with rest, and rises and falls with a
+        found = center * min(low / (low * low + rest), high / (high * high + rest)) - slack
+    found = min(found, center + reach)  # within which depths are held
+    return found if found > base else base
 
 
 # --- 2. CPU ----------------------------------------------------------------------------

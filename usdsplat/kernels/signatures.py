@@ -22,7 +22,7 @@ import numpy as np
 
 RECORDS = (
     "bins.GRID", "crop.CROP", "position.VIEW", "project.CAMERA", "shade.MATERIAL", "texture.LEVEL",
-    "triangles.APPEARANCE", "triangles.VIEW", "walk.WALK",
+    "triangles.APPEARANCE", "triangles.VIEW",
 )  # fmt: skip
 """Record types of kernel arguments: module and name."""
 HERE = "usdsplat.kernels"

@@ -41,18 +41,6 @@ many samples a deep picture has, and the samples."""
 HALF = np.float32(0.5)
 """Part of the coverage that MEDIAN looks for; FRONT looks for 0."""
 
-WALK = np.dtype(
-    [
-        ("wants", "i4"), ("column", "i4"), ("sort_by_ray_hit", "i4"), ("is_parallel", "i4"),
-        ("prims", "i4"), ("part", "f4"), ("error", "f4"), ("near", "f4"),
-    ]
-)  # fmt: skip
-"""What a walk is for: what is asked for, whether pixels have orders of their own, whether rays are
-parallel, how many prims there are, by how much merging may change the opacity in front of any
-depth, and the near plane: the eye may be inside a Gaussian, whose ray hit then may be behind it.
-A GPU walks once for each thing that is asked for; the first column of its paints and its part of
-the coverage are read there only."""
-
 
 # --- 1. mathematics: 16 pixels, or one --------------------------------------------------
 
@@ -172,7 +160,10 @@ def walk(
     """Walk through all pixels of a band.
 
     Args:
-        options: One WALK record, shape (1,).
+        options: (products as bits; whether pixels are sorted by their ray hits; whether rays are
+            parallel; number of prims; by how much merging may change the opacity in front of any
+            depth; depth of the near plane, in front of which there is no ray hit, though the eye
+            may be inside a Gaussian).
         records, starts, lists, grid, ray_hits, occluder_depth: As `blend` takes them.
         features: What `feature` made; read only by ALBEDO and NORMALS.
         keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
@@ -194,10 +185,9 @@ def walk(
     ids, prim_weights = prims_out
     hold_offsets, hold_depths, hold_through = holdout
     deep_near, deep_far, deep_color = deep
+    wants, sorts, is_parallel, known_prims, error, near = options
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
-        wants, error, near = options[0].wants, options[0].error, options[0].near
-        sorts, is_parallel = options[0].sort_by_ray_hit != 0, options[0].is_parallel != 0
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
@@ -230,7 +220,7 @@ def walk(
         featured = np.empty(6 * n if wants & (ALBEDO | NORMALS) else 0, np.float32)
         load_paints_of(features, NORMAL_COLUMN, 6, lists, begin, featured)
         weighed = n if wants & WEIGH else 0
-        known = np.full(options[0].prims if weighed else 0, NONE, np.int32)
+        known = np.full(known_prims if weighed else 0, NONE, np.int32)
         local, names = np.empty(weighed, np.int32), np.empty(weighed, np.int32)
         prims = number_prims(labels, lists, begin, weighed, known, local, names)
         table = np.empty(TILE * prims, np.float32)

@@ -287,12 +287,10 @@ class TileLists:
         """Walk all pixels once for all `wanted` products. `out` has the arrays that the walk reads
         and writes."""
         splats = self._splats
-        options = np.zeros(1, walk.WALK)
-        options["wants"] = sum(WANTS[name] for name in wanted)
-        options["sort_by_ray_hit"] = self._sort_by_ray_hit
-        options["is_parallel"] = splats.is_parallel
-        options["prims"], options["error"] = len(splats.layout.prims), error
-        options["near"] = splats.near
+        options = (
+            sum(WANTS[name] for name in wanted), self._sort_by_ray_hit, splats.is_parallel,
+            len(splats.layout.prims), np.float32(error), np.float32(splats.near),
+        )  # fmt: skip
         no_image, no_ranks = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.int32)
         no_prims = np.empty((0, 0, weigh.RANKS), np.int32)
         nothing = {

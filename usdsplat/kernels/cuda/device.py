@@ -314,7 +314,7 @@ class _Moves:
         if isinstance(value, tuple):
             for each in value:
                 self.mark(each)
-        elif self._is_elsewhere(value):
+        elif self._is_elsewhere(value) and value.size:
             self._changed.add(id(value))
 
     def arrive(self, value: Any) -> Any:

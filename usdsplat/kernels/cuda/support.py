@@ -13,7 +13,7 @@ Capability = tuple[int, int]
 """Compute capability of a GPU: (major, minor)."""
 SORT, SUM = "sort", "sum"
 CUB = (
-    (SORT, "u2 i4"), (SORT, "u4 i4"), (SUM, "i4 i4"), (SUM, "i8 i8"),
+    (SORT, "u2 i4"), (SORT, "u4 i4"), (SORT, "u8 i4"), (SUM, "i4 i4"), (SUM, "i8 i8"),
 )  # fmt: skip
 """CUB algorithms: SORT with the types of keys and values, SUM with those of input and output. They
 can be built only on the GPU that runs them, see `cuda.cub`."""

@@ -61,6 +61,15 @@ def alpha_in(batch, i, x, y):
 
 
 @cuda.jit(device=True)
+def alpha_of(records, rank, left, top, x, y):
+    """Return the contribution of any splat to pixel (x, y) of the tile, as `alpha_in` does."""
+    s = records[rank]
+    dx, dy = np.float32(x) - (s[U] - np.float32(left)), np.float32(y) - (s[V] - np.float32(top))
+    rest, slope = along_row(dx, s[A] * TO_BITS, s[B] * TO_BITS, s[LOG_OPACITY] * TO_BITS)
+    return contribution(exponent(dy, s[C] * TO_BITS, slope, rest))
+
+
+@cuda.jit(device=True)
 def depth_in(batch, shape, i, x, y, is_parallel):
     """Return the depth at which the ray of pixel (x, y) hits splat i of a batch."""
     dy = np.float32(y) - batch[1, i]

@@ -1,13 +1,19 @@
-"""Walking pixels on a GPU: a thread for each, its window in the GPU's memory.
+"""Walk through the contributions to each pixel on a GPU, with one thread for each pixel of a tile.
 
-Where pixels have orders of their own, a window may have to hold all that its tile's list has. So
-tiles are walked in groups of about equal lists, by as many blocks of threads as their windows have
-room for, each of which takes one tile after the other: nothing is cut short, and long lists cost
-room for themselves alone.
+Where pixels have orders of their own, lists are sorted as in `ray_order`, and each thread has a
+window: contributions that wait until no splat still to come may be in front of them. Windows are in
+shared memory. Where one overflows, the tile is walked again by blocks of fewer threads, whose
+windows are longer, and at last with windows in the GPU's memory that hold the longest list. So the
+order is exact.
+
+A median needs the coverage of its pixel, so it takes a second walk.
+
+Source: Radl et al. 2024, "StopThePop", for the order.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,20 +25,23 @@ from usdsplat.kernels.blend import END
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
+from usdsplat.kernels.cuda.prims import number_prims, strongest
+from usdsplat.kernels.cuda.ray_order import ray_order
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
     RAY_HITS,
     THREADS,
     alpha_in,
+    alpha_of,
     depth_in,
     fetch_ray_hit,
     fetch_splat,
     is_hidden,
     origin,
 )
+from usdsplat.kernels.cuda.warp import LANES
 from usdsplat.kernels.project import DEPTH, RED
-from usdsplat.kernels.ray_hit import CENTER, REACH
 from usdsplat.kernels.walk import (
     ALBEDO,
     COLOR,
@@ -46,37 +55,48 @@ from usdsplat.kernels.walk import (
     WEIGH,
     held_through,
 )
-from usdsplat.kernels.weigh import NONE, RANKS
+from usdsplat.kernels.weigh import NONE
 
-PAINT = COLOR
-"""Mode of a walk that sums three numbers of each splat, whichever."""
-DEPTH_COLUMN = -1
-"""Column that stands for the depth of each contribution."""
+SUMS = 10
+"""Sums of a pixel over contributions: colour, albedo and normal, and from DEPTH_SUM on depth."""
+DEPTH_SUM = 9
+STATE = 6
+THROUGH, COVER, GOAL, FOUND_AT, SEEN, RUN = range(STATE)
+"""Numbers of a pixel: transmittance; coverage so far and coverage to find; depth of the splat
+found; transmittance of its deep samples so far, and weight of the run that is merged."""
+SPLAT, SAMPLES = 0, 1
+"""Integers of a pixel: rank of the splat found, number of deep samples."""
 FLUSH = 8
-"""Splats between two looks at what may leave the windows."""
-STATE = 8
-THROUGH, COVER, GOAL, FIRST, SECOND, THIRD, SEEN, WEIGHT = range(STATE)
-"""Of one pixel: transmittance; coverage so far and the one looked for; three sums; the depth found,
-or the transmittance of what a deep pixel holds so far; the weight of the run that is merged."""
+"""Number of splats between two passes over the windows."""
+RAY_BATCH = 64
+"""Number of splats of a batch where windows need the shared memory."""
+ROWS, FEW_ROWS = 4, 2
+"""Rows of a tile that a block walks, at first and where windows overflow."""
+SLOTS, MORE_SLOTS = 56, 224
+"""Contributions that a window holds in these cases. The windows of a block take 21 and 42 KiB of
+shared memory: 6 bytes of each contribution, for depth and place in the tile's list."""
+MOST_PLACES = 1 << 16
+"""Number of places that fit into such a window."""
+FAR_ENTRY = 8
+"""Bytes of a contribution in a window in the GPU's memory."""
 ROOM = 1 << 30
-"""[byte] of all windows together, unless one block needs more."""
-WINDOW = 12
-"""[byte] of an entry: depth, contribution, place in the list."""
+"""Bytes of all windows in memory together, unless one block needs more."""
 BLOCKS = 132 * 4
-"""Of threads: as many as a GPU runs at once."""
+"""Number of blocks that a GPU runs at once."""
+MANY_PRIMS = 256
+"""Number of prims of a scene from which the longest list bounds those of a tile."""
+NO_ORDER, NO_BOUNDS = np.empty(0, np.int32), np.empty(0, np.float32)
 STEP = 4
-"""By how much the lists of a group may differ in length."""
+"""Lists of a group differ in length by less than this factor."""
 
 
 @cuda.jit(device=True)
-def _take(
-    options, k, rank, alpha, depth, pixel, thread, state, mark, table, local, begin, keeps, paints,
-    holdout, offsets, deep,
-):  # fmt: skip
-    """Do with a contribution what the mode says, as `kernels.walk` does; whether the pixel goes
-    on."""
+def _take(wants, error, rank, alpha, depth, pixel, thread, numbers, paints, prims, holdout, deep):
+    """Process a contribution as `kernels.walk` does. Return whether the pixel goes on."""
+    state, sums, marks = numbers
+    records, features, keeps = paints
+    labels, known, table = prims
     hold_offsets, hold_depths, hold_through = holdout
-    mode = options.wants
     t = state[THROUGH]
     weight = alpha * t
     remains = behind(t, alpha)
@@ -89,299 +109,441 @@ def _take(
         weight *= held_through(hold_offsets, hold_depths, hold_through, pixel, depth)
     if weight <= np.float32(0):
         return True
-    if mode == PAINT:
-        column = options.column
-        state[COVER] += weight
-        if column == DEPTH_COLUMN:
-            state[FIRST] += weight * depth
-        else:
-            state[FIRST] += weight * paints[rank, column]
-            state[SECOND] += weight * paints[rank, column + 1]
-            state[THIRD] += weight * paints[rank, column + 2]
-    elif mode == MEDIAN:
-        state[COVER] += weight
-        if state[COVER] >= state[GOAL]:
-            mark[0], state[SEEN] = rank, depth
-            return False
-    elif mode == WEIGH:
-        table[local[begin + k], thread] += weight
-    else:
-        deep_near, deep_far, color = deep
-        column = options.column
-        seen = state[SEEN]
+    state[COVER] += weight
+    if wants & COLOR:
+        for c in range(3):
+            sums[c] += weight * records[rank, RED + c]
+    if wants & ALBEDO:
+        for c in range(3):
+            sums[3 + c] += weight * features[rank, feature.ALBEDO + c]
+    if wants & NORMALS:
+        for c in range(3):
+            sums[6 + c] += weight * features[rank, feature.NORMAL + c]
+    if wants & DEPTHS:
+        sums[DEPTH_SUM] += weight * depth
+    if wants & WEIGH:
+        table[known[labels[rank]], thread] += weight
+    if wants & FRONT and marks[SPLAT] < 0:
+        marks[SPLAT], state[FOUND_AT] = rank, depth
+    if wants & MEDIAN and state[COVER] >= state[GOAL]:
+        marks[SPLAT], state[FOUND_AT] = rank, depth
+        return False
+    if wants & (COUNT | FILL):
+        offsets, near, far, color = deep
+        seen, run = state[SEEN], state[RUN]
         own = min(weight / seen, np.float32(1))
         state[SEEN] = seen - seen * own
-        run = state[WEIGHT]
-        begins = run <= np.float32(0) or run + weight > options.error
-        state[WEIGHT] = weight if begins else run + weight
+        begins = run <= np.float32(0) or run + weight > error
+        state[RUN] = weight if begins else run + weight
         if begins:
-            mark[0] += 1
-        if mode == FILL:
-            at = offsets[pixel] + mark[0] - 1
+            marks[SAMPLES] += 1
+        if wants & FILL:
+            at = offsets[pixel] + marks[SAMPLES] - 1
             if begins:
-                deep_near[at] = depth
+                near[at] = depth
                 for c in range(4):
                     color[at, c] = np.float32(0)
-            deep_far[at] = depth
+            far[at] = depth
             part = (np.float32(1) - color[at, 3]) * own
             for c in range(3):
-                color[at, c] += part * paints[rank, column + c]
+                color[at, c] += part * records[rank, RED + c]
             color[at, 3] += part
     return True
 
 
 @cuda.jit(device=True)
-def _bound(lists, ray_hits, begin, n, bounds, thread):
-    """bounds[k] = the least depth at which a ray may hit anything from place k of the list on."""
-    for k in range(thread, n, THREADS):
-        rank = lists[begin + k]
-        bounds[begin + k] = ray_hits[rank, CENTER] - ray_hits[rank, REACH]
-    cuda.syncthreads()
-    if thread == 0:
-        least = np.float32(np.inf)
-        for j in range(n):
-            k = begin + n - 1 - j
-            least = min(least, bounds[k])
-            bounds[k] = least
-    cuda.syncthreads()
-
-
-@cuda.jit(device=True)
-def _number(lists, labels, begin, n, local, known, names, thread):
-    """Number the prims of a tile as they come in its list; returns how many there are."""
-    for k in range(thread, n, THREADS):
-        local[begin + k] = labels[lists[begin + k]]
-    for prim in range(thread, known.shape[0], THREADS):
-        known[prim] = NONE
-    cuda.syncthreads()
-    if thread == 0:
-        prims = 0
-        for k in range(begin, begin + n):
-            label = local[k]
-            if known[label] < 0:
-                known[label], names[1 + prims] = prims, label
-                prims += 1
-            local[k] = known[label]
-        names[0] = prims
-    cuda.syncthreads()
-    return names[0]
-
-
-@cuda.jit(device=True)
-def _strongest(table, prims, thread, names, ids, weights, row, column):
-    """`kernels.walk.strongest` of one pixel."""
-    for rank in range(RANKS):
-        best, most = NONE, np.float32(0)
-        for j in range(prims):
-            if table[j, thread] > most:
-                best, most = np.int32(j), table[j, thread]
-        ids[row, column, rank] = names[1 + best] if best >= 0 else NONE
-        weights[row, column, rank] = most
-        if best >= 0:
-            table[best, thread] = np.float32(0)
-
-
-@cuda.jit(device=True)
 def _held_at_stop(holdout, pixel, stop):
-    """What a deep holdout lets through of a surface."""
+    """Return what a deep holdout lets through of a surface at depth `stop`."""
     offsets, depths, through = holdout
     if offsets.shape[0] == 0:
         return np.float32(1)
     return held_through(offsets, depths, through, pixel, stop)
 
 
-@kernel
-def _walk(
-    options, tiles, room, records, paints, keeps, labels, starts, lists, grid, ray_hits,
-    occluder_depth, covered, holdout, out,
-):  # fmt: skip
-    nears, strengths, places, bounds, local, known, names, tables = room
-    image, through, ranks, depths_out, ids, weights, counts, offsets, deep = out
-    batch = cuda.shared.array((FIELDS, BATCH), np.float32)
-    shape = cuda.shared.array((RAY_HITS, BATCH), np.float32)
-    rows = cuda.shared.array((2, BATCH), np.int32)
-    state = cuda.local.array(STATE, np.float32)
-    mark = cuda.local.array(1, np.int32)
-    thread = cuda.threadIdx.x
-    x, y = thread % TILE, thread // TILE
-    g, o = grid[0], options[0]
-    mode, sort_by_ray_hit, is_parallel = o.wants, o.sort_by_ray_hit, o.is_parallel
-    near, strength = nears[cuda.blockIdx.x], strengths[cuda.blockIdx.x]
-    place, table = places[cuda.blockIdx.x], tables[cuda.blockIdx.x]
-    has_occluders = occluder_depth.shape[0] > 0
-    for each in range(cuda.blockIdx.x, tiles.shape[0], cuda.gridDim.x):
-        tile = tiles[each]
+@cuda.jit(device=True)
+def _insert(window, thread, head, held, depth, place, ranks, begin):
+    """Insert a contribution into a window sorted by depth; equal depths are sorted by rank."""
+    depths, places = window
+    last = depths.shape[0] - 1
+    at = head + held
+    at = at - depths.shape[0] if at > last else at
+    for _ in range(held):
+        before = at - 1 if at > 0 else last
+        front = depths[before, thread]
+        if front < depth:
+            break
+        waiting = places[before, thread]
+        if front == depth and ranks[begin + waiting] < ranks[begin + place]:
+            break
+        depths[at, thread], places[at, thread] = front, waiting
+        at = before
+    depths[at, thread], places[at, thread] = depth, place
+
+
+@cuda.jit(device=True)
+def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, out):
+    """Write what the walk has found for a pixel."""
+    state, sums, marks = numbers
+    color, albedo, normals, depths, through, median, front, counts = out
+    if wants & COLOR:
+        for c in range(3):
+            color[row, column, c] = sums[c]
+        color[row, column, 3] = state[COVER]
+        through[row, column] = state[THROUGH]
+    if wants & ALBEDO:
+        for c in range(3):
+            albedo[row, column, c] = sums[3 + c]
+        albedo[row, column, 3] = state[COVER]
+    if wants & NORMALS:
+        for c in range(3):
+            normals[row, column, c] = sums[6 + c]
+        normals[row, column, 3] = state[COVER]
+    if wants & DEPTHS:
+        depths[row, column, 0] = sums[DEPTH_SUM]
+        depths[row, column, 1] = depths[row, column, 2] = np.float32(0)
+        depths[row, column, 3] = state[COVER]
+    if wants & FRONT:
+        front[0][row, column], front[1][row, column] = marks[SPLAT], state[FOUND_AT]
+    if wants & MEDIAN:
+        median[0][row, column], median[1][row, column] = marks[SPLAT], state[FOUND_AT]
+    if wants & COUNT:
+        counts[row, column] = marks[SAMPLES]
+    if wants & FILL and occluded and (keeps.shape[0] > 0 or holdout[0].shape[0] > 0):
+        beyond = state[THROUGH] / state[SEEN] * _held_at_stop(holdout, pixel, stop)
+        through[row, column] = min(beyond, np.float32(1))
+
+
+def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False) -> Any:
+    """Return a device function that walks some rows of a tile, with a block of TILE * height
+    threads.
+
+    Args:
+        height: Number of rows.
+        size: Number of splats of a batch.
+        sorts: Whether pixels are sorted by their ray hits.
+        only_color: Whether only COLOR is asked for, of splats alone.
+    """
+    ends = size + 1
+
+    def pixel_of(thread):
+        """Return column and row of a thread's pixel: a warp has 8 by 4 pixels, or 16 by 2."""
+        if height < 4:
+            return thread % TILE, thread // TILE
+        lane, warp = thread % LANES, thread // LANES
+        return warp % 2 * 8 + lane % 8, warp // 2 * 4 + lane // 8
+
+    pixel_of = cuda.jit(device=True)(pixel_of)
+
+    @cuda.jit(device=True)
+    def walk_tile(
+        window, tile, part, options, records, features, keeps, labels, starts, lists, grid,
+        ray_hits, occluder_depth, covered, holdout, out, ranks, bounds, known, names, table,
+    ):  # fmt: skip
+        """Walk rows from part * height on. Return whether a window overflowed: then nothing is
+        written."""
+        color, albedo, normals, sums_out, through, median, front, ids, counts, offsets, deep = out
+        batch = cuda.shared.array((FIELDS, size), np.float32)
+        shape = cuda.shared.array((RAY_HITS, size), np.float32)
+        rows = cuda.shared.array((2, size), np.int32)
+        chosen = cuda.shared.array(size, np.int32)
+        least = cuda.shared.array(ends, np.float32)
+        state = cuda.local.array(STATE, np.float32)
+        sums = cuda.local.array(SUMS, np.float32)
+        marks = cuda.local.array(2, np.int32)
+        numbers = state, sums, marks
+        thread = cuda.threadIdx.x
+        x, y = pixel_of(thread)
+        y += part * height
+        g = grid[0]
+        given, _, is_parallel, _, error, near = options
+        wants = COLOR if only_color else given
+        has_occluders = not only_color and occluder_depth.shape[0] > 0
         left, top = origin(g, tile)
         column, row = left + x - g.x0, top + y - g.y0
         inside = g.x0 <= left + x < g.x1 and g.y0 <= top + y < g.y1
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
         pixel = row * (g.x1 - g.x0) + column
-        cuda.syncthreads()
-        if sort_by_ray_hit:
-            _bound(lists, ray_hits, begin, n, bounds, thread)
         prims = 0
-        if mode == WEIGH:
-            prims = _number(
-                lists, labels, begin, n, local, known[cuda.blockIdx.x], names[cuda.blockIdx.x],
-                thread,
-            )  # fmt: skip
+        if wants & WEIGH:
+            prims = number_prims(lists, labels, begin, n, known, names, thread)
             for j in range(prims):
                 table[j, thread] = np.float32(0)
         for k in range(STATE):
             state[k] = np.float32(0)
+        for k in range(SUMS):
+            sums[k] = np.float32(0)
         state[THROUGH] = state[SEEN] = np.float32(1)
-        mark[0] = NONE if mode == MEDIAN else np.int32(0)
-        alive = inside
+        marks[SPLAT], marks[SAMPLES] = NONE, np.int32(0)
+        alive, overflows = inside, False
         stop = occluder_depth[row, column] if has_occluders and inside else np.float32(np.inf)
-        if mode == MEDIAN and inside:
-            whole = image[row, column, 3]
+        if wants & (MEDIAN | FRONT):
+            state[FOUND_AT] = np.float32(1)
+        if wants & MEDIAN and inside:
+            whole = color[row, column, 3]
             alive = whole > np.float32(0)
             if covered.shape[0] > 0 and covered[row, column] == 1:
                 whole += through[row, column] * _held_at_stop(holdout, pixel, stop)
-            state[GOAL] = whole * o.part
-        head, tail = 0, 0
-        for first in range(0, n, BATCH):
+            state[GOAL] = whole * HALF
+        splats, prim_arrays = (records, features, keeps), (labels, known, table)
+        samples = offsets, deep[0], deep[1], deep[2]
+        waiting_depths, places = window
+        slots = waiting_depths.shape[0]
+        head, held = np.int32(0), np.int32(0)
+        for first in range(0, n, size):
             if cuda.syncthreads_count(np.int32(alive)) == 0:
                 break
-            if first + thread < n:
-                rank = lists[begin + first + thread]
-                fetch_splat(records, rank, left, top, batch, rows, thread)
-                if sort_by_ray_hit or has_occluders:
-                    fetch_ray_hit(ray_hits, rank, shape, thread)
+            filled = min(size, n - first)
+            for i in range(thread, filled, height * TILE):
+                rank = ranks[begin + first + i] if sorts else lists[begin + first + i]
+                chosen[i] = rank
+                fetch_splat(records, rank, left, top, batch, rows, i)
+                if sorts:
+                    least[i] = bounds[begin + first + i]
+                if sorts or has_occluders:
+                    fetch_ray_hit(ray_hits, rank, shape, i)
+            if sorts and thread == 0:
+                is_last = first + filled == n
+                least[filled] = np.float32(np.inf) if is_last else bounds[begin + first + filled]
             cuda.syncthreads()
-            for i in range(min(BATCH, n - first)):
+            for i in range(filled):
                 if not alive:
                     break
-                k = first + i
                 if rows[0, i] <= y < rows[1, i]:
                     alpha = alpha_in(batch, i, x, y)
                     goes_in = alpha > np.float32(0)
                     if goes_in and has_occluders:
                         goes_in = not is_hidden(batch, shape, i, x, y, stop, is_parallel)
-                    if goes_in and not sort_by_ray_hit:
-                        rank = lists[begin + k]
-                        alive = _take(
-                            o, k, rank, alpha, min(records[rank, DEPTH], stop), pixel, thread,
-                            state, mark, table, local, begin, keeps, paints, holdout, offsets,
-                            deep,
-                        )  # fmt: skip
-                    elif goes_in:  # sorted by depth; equal ones keep their order
+                    if goes_in and sorts:
+                        if held == slots or first + i >= MOST_PLACES:
+                            overflows, alive = True, False
+                            break
                         depth = depth_in(batch, shape, i, x, y, is_parallel)
-                        depth = min(max(depth, o.near), stop)
-                        j = tail
-                        while j > head and near[j - 1, thread] > depth:
-                            near[j, thread] = near[j - 1, thread]
-                            strength[j, thread] = strength[j - 1, thread]
-                            place[j, thread] = place[j - 1, thread]
-                            j -= 1
-                        near[j, thread], strength[j, thread] = depth, alpha
-                        place[j, thread] = np.int32(k)
-                        tail += 1
-                if sort_by_ray_hit and (k % FLUSH == FLUSH - 1 or k == n - 1):
-                    rest = bounds[begin + k + 1] if k + 1 < n else np.float32(np.inf)
-                    while alive and head < tail and near[head, thread] <= rest:
-                        at = place[head, thread]
+                        depth = min(max(depth, near), stop)
+                        _insert(window, thread, head, held, depth, first + i, ranks, begin)
+                        held += np.int32(1)
+                    elif goes_in:
+                        depth = min(records[chosen[i], DEPTH], stop)
                         alive = _take(
-                            o, at, lists[begin + at], strength[head, thread], near[head, thread],
-                            pixel, thread, state, mark, table, local, begin, keeps, paints,
-                            holdout, offsets, deep,
+                            wants, error, chosen[i], alpha, depth, pixel, thread, numbers, splats,
+                            prim_arrays, holdout, samples,
                         )  # fmt: skip
-                        head += 1
-                    if head == tail:
-                        head = tail = 0
-        if not inside:
-            continue
-        if mode == PAINT:
-            image[row, column, 0], image[row, column, 1] = state[FIRST], state[SECOND]
-            image[row, column, 2], image[row, column, 3] = state[THIRD], state[COVER]
-            through[row, column] = state[THROUGH]
-        elif mode == MEDIAN:
-            ranks[row, column], depths_out[row, column] = mark[0], state[SEEN]
-        elif mode == WEIGH:
-            _strongest(table, prims, thread, names[cuda.blockIdx.x], ids, weights, row, column)
-        elif mode == COUNT:
-            counts[row, column] = mark[0]
-        elif has_occluders and (keeps.shape[0] > 0 or holdout[0].shape[0] > 0):
-            beyond = state[THROUGH] / state[SEEN] * _held_at_stop(holdout, pixel, stop)
-            through[row, column] = min(beyond, np.float32(1))
+                if sorts and (i % FLUSH == FLUSH - 1 or i == filled - 1):
+                    while alive and held > 0:
+                        depth = waiting_depths[head, thread]
+                        if depth >= least[i + 1]:
+                            break
+                        rank = ranks[begin + places[head, thread]]
+                        alpha = alpha_of(records, rank, left, top, x, y)
+                        alive = _take(
+                            wants, error, rank, alpha, depth, pixel, thread, numbers, splats,
+                            prim_arrays, holdout, samples,
+                        )  # fmt: skip
+                        head = head + np.int32(1) if head < slots - 1 else np.int32(0)
+                        held -= np.int32(1)
+        if sorts and cuda.syncthreads_count(np.int32(overflows)) > 0:
+            return True
+        if inside:
+            if wants & WEIGH:
+                strongest(table, prims, thread, names, ids[0], ids[1], row, column)
+            images = color, albedo, normals, sums_out, through, median, front, counts
+            _store(
+                wants, row, column, pixel, stop, numbers, keeps, holdout, has_occluders,
+                images,
+            )  # fmt: skip
+        return False
+
+    return walk_tile
 
 
-def _groups(lengths: Any) -> list[Any]:
-    """Tiles whose lists are about as long as each other's, the longest first in each group."""
+_WALK_LISTS = _tile_walk(TILE, BATCH, sorts=False)
+
+
+@kernel
+def _walk_lists(options, arrays, prims):
+    """Walk tiles in the order of their lists."""
+    known, names, table = prims
+    starts = arrays[4]
+    none = cuda.local.array((1, 1), np.float32)
+    no_places = cuda.local.array((1, 1), np.int32)
+    block = cuda.blockIdx.x
+    room = min(block, known.shape[0] - 1)
+    for tile in range(block, starts.shape[0] - 1, cuda.gridDim.x):
+        cuda.syncthreads()
+        _WALK_LISTS(
+            (none, no_places), tile, 0, options, *arrays, known[room], names[room], table[room]
+        )
+
+
+def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bool = False) -> Any:
+    """Return the kernel that walks rows of tiles in the order of ray hits.
+
+    Args:
+        parent: Number of rows of the units that it is given.
+        height: Number of rows that a block walks.
+        slots: Contributions that a window in shared memory holds; 0 if windows are in the GPU's
+            memory.
+        only_color: See `_tile_walk`.
+    """
+    walk_tile = _tile_walk(height, RAY_BATCH, sorts=True, only_color=only_color)
+    threads, parts, units_of_tile = TILE * height, parent // height, TILE // parent
+    size = slots, threads
+
+    def place_of(k, units):
+        unit = units[k // parts] if units.shape[0] > 0 else k // parts
+        return unit // units_of_tile, unit % units_of_tile * parts + k % parts
+
+    place_of = cuda.jit(device=True)(place_of)
+
+    def walk_rays(options, arrays, prims, units, count, again, total):
+        known, names, table = prims
+        depths = cuda.shared.array(size, np.float32)
+        places = cuda.shared.array(size, np.uint16)
+        room = min(cuda.blockIdx.x, known.shape[0] - 1)
+        for k in range(cuda.blockIdx.x, count * parts, cuda.gridDim.x):
+            tile, part = place_of(k, units)
+            cuda.syncthreads()
+            overflows = walk_tile(
+                (depths, places), tile, part, options, *arrays, known[room], names[room],
+                table[room],
+            )  # fmt: skip
+            if overflows and cuda.threadIdx.x == 0:
+                again[cuda.atomic.add(total, 0, 1)] = tile * (TILE // height) + part
+
+    def walk_far(options, arrays, prims, units, count, windows):
+        known, names, table = prims
+        depths, places = windows
+        block = cuda.blockIdx.x
+        room = min(block, known.shape[0] - 1)
+        for k in range(block, count * parts, cuda.gridDim.x):
+            tile, part = place_of(k, units)
+            cuda.syncthreads()
+            walk_tile(
+                (depths[block], places[block]), tile, part, options, *arrays, known[room],
+                names[room], table[room],
+            )  # fmt: skip
+
+    return kernel(walk_rays if slots else walk_far, name=f"cuda.walk.{name}")
+
+
+_WALK_COLOR = _ray_walk("walk_color", TILE, ROWS, SLOTS, only_color=True)
+_WALK_RAYS = _ray_walk("walk_rays", TILE, ROWS, SLOTS)
+_WALK_FEW_ROWS = _ray_walk("walk_few_rows", ROWS, FEW_ROWS, MORE_SLOTS)
+_WALK_FAR = _ray_walk("walk_far", FEW_ROWS, FEW_ROWS, 0)
+
+
+@kernel
+def _clear(total):
+    total[0] = 0
+
+
+def walk(device: CudaDevice, options: tuple[Any, ...], *args: Any) -> None:
+    """Walk once for all that is asked for, see `kernels.walk.walk`; for a median once more."""
+    wants, sorts, is_parallel, *rest = options
+    records, starts, lists, grid, ray_hits = args[0], *args[4:8]
+    order = None
+    if sorts:
+        order = ray_order(device, is_parallel, records, ray_hits, starts, lists, grid)
+    for part in (wants & ~MEDIAN, wants & MEDIAN):
+        if part:
+            walk_pixels(device, (part, sorts, is_parallel, *rest), *args, order=order)
+
+
+def walk_pixels(
+    device: CudaDevice, options: tuple[Any, ...], *args: Any, order: Any = None
+) -> None:
+    """Walk all pixels once.
+
+    Args:
+        options, args: The arguments of `kernels.walk.walk`. Either MEDIAN alone is asked for, or
+            other products.
+        order: Result of `ray_order`; None where pixels are not sorted by ray hits.
+    """
+    wants, _, _, known, *_ = options
+    keeps, starts, occluder_depth, holdout = args[2], args[4], args[8], args[10]
+    tiles = starts.shape[0] - 1
+    if tiles == 0:
+        return
+    prims = known if wants & WEIGH else 0
+    if prims > MANY_PRIMS:
+        prims = min(prims, max(1, int(np.diff(device.fetch(starts)).max())))
+
+    def rooms(blocks: int, threads: int) -> tuple[int, Any]:
+        blocks = min(blocks, BLOCKS) if prims else blocks
+        return blocks, _prim_room(device, known, prims, blocks, threads)
+
+    if order is None:
+        blocks, room = rooms(tiles, THREADS)
+        arrays = *args, device.keep(NO_ORDER), device.keep(NO_BOUNDS)
+        _walk_lists[blocks, THREADS, device.stream](options, arrays, room)
+        return
+    arrays = *args, *order
+    is_color = wants == COLOR and not any(each.size for each in (keeps, occluder_depth, holdout[0]))
+    units, count = device.keep(NO_ORDER), tiles
+    for walk_rays, parent, height in (
+        (_WALK_COLOR if is_color else _WALK_RAYS, TILE, ROWS),
+        (_WALK_FEW_ROWS, ROWS, FEW_ROWS),
+    ):
+        size = count * (parent // height)
+        again = device.borrow(f"walk again {height}", size, np.int32)
+        total = device.borrow("walk total", 1, np.int32)
+        _clear[1, 1, device.stream](total)
+        blocks, room = rooms(size, TILE * height)
+        walk_rays[blocks, TILE * height, device.stream](
+            options, arrays, room, units, count, again, total
+        )
+        units, count = again, device.number(total, 0)
+        if count == 0:
+            return
+    crowded = device.fetch(units)[:count]
+    lengths = np.diff(device.fetch(starts))[crowded // (TILE // FEW_ROWS)]
+    threads = TILE * FEW_ROWS
+    for some, longest in _groups(lengths):
+        most = max(1, ROOM // (threads * longest * FAR_ENTRY))
+        blocks, room = rooms(min(len(some), BLOCKS, most), threads)
+
+        def window(name: str, dtype: Any, depth: int = longest, blocks: int = blocks) -> Any:
+            size = blocks * depth * threads
+            return device.borrow(name, size, dtype)[:size].reshape((blocks, depth, threads))
+
+        windows = window("walk depths", np.float32), window("walk places", np.int32)
+        _WALK_FAR[blocks, threads, device.stream](
+            options, arrays, room, device.keep(crowded[some]), len(some), windows
+        )
+
+
+# --- private -------------------------------------------------------------------------------
+
+
+def _prim_room(
+    device: CudaDevice, known: int, prims: int, blocks: int, threads: int
+) -> tuple[Any, Any, Any]:
+    """Return buffers for the numbers, names and weights of the prims of each block's tile.
+
+    Args:
+        known: Number of prims of the scene.
+        prims: Maximum number of prims of a tile, 0 if they are not weighed.
+    """
+    if not prims:
+        known, prims, blocks = 1, 1, 1
+
+    def room(name: str, dtype: Any, *shape: int) -> Any:
+        size = blocks * math.prod(shape)
+        return device.borrow(name, size, dtype)[:size].reshape((blocks, *shape))
+
+    return (
+        room("walk known", np.int32, known), room("walk names", np.int32, prims),
+        room("walk table", np.float32, prims, threads),
+    )  # fmt: skip
+
+
+def _groups(lengths: Any) -> list[tuple[Any, int]]:
+    """Return groups of indices whose lists have similar lengths, and the longest of each."""
     order = np.argsort(-lengths, kind="stable").astype(np.int32)
     sizes = np.maximum(lengths[order], 1)
     groups, first = [], 0
     while first < len(order):
         end = int(np.searchsorted(-sizes, -(sizes[first] // STEP), side="left"))
         end = max(end, first + 1)
-        groups.append(order[first:end])
+        groups.append((order[first:end], int(sizes[first])))
         first = end
     return groups
-
-
-def walk(
-    device: CudaDevice, options: Any, records: Any, features: Any, keeps: Any, labels: Any,
-    *args: Any,
-) -> None:  # fmt: skip
-    """`kernels.walk.walk`: one walk for each thing that is asked for."""
-    *lists, holdout, out = args
-    color, albedo, normals, sums, through, median, front, prims, counts, offsets, deep = out
-    asked = device.fetch(options)[0]
-    # mode -> paints, their first column, part of the coverage; image, ranks and depths
-    steps = {
-        COLOR: (records, RED, 0.0, color, median),
-        ALBEDO: (features, feature.ALBEDO, 0.0, albedo, median),
-        NORMALS: (features, feature.NORMAL, 0.0, normals, median),
-        DEPTHS: (records, DEPTH_COLUMN, 0.0, sums, median),
-        MEDIAN: (records, RED, HALF, color, median),
-        FRONT: (records, RED, 0.0, color, front),
-        WEIGH: (records, RED, 0.0, color, median),
-        COUNT: (records, RED, 0.0, color, median),
-        FILL: (records, RED, 0.0, color, median),
-    }
-    for wanted, (paints, column, part, image, found) in steps.items():
-        if not asked["wants"] & wanted:
-            continue
-        chosen = np.array([asked], asked.dtype)
-        mode = {ALBEDO: PAINT, NORMALS: PAINT, DEPTHS: PAINT, FRONT: MEDIAN}.get(wanted, wanted)
-        chosen["wants"], chosen["column"], chosen["part"] = mode, column, part
-        written = image, through, *found, *prims, counts, offsets, deep
-        launch(device, chosen, records, paints, keeps, labels, *lists, holdout, written)
-
-
-def launch(device: CudaDevice, options: Any, *args: Any) -> None:
-    """Walk all pixels in one mode.
-
-    Args:
-        options: One WALK record of the host, shape (1,), `wants` the mode.
-        args: What `_walk` takes behind its windows.
-    """
-    starts, lists = args[4], args[5]
-    chosen = options[0]
-    lengths = np.diff(device.fetch(starts))
-    sort_by_ray_hit, weighs = bool(chosen["sort_by_ray_hit"]), chosen["wants"] == WEIGH
-    prims = int(chosen["prims"]) if weighs else 0
-    pairs = lists.shape[0]
-    borrow = device.borrow
-    bounds = borrow("walk bounds", pairs if sort_by_ray_hit else 0, np.float32)
-    local = borrow("walk local", pairs if weighs else 0, np.int32)
-    for tiles in _groups(lengths) if sort_by_ray_hit else [np.arange(len(lengths), dtype=np.int32)]:
-        longest = int(lengths[tiles[0]]) if sort_by_ray_hit else 0
-        here = min(prims, int(lengths[tiles].max()))
-        size = THREADS * (longest * WINDOW + 4 * here) + 8 * prims
-        blocks = min(len(tiles), max(1, ROOM // max(size, 1)))
-        blocks = min(blocks, BLOCKS) if sort_by_ray_hit or weighs else blocks
-
-        def windows(name: str, dtype: Any, depth: int = longest, blocks: int = blocks) -> Any:
-            count = blocks * depth * THREADS
-            return borrow(name, count, dtype)[:count].reshape((blocks, depth, THREADS))
-
-        known = borrow("walk known", blocks * prims, np.int32)[: blocks * prims]
-        names = borrow("walk names", blocks * (prims + 1), np.int32)[: blocks * (prims + 1)]
-        room = (
-            windows("walk depths", np.float32), windows("walk strengths", np.float32),
-            windows("walk places", np.int32), bounds, local, known.reshape((blocks, prims)),
-            names.reshape((blocks, prims + 1)), windows("walk table", np.float32, here),
-        )  # fmt: skip
-        chosen_tiles = device.keep(tiles)
-        _walk[blocks, THREADS, device.stream](device.keep(options), chosen_tiles, room, *args)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from tests.render.everything import CASES, drawn, drawn_deep
+from usdsplat.kernels.bins import TILE
+from usdsplat.kernels.cuda import walk
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
@@ -46,6 +48,23 @@ def test_all_aovs_are_those_of_the_cpu(name: str) -> None:
     # the GPU counts no rows outside the picture
     np.testing.assert_allclose(ours.pop("stats"), theirs.pop("stats"), rtol=0.2)
     for each in theirs:
+        np.testing.assert_allclose(ours[each], theirs[each], rtol=1e-4, atol=1e-5, err_msg=each)
+
+
+def test_windows_that_overflow_are_followed_by_longer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows of one and two contributions, and then of any number. Oracle: the CPU's loops."""
+    short = walk._ray_walk("walk_rays", TILE, walk.ROWS, 1)
+    longer = walk._ray_walk("walk_few_rows", walk.ROWS, walk.FEW_ROWS, 2)
+    monkeypatch.setattr(walk, "_WALK_RAYS", short)
+    monkeypatch.setattr(walk, "_WALK_FEW_ROWS", longer)
+    longest: list[Any] = []
+    groups = walk._groups
+    monkeypatch.setattr(walk, "_groups", lambda lengths: longest.append(lengths) or groups(lengths))
+    case = CASES["rays and surfaces"]
+    ours = drawn(CudaDevice(), case, size=SIZE, splats=SPLATS)
+    theirs = drawn(PythonDevice(threads=1), case, size=SIZE, splats=SPLATS)
+    assert longest and all(lengths.size for lengths in longest)
+    for each in set(theirs) - {"stats"}:
         np.testing.assert_allclose(ours[each], theirs[each], rtol=1e-4, atol=1e-5, err_msg=each)
 
 
