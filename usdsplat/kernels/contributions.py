@@ -38,8 +38,9 @@ def least_depth(fields, splat, is_parallel):
     """Return a depth in front of which no ray of a tile hits the splat of fields[splat:]."""
     hit = splat + HIT
     return least_hit(
-        fields[splat], fields[splat + 1], fields[hit + GX], fields[hit + GY], fields[hit + HX],
-        fields[hit + HY], fields[hit + HZ], fields[hit + CENTER], fields[hit + REACH], is_parallel,
+        fields[splat], fields[splat + 1], np.float32(TILE - 1), fields[hit + GX], fields[hit + GY],
+        fields[hit + HX], fields[hit + HY], fields[hit + HZ], fields[hit + CENTER],
+        fields[hit + REACH], is_parallel,
     )  # fmt: skip
 
 

@@ -23,7 +23,6 @@ import math
 
 import numpy as np
 
-from .bins import TILE
 from .jit import exact, scalar
 from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
@@ -129,14 +128,15 @@ def ray_hit_at(dx, gx, gy, first, second, third, center, reach, is_parallel):
 
 
 @scalar
-def least_hit(u, v, gx, gy, hx, hy, hz, center, reach, is_parallel):
-    """Return a depth in front of which no ray of a tile hits a splat.
+def least_hit(u, v, most, gx, gy, hx, hy, hz, center, reach, is_parallel):
+    """Return a depth in front of which no ray of a square of pixels hits a splat.
 
     Args:
-        u, v: The splat's place relative to the tile [pixel].
+        u, v: The splat's place relative to the square's first pixel [pixel].
+        most: Last column and row of the square.
         gx, gy, hx, hy, hz, center, reach: The splat's ray hit.
     """
-    zero, most = np.float32(0), np.float32(TILE - 1)
+    zero = np.float32(0)
     base = center - reach
     x0, y0 = -u, -v
     x1, y1 = most + x0, most + y0
@@ -144,7 +144,7 @@ def least_hit(u, v, gx, gy, hx, hy, hz, center, reach, is_parallel):
     ay0, ay1 = hx * y0, hx * y1
     bx0, bx1 = gy * x0, gy * x1
     by0, by1 = hy * y0, hy * y1
-    # d = (a, b, c) is linear in a pixel's place: its extremes are at corners of the tile
+    # d = (a, b, c) is linear in a pixel's place: its extremes are at corners of the square
     low = np.float32(1) + min(ax0, ax1) + min(ay0, ay1)
     high = np.float32(1) + max(ax0, ax1) + max(ay0, ay1)
     b = max(abs(min(bx0, bx1) + min(by0, by1)), abs(max(bx0, bx1) + max(by0, by1)))

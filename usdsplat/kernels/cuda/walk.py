@@ -1,10 +1,10 @@
 """Walk through the contributions to each pixel on a GPU, with one thread for each pixel of a tile.
 
-Where pixels have orders of their own, lists are sorted as in `ray_order`, and each thread has a
-window: contributions that wait until no splat still to come may be in front of them. Windows are in
-shared memory. Where one overflows, the tile is walked again by blocks of fewer threads, whose
-windows are longer, and at last with windows in the GPU's memory that hold the longest list. So the
-order is exact.
+Where pixels have orders of their own, a block walks a quarter of a tile, whose list `ray_order`
+makes, and each thread has a window: contributions that wait until no splat still to come may be in
+front of them. Windows are in shared memory. Where one overflows, the quarter is walked again by
+blocks of fewer threads, whose windows are longer, and at last with windows in the GPU's memory that
+hold the longest list. So the order is exact.
 
 A median needs the coverage of its pixel, so it takes a second walk.
 
@@ -26,7 +26,7 @@ from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.falloff import behind
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.prims import number_prims, strongest
-from usdsplat.kernels.cuda.ray_order import ray_order
+from usdsplat.kernels.cuda.ray_order import QUARTERS, SIDE, ray_order
 from usdsplat.kernels.cuda.tile import (
     BATCH,
     FIELDS,
@@ -40,7 +40,6 @@ from usdsplat.kernels.cuda.tile import (
     is_hidden,
     origin,
 )
-from usdsplat.kernels.cuda.warp import LANES
 from usdsplat.kernels.project import DEPTH, RED
 from usdsplat.kernels.walk import (
     ALBEDO,
@@ -70,11 +69,11 @@ FLUSH = 8
 """Number of splats between two passes over the windows."""
 RAY_BATCH = 64
 """Number of splats of a batch where windows need the shared memory."""
-ROWS, FEW_ROWS = 4, 2
-"""Rows of a tile that a block walks, at first and where windows overflow."""
+FEW_ROWS = SIDE // 2
+"""Rows of a quarter that a block walks where windows overflow."""
 SLOTS, MORE_SLOTS = 56, 224
-"""Contributions that a window holds in these cases. The windows of a block take 21 and 42 KiB of
-shared memory: 6 bytes of each contribution, for depth and place in the tile's list."""
+"""Contributions that a window holds at first, and then. The windows of a block take 21 and 42 KiB
+of shared memory: 6 bytes of each contribution, for depth and place in the list."""
 MOST_PLACES = 1 << 16
 """Number of places that fit into such a window."""
 FAR_ENTRY = 8
@@ -85,7 +84,8 @@ BLOCKS = 132 * 4
 """Number of blocks that a GPU runs at once."""
 MANY_PRIMS = 256
 """Number of prims of a scene from which the longest list bounds those of a tile."""
-NO_ORDER, NO_BOUNDS = np.empty(0, np.int32), np.empty(0, np.float32)
+NO_UNITS = np.empty(0, np.int32)
+NO_ORDER = np.empty(0, np.int64), NO_UNITS, np.empty(0, np.float32)
 STEP = 4
 """Lists of a group differ in length by less than this factor."""
 
@@ -213,34 +213,27 @@ def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, o
         through[row, column] = min(beyond, np.float32(1))
 
 
-def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False) -> Any:
-    """Return a device function that walks some rows of a tile, with a block of TILE * height
-    threads.
+def _block_walk(
+    width: int, height: int, size: int, *, sorts: bool, only_color: bool = False
+) -> Any:
+    """Return a device function that walks pixels of a tile, with a thread for each.
 
     Args:
-        height: Number of rows.
+        width, height: Number of columns and rows.
         size: Number of splats of a batch.
         sorts: Whether pixels are sorted by their ray hits.
         only_color: Whether only COLOR is asked for, of splats alone.
     """
     ends = size + 1
 
-    def pixel_of(thread):
-        """Return column and row of a thread's pixel: a warp has 8 by 4 pixels, or 16 by 2."""
-        if height < 4:
-            return thread % TILE, thread // TILE
-        lane, warp = thread % LANES, thread // LANES
-        return warp % 2 * 8 + lane % 8, warp // 2 * 4 + lane // 8
-
-    pixel_of = cuda.jit(device=True)(pixel_of)
-
     @cuda.jit(device=True)
-    def walk_tile(
-        window, tile, part, options, records, features, keeps, labels, starts, lists, grid,
-        ray_hits, occluder_depth, covered, holdout, out, ranks, bounds, known, names, table,
+    def walk_block(
+        window, tile, first_pixel, listed, options, records, features, keeps, labels, starts,
+        lists, grid, ray_hits, occluder_depth, covered, holdout, out, firsts, ranks, bounds, known,
+        names, table,
     ):  # fmt: skip
-        """Walk rows from part * height on. Return whether a window overflowed: then nothing is
-        written."""
+        """Walk the pixels from `first_pixel` of the tile on, as (column, row), and `listed` splats,
+        as (first place, number). Return whether a window overflowed: then nothing is written."""
         color, albedo, normals, sums_out, through, median, front, ids, counts, offsets, deep = out
         batch = cuda.shared.array((FIELDS, size), np.float32)
         shape = cuda.shared.array((RAY_HITS, size), np.float32)
@@ -252,8 +245,7 @@ def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False)
         marks = cuda.local.array(2, np.int32)
         numbers = state, sums, marks
         thread = cuda.threadIdx.x
-        x, y = pixel_of(thread)
-        y += part * height
+        x, y = first_pixel[0] + thread % width, first_pixel[1] + thread // width
         g = grid[0]
         given, _, is_parallel, _, error, near = options
         wants = COLOR if only_color else given
@@ -261,11 +253,12 @@ def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False)
         left, top = origin(g, tile)
         column, row = left + x - g.x0, top + y - g.y0
         inside = g.x0 <= left + x < g.x1 and g.y0 <= top + y < g.y1
-        begin, n = starts[tile], starts[tile + 1] - starts[tile]
+        begin, n = listed
         pixel = row * (g.x1 - g.x0) + column
         prims = 0
         if wants & WEIGH:
-            prims = number_prims(lists, labels, begin, n, known, names, thread)
+            of_tile = starts[tile + 1] - starts[tile]
+            prims = number_prims(lists, labels, starts[tile], of_tile, known, names, thread)
             for j in range(prims):
                 table[j, thread] = np.float32(0)
         for k in range(STATE):
@@ -293,7 +286,7 @@ def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False)
             if cuda.syncthreads_count(np.int32(alive)) == 0:
                 break
             filled = min(size, n - first)
-            for i in range(thread, filled, height * TILE):
+            for i in range(thread, filled, width * height):
                 rank = ranks[begin + first + i] if sorts else lists[begin + first + i]
                 chosen[i] = rank
                 fetch_splat(records, rank, left, top, batch, rows, i)
@@ -352,10 +345,10 @@ def _tile_walk(height: int, size: int, *, sorts: bool, only_color: bool = False)
             )  # fmt: skip
         return False
 
-    return walk_tile
+    return walk_block
 
 
-_WALK_LISTS = _tile_walk(TILE, BATCH, sorts=False)
+_WALK_TILE = _block_walk(TILE, TILE, BATCH, sorts=False)
 
 
 @kernel
@@ -369,30 +362,42 @@ def _walk_lists(options, arrays, prims):
     room = min(block, known.shape[0] - 1)
     for tile in range(block, starts.shape[0] - 1, cuda.gridDim.x):
         cuda.syncthreads()
-        _WALK_LISTS(
-            (none, no_places), tile, 0, options, *arrays, known[room], names[room], table[room]
-        )
+        listed = starts[tile], starts[tile + 1] - starts[tile]
+        _WALK_TILE(
+            (none, no_places), tile, (0, 0), listed, options, *arrays, known[room], names[room],
+            table[room],
+        )  # fmt: skip
 
 
 def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bool = False) -> Any:
-    """Return the kernel that walks rows of tiles in the order of ray hits.
+    """Return the kernel that walks rows of quarters of tiles in the order of ray hits.
 
     Args:
         parent: Number of rows of the units that it is given.
         height: Number of rows that a block walks.
         slots: Contributions that a window in shared memory holds; 0 if windows are in the GPU's
             memory.
-        only_color: See `_tile_walk`.
+        only_color: See `_block_walk`.
     """
-    walk_tile = _tile_walk(height, RAY_BATCH, sorts=True, only_color=only_color)
-    threads, parts, units_of_tile = TILE * height, parent // height, TILE // parent
+    walk_block = _block_walk(SIDE, height, RAY_BATCH, sorts=True, only_color=only_color)
+    threads, parts, units_of_quarter = SIDE * height, parent // height, SIDE // parent
     size = slots, threads
 
     def place_of(k, units):
+        """Return quarter and part of it that is walked as the k-th."""
         unit = units[k // parts] if units.shape[0] > 0 else k // parts
-        return unit // units_of_tile, unit % units_of_tile * parts + k % parts
+        return unit // units_of_quarter, unit % units_of_quarter * parts + k % parts
 
-    place_of = cuda.jit(device=True)(place_of)
+    def walk_part(quarter, part, window, options, arrays, known, names, table):
+        firsts = arrays[12]
+        of_tile = quarter % QUARTERS
+        first_pixel = of_tile % 2 * SIDE, of_tile // 2 * SIDE + part * height
+        listed = firsts[quarter], firsts[quarter + 1] - firsts[quarter]
+        return walk_block(
+            window, quarter // QUARTERS, first_pixel, listed, options, *arrays, known, names, table
+        )
+
+    place_of, walk_part = cuda.jit(device=True)(place_of), cuda.jit(device=True)(walk_part)
 
     def walk_rays(options, arrays, prims, units, count, again, total):
         known, names, table = prims
@@ -400,14 +405,14 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
         places = cuda.shared.array(size, np.uint16)
         room = min(cuda.blockIdx.x, known.shape[0] - 1)
         for k in range(cuda.blockIdx.x, count * parts, cuda.gridDim.x):
-            tile, part = place_of(k, units)
+            quarter, part = place_of(k, units)
             cuda.syncthreads()
-            overflows = walk_tile(
-                (depths, places), tile, part, options, *arrays, known[room], names[room],
+            overflows = walk_part(
+                quarter, part, (depths, places), options, arrays, known[room], names[room],
                 table[room],
             )  # fmt: skip
             if overflows and cuda.threadIdx.x == 0:
-                again[cuda.atomic.add(total, 0, 1)] = tile * (TILE // height) + part
+                again[cuda.atomic.add(total, 0, 1)] = quarter * (SIDE // height) + part
 
     def walk_far(options, arrays, prims, units, count, windows):
         known, names, table = prims
@@ -415,19 +420,19 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
         block = cuda.blockIdx.x
         room = min(block, known.shape[0] - 1)
         for k in range(block, count * parts, cuda.gridDim.x):
-            tile, part = place_of(k, units)
+            quarter, part = place_of(k, units)
             cuda.syncthreads()
-            walk_tile(
-                (depths[block], places[block]), tile, part, options, *arrays, known[room],
+            walk_part(
+                quarter, part, (depths[block], places[block]), options, arrays, known[room],
                 names[room], table[room],
             )  # fmt: skip
 
     return kernel(walk_rays if slots else walk_far, name=f"cuda.walk.{name}")
 
 
-_WALK_COLOR = _ray_walk("walk_color", TILE, ROWS, SLOTS, only_color=True)
-_WALK_RAYS = _ray_walk("walk_rays", TILE, ROWS, SLOTS)
-_WALK_FEW_ROWS = _ray_walk("walk_few_rows", ROWS, FEW_ROWS, MORE_SLOTS)
+_WALK_COLOR = _ray_walk("walk_color", SIDE, SIDE, SLOTS, only_color=True)
+_WALK_RAYS = _ray_walk("walk_rays", SIDE, SIDE, SLOTS)
+_WALK_FEW_ROWS = _ray_walk("walk_few_rows", SIDE, FEW_ROWS, MORE_SLOTS)
 _WALK_FAR = _ray_walk("walk_far", FEW_ROWS, FEW_ROWS, 0)
 
 
@@ -473,30 +478,30 @@ def walk_pixels(
 
     if order is None:
         blocks, room = rooms(tiles, THREADS)
-        arrays = *args, device.keep(NO_ORDER), device.keep(NO_BOUNDS)
+        arrays = *args, *map(device.keep, NO_ORDER)
         _walk_lists[blocks, THREADS, device.stream](options, arrays, room)
         return
     arrays = *args, *order
     is_color = wants == COLOR and not any(each.size for each in (keeps, occluder_depth, holdout[0]))
-    units, count = device.keep(NO_ORDER), tiles
+    units, count = device.keep(NO_UNITS), QUARTERS * tiles
     for walk_rays, parent, height in (
-        (_WALK_COLOR if is_color else _WALK_RAYS, TILE, ROWS),
-        (_WALK_FEW_ROWS, ROWS, FEW_ROWS),
+        (_WALK_COLOR if is_color else _WALK_RAYS, SIDE, SIDE),
+        (_WALK_FEW_ROWS, SIDE, FEW_ROWS),
     ):
         size = count * (parent // height)
         again = device.borrow(f"walk again {height}", size, np.int32)
         total = device.borrow("walk total", 1, np.int32)
         _clear[1, 1, device.stream](total)
-        blocks, room = rooms(size, TILE * height)
-        walk_rays[blocks, TILE * height, device.stream](
+        blocks, room = rooms(size, SIDE * height)
+        walk_rays[blocks, SIDE * height, device.stream](
             options, arrays, room, units, count, again, total
         )
         units, count = again, device.number(total, 0)
         if count == 0:
             return
     crowded = device.fetch(units)[:count]
-    lengths = np.diff(device.fetch(starts))[crowded // (TILE // FEW_ROWS)]
-    threads = TILE * FEW_ROWS
+    lengths = np.diff(device.fetch(order[0]))[crowded // (SIDE // FEW_ROWS)]
+    threads = SIDE * FEW_ROWS
     for some, longest in _groups(lengths):
         most = max(1, ROOM // (threads * longest * FAR_ENTRY))
         blocks, room = rooms(min(len(some), BLOCKS, most), threads)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.render.everything import CASES, drawn, drawn_deep
-from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.cuda import walk
 from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.ray_order import SIDE
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
 
@@ -53,8 +53,8 @@ def test_all_aovs_are_those_of_the_cpu(name: str) -> None:
 
 def test_windows_that_overflow_are_followed_by_longer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows of one and two contributions, and then of any number. Oracle: the CPU's loops."""
-    short = walk._ray_walk("walk_rays", TILE, walk.ROWS, 1)
-    longer = walk._ray_walk("walk_few_rows", walk.ROWS, walk.FEW_ROWS, 2)
+    short = walk._ray_walk("walk_rays", SIDE, SIDE, 1)
+    longer = walk._ray_walk("walk_few_rows", SIDE, walk.FEW_ROWS, 2)
     monkeypatch.setattr(walk, "_WALK_RAYS", short)
     monkeypatch.setattr(walk, "_WALK_FEW_ROWS", longer)
     longest: list[Any] = []
