@@ -67,12 +67,12 @@ SPLAT, SAMPLES = 0, 1
 """Integers of a pixel: rank of the splat found, number of deep samples."""
 FLUSH = 8
 """Number of splats between two passes over the windows."""
-RAY_BATCH = 64
+RAY_BATCH = 32
 """Number of splats of a batch where windows need the shared memory."""
 FEW_ROWS = SIDE // 2
 """Rows of a quarter that a block walks where windows overflow."""
-SLOTS, MORE_SLOTS = 56, 224
-"""Contributions that a window holds at first, and then. The windows of a block take 21 and 42 KiB
+SLOTS, MORE_SLOTS = 40, 224
+"""Contributions that a window holds at first, and then. The windows of a block take 15 and 42 KiB
 of shared memory: 6 bytes of each contribution, for depth and place in the list."""
 MOST_PLACES = 1 << 16
 """Number of places that fit into such a window."""
@@ -161,22 +161,62 @@ def _held_at_stop(holdout, pixel, stop):
 
 
 @cuda.jit(device=True)
+def _is_before(depth, place, other_depth, other, ranks, begin):
+    """Return whether a contribution is in front of another one; equal depths go by rank."""
+    if depth == other_depth:
+        return ranks[begin + place] < ranks[begin + other]
+    return depth < other_depth
+
+
+@cuda.jit(device=True)
 def _insert(window, thread, head, held, depth, place, ranks, begin):
-    """Insert a contribution into a window sorted by depth; equal depths are sorted by rank."""
+    """Insert a contribution into a sorted window, a ring that begins at `head`."""
     depths, places = window
     last = depths.shape[0] - 1
     at = head + held
     at = at - depths.shape[0] if at > last else at
     for _ in range(held):
         before = at - 1 if at > 0 else last
-        front = depths[before, thread]
-        if front < depth:
-            break
-        waiting = places[before, thread]
-        if front == depth and ranks[begin + waiting] < ranks[begin + place]:
+        front, waiting = depths[before, thread], places[before, thread]
+        if _is_before(front, waiting, depth, place, ranks, begin):
             break
         depths[at, thread], places[at, thread] = front, waiting
         at = before
+    depths[at, thread], places[at, thread] = depth, place
+
+
+@cuda.jit(device=True)
+def _push(window, thread, held, depth, place, ranks, begin):
+    """Insert a contribution into a long window, a binary heap of `held` contributions."""
+    depths, places = window
+    at = held
+    while at > 0:
+        above = (at - 1) >> 1
+        front, waiting = depths[above, thread], places[above, thread]
+        if _is_before(front, waiting, depth, place, ranks, begin):
+            break
+        depths[at, thread], places[at, thread] = front, waiting
+        at = above
+    depths[at, thread], places[at, thread] = depth, place
+
+
+@cuda.jit(device=True)
+def _pop(window, thread, held, ranks, begin):
+    """Remove the first contribution of a binary heap of `held` contributions."""
+    depths, places = window
+    last = held - 1
+    depth, place = depths[last, thread], places[last, thread]
+    at, below = 0, 1
+    while below < last:
+        front, waiting = depths[below, thread], places[below, thread]
+        if below + 1 < last:
+            other, its_place = depths[below + 1, thread], places[below + 1, thread]
+            if _is_before(other, its_place, front, waiting, ranks, begin):
+                below, front, waiting = below + 1, other, its_place
+        if _is_before(depth, place, front, waiting, ranks, begin):
+            break
+        depths[at, thread], places[at, thread] = front, waiting
+        at, below = below, 2 * below + 1
     depths[at, thread], places[at, thread] = depth, place
 
 
@@ -214,7 +254,13 @@ def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, o
 
 
 def _block_walk(
-    width: int, height: int, size: int, *, sorts: bool, only_color: bool = False
+    width: int,
+    height: int,
+    size: int,
+    *,
+    sorts: bool,
+    is_long: bool = False,
+    only_color: bool = False,
 ) -> Any:
     """Return a device function that walks pixels of a tile, with a thread for each.
 
@@ -222,6 +268,7 @@ def _block_walk(
         width, height: Number of columns and rows.
         size: Number of splats of a batch.
         sorts: Whether pixels are sorted by their ray hits.
+        is_long: Whether windows are heaps, which are faster if many contributions wait.
         only_color: Whether only COLOR is asked for, of splats alone.
     """
     ends = size + 1
@@ -312,7 +359,10 @@ def _block_walk(
                             break
                         depth = depth_in(batch, shape, i, x, y, is_parallel)
                         depth = min(max(depth, near), stop)
-                        _insert(window, thread, head, held, depth, first + i, ranks, begin)
+                        if is_long:
+                            _push(window, thread, held, depth, first + i, ranks, begin)
+                        else:
+                            _insert(window, thread, head, held, depth, first + i, ranks, begin)
                         held += np.int32(1)
                     elif goes_in:
                         depth = min(records[chosen[i], DEPTH], stop)
@@ -331,7 +381,10 @@ def _block_walk(
                             wants, error, rank, alpha, depth, pixel, thread, numbers, splats,
                             prim_arrays, holdout, samples,
                         )  # fmt: skip
-                        head = head + np.int32(1) if head < slots - 1 else np.int32(0)
+                        if is_long:
+                            _pop(window, thread, held, ranks, begin)
+                        else:
+                            head = head + np.int32(1) if head < slots - 1 else np.int32(0)
                         held -= np.int32(1)
         if sorts and cuda.syncthreads_count(np.int32(overflows)) > 0:
             return True
@@ -379,7 +432,9 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
             memory.
         only_color: See `_block_walk`.
     """
-    walk_block = _block_walk(SIDE, height, RAY_BATCH, sorts=True, only_color=only_color)
+    walk_block = _block_walk(
+        SIDE, height, RAY_BATCH, sorts=True, is_long=height < SIDE, only_color=only_color
+    )
     threads, parts, units_of_quarter = SIDE * height, parent // height, SIDE // parent
     size = slots, threads
 
