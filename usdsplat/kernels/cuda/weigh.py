@@ -1,4 +1,4 @@
-"""The weights of prims on a GPU: `walk` has a thread for each pixel, in any order."""
+"""Weigh prims on a GPU with `walk`: one thread for each pixel, with splats in any order."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ NOTHING: dict[str, Any] = {
     "counts": np.empty((0, 0), np.uint32),
     "colors": np.empty((0, 4), np.float32),
 }
-"""What `walk` takes for other modes."""
+"""Empty arrays for the arguments of `walk` that other modes use."""
 
 
 def weigh(
     device: CudaDevice, records: Any, labels: Any, prims: int, starts: Any, lists: Any, grid: Any,
     ray_hits: Any, occluder_depth: Any, is_parallel: bool, ids: Any, weights: Any,
 ) -> None:  # fmt: skip
-    """`kernels.weigh.weigh`."""
+    """Weigh prims, see `kernels.weigh.weigh`."""
     options = np.zeros(1, WALK)
     options["wants"], options["prims"], options["is_parallel"] = WEIGH, prims, is_parallel
     no = {name: device.keep(array) for name, array in NOTHING.items()}
