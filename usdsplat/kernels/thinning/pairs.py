@@ -142,7 +142,7 @@ def cheapest(
     Args:
         rows: Rows of the remaining splats, (m,) i32.
         near: Neighbours of each splat, as entries of `rows`, (m, k) i32; -1 or the splat itself is
-        no neighbour.
+            no neighbour.
         positions, covariances, masses, volumes, opacities: Values of all rows.
         sh: Harmonics of all rows, (n, 3 coefficients) f32.
         by_color, by_opacity: Cost of a squared difference of 1 [nat], float64.
@@ -182,14 +182,14 @@ def match(order, partners, most, taken, pairs):
     """Select pairs in order, none of which shares a splat with an earlier one.
 
     Args:
-            order: Entries of `partners`, (m,) i64.
-            partners: Partner of each entry, (m,) i32; -1 is none.
-            most: Largest number of pairs.
-            taken: Initially False; receives whether an entry is in a selected pair, (m,) bool.
-            pairs: Receives the selected pairs, (most, 2) i32.
+        order: Entries of `partners`, (m,) i64.
+        partners: Partner of each entry, (m,) i32; -1 is none.
+        most: Largest number of pairs.
+        taken: Initially False; receives whether an entry is in a selected pair, (m,) bool.
+        pairs: Receives the selected pairs, (most, 2) i32.
 
-        Returns:
-            Number of selected pairs.
+    Returns:
+        Number of selected pairs.
     """
     found = 0
     for s in order:

@@ -116,6 +116,7 @@ class FramePicture:
 
         The second half is launched before its two numbers are known, with those of the last
         picture. It is launched again if they were too small.
+
         Returns:
             Premultiplied colour and coverage, shape (height, width, 4) f32; None if there are more
             than MOST_PAIRS pairs of splat and tile.
