@@ -1,4 +1,4 @@
-"""`usdsplat convert`."""
+"""Tests of `usdsplat convert`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat render`, from the command line to the pixels of files."""
+"""Tests of `usdsplat render`, from the command line to the pixels of files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""glTF documents: every kind of attribute, nodes, SPZ inside, buffers anywhere, and lies."""
+"""Tests of glTF documents: all kinds of attributes, nodes, SPZ data, buffers and false sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streamed SOG: trees made by hand over files whose splats are known."""
+"""Tests of streamed SOG: trees made by hand over files with known splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Suffixes decide what becomes what."""
+"""Tests that suffixes select the kind of conversion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A capture file becomes a splat field."""
+"""Tests of importing a capture as a splat field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a field's splats lie in memory."""
+"""Tests of the order of a field's splats in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Garbage mattes on the stage: what splats are cropped by."""
+"""Tests of garbage mattes on the stage."""
 
 from __future__ import annotations
 
