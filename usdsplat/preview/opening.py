@@ -82,7 +82,7 @@ def open_document(
         stage = _import(path, axes, publish)
     else:
         if axes is not None:
-            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
+            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
         stage = opening.open_as_asked(
             path,
             variants=loading.variants,

@@ -1,7 +1,7 @@
 """Pattern and local density of a field, on which births and sizes depend.
 
 Both are evaluated on splats at rest, where growth has moved them: bending a surface does not change
-its pattern. What belongs to splats is in the state's memory, so that children inherit it.
+its pattern. Data of splats is in the state's memory, so that children inherit it.
 """
 
 from __future__ import annotations
