@@ -75,7 +75,7 @@ def main(folder: Path) -> Path:
         last = opened.start + FRAMES - 1
         status = until(SimulationStatus, lambda each: (each.frame or 0) >= last)
         ask(lambda document: document.simulation.pause())
-        print(f"frames {status.frames} are there to be looked at")
+        print(f"frames {status.frames} can be shown")
         there = replace(view, time=last)
         ask(lambda document: save_view(document, there, folder / "after.png"))
         ask(lambda document: save_view(document, there, folder / "after.exr"))
@@ -91,7 +91,7 @@ def check(folder: Path) -> None:
     first, last = (image.get_pixels(oiio.FLOAT) for image in (before, after))
     assert first.shape == last.shape == (360, 480, 3)
     moved = float(np.mean(np.abs(first - last).max(axis=-1) > 0.02))
-    print(f"{moved:.1%} of the pixels are other than before")
+    print(f"{moved:.1%} of the pixels have changed")
     assert moved > 0.001
     spec = oiio.ImageBuf(str(folder / "after.exr")).spec()
     assert spec.channelnames == ("R", "G", "B", "A")
