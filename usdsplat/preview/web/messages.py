@@ -91,9 +91,9 @@ class LookAround(_Drag):
 class Fly:
     """Set the flight direction, until the next message of this type or the end of the move."""
 
-    right: float = knob(0.0, "fraction of the flight speed", range=_SPEED)
-    up: float = knob(0.0, "fraction of the flight speed", range=_SPEED)
-    forward: float = knob(0.0, "fraction of the flight speed", range=_SPEED)
+    right: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
+    up: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
+    forward: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
