@@ -1,2 +1,4 @@
-"""Measurements that anybody can repeat: each prints a table, with floor and peer in the same
-run."""
+"""Repeatable measurements.
+
+Each prints a table, with the floor and a peer measured in the same run.
+"""

@@ -1,9 +1,9 @@
-"""How long a capture takes from a .ply to a saved stage, in each form.
+"""Measure the time from a .ply to a saved stage, in each form.
 
     python -m benchmarks.author [SPLATS]
 
-The floor is the time that this machine takes to read the source's bytes and to write the stage's
-bytes with no format at all.
+The floor is the time in which this machine reads the source's bytes and writes the stage's bytes
+without any format.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REPEATS = 3
 
 
 def capture(count: int) -> SplatCloud:
-    """Random splats of degree 3 with a fixed seed."""
+    """Return random splats of degree 3 with a fixed seed."""
     rng = np.random.default_rng(0)
     q = rng.normal(size=(count, 4)).astype(np.float32)
     return SplatCloud(
@@ -41,7 +41,7 @@ def capture(count: int) -> SplatCloud:
 
 
 def seconds(action: object, *args: object) -> tuple[float, float]:
-    """Median wall and CPU seconds of a call."""
+    """Return the median wall and CPU seconds of a call."""
     assert callable(action)
     spent = []
     for _ in range(REPEATS):
@@ -53,7 +53,7 @@ def seconds(action: object, *args: object) -> tuple[float, float]:
 
 
 def copy(source: Path, target: Path, size: int) -> None:
-    """The floor: read the source, write `size` bytes."""
+    """Read the source and write `size` bytes: the floor."""
     data = source.read_bytes()
     target.write_bytes((data * (size // len(data) + 1))[:size] if size > len(data) else data[:size])
 

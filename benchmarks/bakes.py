@@ -1,10 +1,10 @@
-"""How large a bake is and how long it takes, in each mode, where a part of a capture moves.
+"""Measure size and time of a bake in each mode, if a part of a capture moves.
 
     python -m benchmarks.bakes [SPLATS] [FRAMES]
 
-The simulation costs nothing here: frames are made beforehand. The floor is the time that this
-machine takes to write as many bytes as the samples have. Reading is `schema.fetch` of the frames
-from a fresh stage, every number looked at.
+Frames are made beforehand, so the simulation takes no time. The floor is the time in which this
+machine writes as many bytes as the samples have. Reading is `schema.fetch` of all frames from a new
+stage, with every number used.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ WRITES = frozenset({"positions", "rotations"})
 
 
 def frame(rest: SplatCloud, step: int) -> Frame:
-    """The first splats turn by two degrees a frame and drift."""
+    """Return a frame in which the first splats rotate by two degrees per frame and drift."""
     rows = slice(0, int(MOVING * len(rest)))
     positions, rotations = rest.positions.copy(), rest.rotations.copy()
     positions[rows, 1] += np.float32(0.01 * step)
@@ -54,14 +54,14 @@ def frame(rest: SplatCloud, step: int) -> Frame:
 
 
 def spent(action: Callable[[], object]) -> tuple[float, float]:
-    """Wall and CPU seconds of a call."""
+    """Return the wall and CPU seconds of a call."""
     wall, cpu = time.perf_counter(), time.process_time()
     action()
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
 def bake(stage: Usd.Stage, rest: SplatCloud, mode: Mode, target: Path, frames: int) -> float:
-    """Bake; returns wall seconds without those in which frames are made."""
+    """Bake, and return the wall seconds without the time to make the frames."""
     times = [1.0 + step for step in range(frames)]
     parameters = BakeParameters(mode=mode)
     memory = Provenance(
@@ -85,7 +85,7 @@ def bake(stage: Usd.Stage, rest: SplatCloud, mode: Mode, target: Path, frames: i
 
 
 def read(target: Path, frames: int) -> None:
-    """Look at every number of every frame."""
+    """Read every number of every frame."""
     stage = Usd.Stage.Open(str(target))
     for step in range(frames):
         cloud = schema.fetch(stage.GetPrimAtPath(PATH), 1.0 + step)

@@ -1,10 +1,10 @@
-"""How exact colours are: a chart of 24 splat patches through every colour mode.
+"""Measure colour accuracy: a chart of 24 splat patches in every colour mode.
 
     python -m benchmarks.colour
 
-Each picture is taken back to what an sRGB display shows of it and compared with the capture, or
-with the grade that was asked for, by CIE 2000. Views go forward through OpenImageIO; what is graded
-is computed by colour-science alone.
+Each picture is converted to what an sRGB display shows, and compared with the capture, or with the
+requested grade, by CIE 2000. Views are applied by OpenImageIO. Expected grades are computed by
+colour-science alone.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ def main(report: Report) -> None:
 
 
 def captured() -> F64:
-    """The light of the chart as an sRGB capture holds it, linear Rec.709."""
+    """Return the colours of the chart as stored in an sRGB capture, linear Rec.709."""
     rgb: F64 = colour_science().models.eotf_sRGB(chart.chart_codes())
     return rgb
 
 
 def graded() -> F64:
-    """The chart graded as `main` does it, linear Rec.709."""
+    """Return the chart with the grade that `main` applies, linear Rec.709."""
     colour = colour_science()
     space = colour.RGB_COLOURSPACES["sRGB"]
     tungsten = colour.UCS_uv_to_xy(colour.temperature.CCT_to_uv_Krystek1985(3200.0))
@@ -86,7 +86,7 @@ def graded() -> F64:
 
 
 def as_shown(found: F64, settings: dict[str, Any]) -> tuple[F64, str]:
-    """What an sRGB display shows of a picture, linear Rec.709, and which part of it fails."""
+    """Return what an sRGB display shows of a picture, linear Rec.709, and the failed fraction."""
     colour = colour_science()
     mode, space = settings["color_mode"], settings.get("working_space", "lin_rec709_scene")
     if mode == "display":
@@ -108,7 +108,7 @@ def _row(table: Table, name: str, found: F64, wanted: F64, failed: str) -> None:
 
 
 def _seconds() -> float:
-    """Median of three."""
+    """Return the median of three timings."""
     view = open_view(
         config=ACES2["ocio_config"], view=ACES2["ocio_view"], working_space="lin_ap1_scene"
     )

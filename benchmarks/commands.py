@@ -1,9 +1,9 @@
-"""What a command takes from its start to its end, in a first process and in later ones.
+"""Measure the time of commands from start to end, in a first process and in later ones.
 
     python -m benchmarks.commands [--json FILE]
 
-The first process finds no compiled kernel, the later ones what it has kept; medians of those. A
-device that is not here is left out.
+The first process finds no compiled kernels; the later ones use those that it stored. Their times
+are medians. A device that is not available is left out.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks.scenes import DATA
 from usdsplat.kernels.cuda.support import obstacle
 
 LATER = 3
-"""Processes after the first."""
+"""Number of processes after the first."""
 CAPTURE = DATA / "splats/statue_angel.sog"
 PICTURE = ("render", str(CAPTURE), "--resolution", "1920x1080", "--device", "{device}")
 COMMANDS: dict[str, tuple[str, ...]] = {
@@ -35,7 +35,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 def seconds(words: list[str], cache: Path) -> float:
-    """What one process takes [s]."""
+    """Return the time of one process [s]."""
     program = "import sys; from usdsplat.cli.main import main; sys.exit(main(sys.argv[1:]))"
     before = time.perf_counter()
     subprocess.run(

@@ -1,10 +1,10 @@
-"""The highest memory of a conversion from .ply to .usdc, each in a process of its own.
+"""Measure the peak memory of conversions from .ply to .usdc, each in a separate process.
 
     python -m benchmarks.convert_memory [SPLATS [FRAMES]]
 
-The source is generated, degree 3. Beside the peak stand what a process holds that converts a single
-splat, and the float arrays of USD: 236 bytes a splat. A sequence of FRAMES captures of a tenth of
-SPLATS each must take no more than one of them; its arrays are those of one frame.
+The source is generated, degree 3. For comparison, the table has the memory of a process that
+converts a single splat, and USD's float arrays: 236 bytes per splat. A sequence of FRAMES captures
+of a tenth of SPLATS each must not take more than one of them; its arrays are those of one frame.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from benchmarks.report import Report
 from usdsplat import formats
 
 BYTES = 236
-"""Of a splat of degree 3 in USD's float arrays."""
+"""Bytes of a splat of degree 3 in USD's float arrays."""
 MIB = 1 << 20
 _BLOCK = 100_000
 
@@ -47,7 +47,7 @@ _SEQUENCES = {
 
 
 def write_ply(path: Path, count: int) -> None:
-    """A .ply of random splats, block after block."""
+    """Write a .ply of random splats, block by block."""
     block = capture(min(count, _BLOCK))
     formats.write(block, path)
     header, _, rows = path.read_bytes().partition(b"end_header\n")
@@ -60,7 +60,7 @@ def write_ply(path: Path, count: int) -> None:
 
 
 def run(action: str, source: Path, target: Path) -> tuple[float, float]:
-    """Seconds and highest resident memory [MiB] of a process that does it."""
+    """Return seconds and peak resident memory [MiB] of a process that runs an action."""
     command = [sys.executable, "-c", _CONVERT.format(action), str(source), str(target)]
     began = time.perf_counter()
     said = subprocess.check_output(command)

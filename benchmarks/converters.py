@@ -1,12 +1,12 @@
-"""How fast files are read and written, beside gsply and usd-convert-gsplat in the same run.
+"""Measure how fast files are read and written, with gsply and usd-convert-gsplat in the same run.
 
     python -m benchmarks.peers        installs them, once
     python -m benchmarks.converters [SPLATS]
 
-One capture of degree 3 in every format that gsply has too. Both sides take turns, warm, and have
-the same file and the same arrays. gsply hands over logarithms, logits and views of the file's rows;
-"physical" is the same with what ours hands over: scales, opacities, and harmonics in one array.
-The floor is a plain copy of the file's bytes.
+The table has one capture of degree 3 in every format that gsply supports. Both sides take turns,
+with warm caches, and have the same file and the same arrays. gsply returns logarithms, logits and
+views of the file's rows. "physical" means converted to what our reader returns: scales, opacities,
+and all harmonics in one array. The floor is a plain copy of the file's bytes.
 """
 
 from __future__ import annotations
@@ -40,27 +40,27 @@ FILES = {
 }
 """Format -> file."""
 PEER_SHARE = 10
-"""usd-convert-gsplat gets this part of the splats: it needs a minute for a million."""
+"""Divisor of the number of splats for usd-convert-gsplat, which needs a minute for a million."""
 
 Spent = tuple[float, float]
 """Wall and CPU seconds."""
 
 
 def timed(work: Callable[[], object]) -> Spent:
-    """Of one call."""
+    """Return the seconds of one call."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
 def median(spent: list[Spent]) -> Spent:
-    """Of several calls, wall and CPU each for itself."""
+    """Return the medians of several calls, separately for wall and CPU time."""
     wall, cpu = np.median(spent, axis=0)
     return float(wall), float(cpu)
 
 
 def write(cloud: SplatCloud, path: Path) -> None:
-    """Ours."""
+    """Write a capture with our writer."""
     version = 3 if path.name.endswith("3.spz") else 4
     formats.write(cloud, path, how=formats.WriteOptions(spz_version=version))
 
@@ -68,7 +68,7 @@ def write(cloud: SplatCloud, path: Path) -> None:
 def row(
     table: Table, name: str, ours: Spent, theirs: Spent | None, floor: float, size: int
 ) -> None:
-    """One line of the table."""
+    """Add one line to the table."""
     beside = ["–", "–", "–"]
     if theirs:
         beside = [f"{theirs[0]:.3f}", f"{theirs[1]:.3f}", f"{theirs[0] / ours[0]:.1f}"]
@@ -77,7 +77,7 @@ def row(
 
 
 def in_turns(ours: Callable[[], object], theirs: Callable[[], Spent] | None) -> list[Spent | None]:
-    """Medians of both sides, which take turns; the first turn of each is not counted."""
+    """Return the medians of both sides, which take turns. The first turn of each is not counted."""
     spent: tuple[list[Spent], list[Spent]] = ([], [])
     for _ in range(REPEATS + 1):
         spent[0].append(timed(ours))
@@ -87,13 +87,13 @@ def in_turns(ours: Callable[[], object], theirs: Callable[[], Spent] | None) -> 
 
 
 def asked(peer: Server, **request: object) -> Spent:
-    """Seconds that gsply says it took."""
+    """Return the seconds that gsply reports for a request."""
     answer = peer.ask(**request)
     return answer["wall"], answer["cpu"]
 
 
 def files(table: Table, cloud: SplatCloud, folder: Path, peer: Server | None) -> None:
-    """Every format read and written."""
+    """Measure reading and writing of every format."""
     write(cloud, folder / FILES[".ply"])
     if peer:
         peer.ask(do="read", path=str(folder / FILES[".ply"]))
@@ -120,7 +120,7 @@ def files(table: Table, cloud: SplatCloud, folder: Path, peer: Server | None) ->
 
 
 def to_usd(table: Table, cloud: SplatCloud, folder: Path) -> None:
-    """A .ply to a saved stage, beside usd-convert-gsplat on a part of it, scaled."""
+    """Measure a .ply to a saved stage, and usd-convert-gsplat on a part of it, scaled."""
     source, target = folder / FILES[".ply"], folder / "ours.usdc"
     ours, _ = in_turns(lambda: import_capture(source, target), None)
     python, theirs = python_of("usd_convert"), None

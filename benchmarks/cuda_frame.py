@@ -1,11 +1,11 @@
-"""What a frame costs on the GPU, beside gsplat in the same run, pictures compared.
+"""Measure a frame on the GPU, with gsplat in the same run, and compare the pictures.
 
     python -m benchmarks.cuda_frame [--quick] [--peers FOLDER] [--json FILE]
 
-Times are CUDA events around the whole frame, from resident splats to a resident image, the median
-of 20 with its spread; host is what the two launches take of this thread. gsplat is timed by
-`gsplat_cuda.py` of FOLDER, where it and gsplat are: the faster of packed and not. dB compares our
-picture with gsplat's.
+Times are those of CUDA events around the whole frame, from resident splats to a resident image: the
+median of 20 frames and its spread. "host" is the time that the two launches take in this thread.
+gsplat is timed by `gsplat_cuda.py` of FOLDER, if this file and gsplat are available, packed and
+unpacked; the faster one counts. dB compares our picture with gsplat's.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ WARM = 3
 
 
 def timed(device: CudaDevice, call: Callable[[], Any]) -> tuple[float, float, float, float]:
-    """Median, least and most milliseconds of the GPU, and the median of the host's own."""
+    """Return median, minimum and maximum of the GPU's milliseconds, and the median of the
+    host's."""
     from numba import cuda
 
     for _ in range(WARM):
@@ -50,7 +51,7 @@ def timed(device: CudaDevice, call: Callable[[], Any]) -> tuple[float, float, fl
 
 
 def ours(device: CudaDevice, group: FrameGroup, view: FrameView) -> tuple[Any, dict[str, Any]]:
-    """Our picture and what it took."""
+    """Return our picture and its measurements."""
     picture = FramePicture(device)
 
     def draw() -> float:
@@ -69,13 +70,14 @@ def ours(device: CudaDevice, group: FrameGroup, view: FrameView) -> tuple[Any, d
 
 
 def memory(device: CudaDevice, group: FrameGroup, picture: FramePicture) -> int:
-    """Bytes of the GPU that a frame takes: splats, buffers, the image and what sorting takes."""
+    """Return the GPU memory of a frame [byte]: splats, buffers, the image and scratch of the
+    sort."""
     splats = sum(int(array.nbytes) for array in (*group.splats, group.boxes))
     return splats + picture.bytes + int(device.primitives.bytes)
 
 
 class Peer:
-    """gsplat, timed by the script that the project is given."""
+    """gsplat, timed by the script in the folder of peers."""
 
     def __init__(self, script: Path) -> None:
         import torch
@@ -89,7 +91,7 @@ class Peer:
         spec.loader.exec_module(self._script)
 
     def time(self, scene: Scene, width: int, height: int) -> tuple[Any, dict[str, Any]]:
-        """Its picture (height, width, 3) and its row."""
+        """Return its picture (height, width, 3) and its row."""
         cloud = scene.cloud
         arrays = {
             "means": cloud.positions, "quats": cloud.rotations, "scales": cloud.scales,
@@ -115,7 +117,7 @@ class Peer:
 
 
 def scenes(quick: bool) -> list[tuple[str, Callable[[], Scene]]]:
-    """What is drawn, made when it is its turn."""
+    """Return the scenes by name, as functions that create them when needed."""
     grids = (1,) if quick else (1, 3, 7)
     found: list[tuple[str, Callable[[], Scene]]] = []
     for degree in (0, 3):
@@ -127,7 +129,7 @@ def scenes(quick: bool) -> list[tuple[str, Callable[[], Scene]]]:
 
 
 def keep(report: Report, row: dict[str, Any], scene: Scene) -> None:
-    """Rows of ours and of the peer's, as `report` has them."""
+    """Add the rows of our renderer and the peer to the report."""
     picture = {
         "scene": scene.name, "splats": len(scene.cloud), "visible": row["visible"],
         "size": "{}x{}".format(*row["size"]), "sh": row["sh"],
@@ -193,7 +195,7 @@ def main(report: Report) -> None:
 
 
 def show(table: Table, row: dict[str, Any]) -> None:
-    """One line of the table, and the same at once for who watches."""
+    """Add one line to the table, and print it at once."""
     peer = row["gsplat"]
     cells = [
         row["scene"], str(row["sh"]), "{}×{}".format(*row["size"]), row["form"],

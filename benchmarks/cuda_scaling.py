@@ -1,10 +1,10 @@
-"""What a frame costs on the GPU as scenes grow: with what is seen, not with what is stored.
+"""Measure how a frame on the GPU scales with visible and with stored splats.
 
     python -m benchmarks.cuda_scaling [--json FILE] [MILLIONS]
 
-The garden is tiled until it has that many splats, 50 million by default: around the camera, so that
-more and more is seen, and behind it, so that nothing more is. 1920x1080, degree 0, as floats and
-packed; times as in `benchmarks.cuda_frame`.
+The garden is tiled until it has the given number of splats, 50 million by default. Tiles are added
+either around the camera, so that more and more splats are visible, or behind it, so that no more
+are. 1920x1080, degree 0, as floats and packed; times as in `benchmarks.cuda_frame`.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from usdsplat.kernels.cuda.frame.picture import FramePicture
 SIZE = (1920, 1080)
 GRIDS = (1, 3, 5, 7, 9, 13, 17, 21)
 PERIOD = 4.0
-"""[scene unit] between tiles."""
+"""Distance between tiles [scene unit]."""
 
 
 def behind(count: int) -> Scene:
-    """The garden as it is, and as many copies of it behind the camera, in rows."""
+    """Return the garden with copies behind the camera, in rows."""
     one = tiled(1, 0)
     back = -one.matrix[2, :3] / np.linalg.norm(one.matrix[2, :3])
     across = one.matrix[0, :3]
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def one_size(report: Report, table: Table, device: CudaDevice, scene: Scene, packed: bool) -> None:
-    """A line of the table."""
+    """Add one line to the table."""
     group, view = group_of(device, scene.cloud, packed=packed), scene.view(*SIZE)
     picture = FramePicture(device)
 

@@ -1,4 +1,4 @@
-"""Scenes on the GPU as `FramePicture` takes them, with a view as gsplat has it."""
+"""Scenes on the GPU as arguments of `FramePicture`, with the same views as for gsplat."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from usdsplat.render import spatial_order
 from usdsplat.schema import packing
 
 NEAR = 0.01
-"""[scene unit]"""
+"""Near plane [scene unit]."""
 CLAMP = 1.3
-"""Times half the window: where the affine map is taken at most, as gsplat has it."""
+"""Clamp of the affine approximation, as a multiple of half the window, as in gsplat."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """A cloud, and the camera that it is timed with."""
+    """A cloud, and the camera of its measurements."""
 
     name: str
     cloud: SplatCloud
     matrix: F64
     """World to camera, OpenCV's axes, shape (4, 4)."""
     focal: float
-    """Times the width of the picture."""
+    """Focal length as a multiple of the picture's width."""
 
     def k(self, width: int, height: int) -> F64:
-        """Intrinsics [pixel], the axis in the middle."""
+        """Return the intrinsics [pixel], with the axis in the middle."""
         f = self.focal * width
         return np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1.0]])
 
     def view(self, width: int, height: int) -> FrameView:
-        """The same for our kernels."""
+        """Return the same camera for our kernels."""
         f = self.focal * width
         camera = np.zeros(1, CAMERA)
         camera["fx"] = camera["fy"] = f
@@ -65,7 +65,7 @@ class Scene:
 
 
 def tiled(grid: int, degree: int) -> Scene:
-    """The garden, grid x grid times."""
+    """Return the garden, tiled grid x grid times."""
     cloud, matrix, k = garden(grid, degree=degree)
     return Scene(
         name=f"garden {grid}×{grid}", cloud=cloud, matrix=matrix, focal=float(k[0, 0]) / 1920
@@ -73,7 +73,7 @@ def tiled(grid: int, degree: int) -> Scene:
 
 
 def captured(name: str) -> Scene:
-    """A capture, seen as its first reference picture is."""
+    """Return a capture with the camera of its first reference picture."""
     stem = name.partition(".")[0]
     oracle = np.load(DATA / "oracle" / "images" / f"{stem}.npz")
     cloud = formats.read(DATA / "splats" / name).cloud
@@ -83,7 +83,7 @@ def captured(name: str) -> Scene:
 
 
 def group_of(device: CudaDevice, cloud: SplatCloud, *, packed: bool) -> FrameGroup:
-    """A cloud on the GPU, as floats or packed, in the order in which an engine lays it out."""
+    """Return a cloud on the GPU, as floats or packed, in the order that an engine uses."""
     turns = cloud.rotations / np.linalg.norm(cloud.rotations, axis=1, keepdims=True)
     cloud = replace(cloud, rotations=turns.astype(np.float32))
     small = len(cloud) < spatial_order.LEAST

@@ -1,11 +1,11 @@
-"""What a quarter of a capture's splats looks like, and how long it takes to choose them.
+"""Compare pictures of decimated captures, and measure the time of decimation.
 
     python -m benchmarks.decimation [PART] [SPLAT_TRANSFORM]
 
-PART of the splats [0..1] is kept, 0.25 if it is not said. Pictures are those of the reference
-cameras, and the noise is that against a picture of all splats. Beside ours: a random choice, the
-choice of those that a picture shows most of, and splat-transform's, uniform and adaptive, if the
-path of its `cli.mjs` is given (`npm install @playcanvas/splat-transform`; needs node 22).
+PART of the splats [0..1] is kept, by default 0.25. Pictures are those of the reference cameras;
+noise is measured against a picture of all splats. Ours is compared with a random selection, with
+the most visible splats, and with splat-transform's uniform and adaptive modes, if the path of its
+`cli.mjs` is given (`npm install @playcanvas/splat-transform`; needs node 22).
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ Thinning = Callable[[SplatCloud, int], SplatCloud]
 
 
 def at_random(cloud: SplatCloud, count: int) -> SplatCloud:
-    """Any."""
+    """Select splats at random."""
     rows = np.random.default_rng(0).permutation(len(cloud))[:count]
     return edit.take(cloud, np.sort(rows))
 
 
 def most_seen(cloud: SplatCloud, count: int) -> SplatCloud:
-    """Those of the largest opacity times area, from the two longest axes."""
+    """Select the splats with the largest opacity times area of the two longest axes."""
     longest = np.sort(cloud.scales, axis=1)[:, 1:].prod(axis=1)
     return edit.take(cloud, np.sort(np.argsort(-cloud.opacities * longest)[:count]))
 
 
 def by_peer(tool: Path, option: str) -> Thinning:
-    """splat-transform's; starting it, reading and writing .ply are in its time."""
+    """Decimate with splat-transform. The time includes its start and reading and writing a .ply."""
 
     def thinned(cloud: SplatCloud, count: int) -> SplatCloud:
         with tempfile.TemporaryDirectory() as folder:
@@ -66,25 +66,25 @@ def by_peer(tool: Path, option: str) -> Thinning:
 
 
 def views(name: str) -> list[View]:
-    """The reference cameras of a capture."""
+    """Return the reference cameras of a capture."""
     oracle = np.load(DATA / "oracle" / "images" / f"{Path(name).stem}.npz")
     size, k = (int(oracle["width"]), int(oracle["height"])), oracle["K"].astype(np.float64)
     return [view_of(view, k, size) for view in oracle["viewmats"]]
 
 
 def picture(renderer: Renderer, cloud: SplatCloud, view: View) -> F32:
-    """Colours, shape (h, w, 3)."""
+    """Return the colours of a picture, shape (h, w, 3)."""
     bands = renderer.render(scene_of(cloud), view, SETTINGS, ("color",))
     return np.concatenate([band.arrays["color"][..., :3].copy() for band in bands])
 
 
 def psnr(found: F32, expected: F32) -> float:
-    """Peak signal to noise ratio [dB] with a peak of 1."""
+    """Return the peak signal-to-noise ratio [dB] for a peak of 1."""
     return float(-10 * np.log10(np.mean((found.astype(np.float64) - expected) ** 2)))
 
 
 def million() -> SplatCloud:
-    """As many splats of degree 3: copies of a capture beside each other."""
+    """Return a million splats of degree 3: adjacent copies of a capture."""
     cloud = formats.read(DATA / "splats" / "pod.spz").cloud
     aside = np.array([float(np.ptp(cloud.positions[:, 0])), 0, 0], np.float32)
     copies = range(-(-MILLION // len(cloud)))
@@ -93,7 +93,7 @@ def million() -> SplatCloud:
 
 
 def main(report: Report) -> None:
-    """Print everything."""
+    """Print all tables."""
     arguments = report.arguments
     part = float(arguments[0]) if arguments else PART
     ways: dict[str, Thinning] = {"random": at_random, "most seen": most_seen, "ours": decimate}

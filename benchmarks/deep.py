@@ -1,10 +1,10 @@
-"""How long a deep EXR takes to write and to read, ours beside the other ways from Python.
+"""Measure writing and reading a deep EXR, with ours and with other libraries from Python.
 
     python -m benchmarks.deep [SAMPLES A PIXEL]
 
-1920x1080. OpenImageIO, which takes and gives values one by one, does a few rows, and its times are
-scaled. The OpenEXR wheel, which wants the whole picture at once as an object for each pixel, is
-there if it is installed (`pip install OpenEXR`); it does some rows too.
+1920x1080. OpenImageIO, whose Python interface passes values one by one, processes a few rows, and
+its times are scaled. The OpenEXR wheel, which takes the whole picture with one object per pixel, is
+included if it is installed (`pip install OpenEXR`). It processes some rows, too.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ REPEATS = 3
 
 
 def band(rows: int, mean: int) -> DeepBand:
-    """Rows of soft discs of 16 pixels, each with a colour and a slanted depth of its own."""
+    """Return rows of soft discs of 16 pixels, each with its own colour and slanted depth."""
     y, x = np.divmod(np.arange(rows * WIDTH), WIDTH)
     counts = (2 * mean * (0.5 + 0.5 * np.sin(x / 90 + y / 70))).astype(np.int64)
     pixel = np.repeat(np.arange(rows * WIDTH), counts)
@@ -47,7 +47,7 @@ def band(rows: int, mean: int) -> DeepBand:
 
 
 def seconds(action: Callable[[], object]) -> float:
-    """Median wall time of a call."""
+    """Return the median wall time of a call."""
     spent = []
     for _ in range(REPEATS):
         start = time.perf_counter()
@@ -57,7 +57,7 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def write_ours(path: Path, part: DeepBand, compression: str) -> None:
-    """A picture of the same band again and again."""
+    """Write a picture that repeats one band, with our writer."""
     layout = ImageLayout(resolution=(WIDTH, HEIGHT))
     with DeepWriter(path, layout, compression=compression) as writer:
         for y in range(0, HEIGHT, BAND):
@@ -65,7 +65,7 @@ def write_ours(path: Path, part: DeepBand, compression: str) -> None:
 
 
 def deep_data(part: DeepBand) -> tuple[oiio.DeepData, oiio.ImageSpec]:
-    """A band as OpenImageIO takes it."""
+    """Return a band in the form of OpenImageIO."""
     spec = oiio.ImageSpec(WIDTH, len(part.counts), 5, "half")
     spec.channelnames = ("R", "G", "B", "A", "Z")
     spec.channelformats = ("half", "half", "half", "half", "float")
@@ -85,7 +85,7 @@ def deep_data(part: DeepBand) -> tuple[oiio.DeepData, oiio.ImageSpec]:
 
 
 def write_openimageio(path: Path, part: DeepBand) -> None:
-    """A picture of a band's rows."""
+    """Write a picture of a band's rows, with OpenImageIO."""
     data, spec = deep_data(part)
     file = oiio.ImageOutput.create(str(path))
     file.open(str(path), spec)
@@ -94,7 +94,7 @@ def write_openimageio(path: Path, part: DeepBand) -> None:
 
 
 def read_openimageio(path: Path) -> int:
-    """Every value; returns how many."""
+    """Read every value with OpenImageIO. Return their number."""
     file = oiio.ImageInput.open(str(path))
     data = file.read_native_deep_image()
     file.close()
@@ -108,7 +108,7 @@ def read_openimageio(path: Path) -> int:
 
 
 def write_wheel(path: Path, part: DeepBand) -> None:
-    """A picture of a band's rows."""
+    """Write a picture of a band's rows, with the OpenEXR wheel."""
     import OpenEXR
 
     ends = np.cumsum(part.counts.ravel())[:-1]
@@ -126,7 +126,7 @@ def write_wheel(path: Path, part: DeepBand) -> None:
 
 
 def read_wheel(path: Path) -> object:
-    """All channels."""
+    """Read all channels with the OpenEXR wheel."""
     import OpenEXR
 
     return OpenEXR.File(str(path), separate_channels=True).channels()

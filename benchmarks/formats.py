@@ -1,12 +1,14 @@
-"""How exact every format is: read, written and there and back, against files and readers of others.
+"""Measure the accuracy of every format: reading, writing, and round trips, with files and readers
+of other projects.
 
     python -m benchmarks.peers        installs the other readers, once
     python -m benchmarks.formats [DATA]
 
 DATA is the folder of the test data; its `oracle` holds 1,000 splats in every format, written and
-decoded by splat-transform 3.7.0 and GaussianSplats3D 0.4.7. Each number is the largest difference
-over all splats that can be seen (opacity of 1/255 and more); the bound beneath "within" is what the
-format's own rounding allows (`specs/formats.md`).
+`DATA` is the folder of the test data. Its `oracle` folder has 1,000 splats in every format, written
+and decoded by splat-transform 3.7.0 and GaussianSplats3D 0.4.7. Each number is the largest
+difference over all visible splats (opacity of 1/255 and more); the bound below "within" follows
+from the format's own rounding (`specs/formats.md`).
 
 read        our reading of their file, against the splats that were encoded
 same        our reading of their file, against their own decoding of it
@@ -40,26 +42,26 @@ NAMES = ("position", "log scale", "rotation °", "opacity", "DC", "harmonics")
 INFINITE = float("inf")
 
 Bound = tuple[float, float, float, float, float, float]
-"""Of each of `NAMES`."""
+"""Bound of each of `NAMES`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One format."""
+    """A format with its files and bounds."""
 
     name: str
     bound: Bound
     oracle: str | None = None
     """Their file, if there is one."""
     decoded: str | None = None
-    """The same, decoded by them."""
+    """Their decoding of their file."""
     written: str | None = None
-    """Name of our file, if we write it."""
+    """Name of our file, if we write the format."""
     version: int = 4
-    """Of SPZ."""
+    """Version of SPZ."""
     is_read_by_peer: bool = True
     degree: int = 3
-    """Of what the format keeps."""
+    """Highest degree that the format stores."""
 
 
 EXACT: Bound = (1e-6, 1e-6, 1e-3, 1e-6, 1e-6, 1e-6)
@@ -125,20 +127,20 @@ CASES = (
 
 
 def matched(cloud: SplatCloud, source: SplatCloud) -> tuple[SplatCloud, SplatCloud]:
-    """Both in the order of `cloud`, without the splats of `source` that it lacks."""
+    """Return both clouds in the order of `cloud`, without the splats of `source` that it lacks."""
     apart = cloud.positions[:, None].astype(np.float64) - source.positions[None]
     nearest = np.einsum("ijk,ijk->ij", apart, apart).argmin(axis=1)
     return cloud, edit.take(source, nearest)
 
 
 def compare(cloud: SplatCloud, source: SplatCloud, degree: int) -> Differences:
-    """Splats in any order, of those that are seen."""
+    """Compare the visible splats of two clouds in any order."""
     ours, theirs = matched(cloud, edit.with_sh_degree(source, degree))
     return differences(ours, theirs, theirs.opacities > VISIBLE)
 
 
 class Sheet:
-    """The table, a row at a time."""
+    """Table of the results, printed row by row."""
 
     def __init__(self) -> None:
         self.table = Table(title="largest differences; bounds in brackets")
@@ -147,7 +149,7 @@ class Sheet:
         self.failed: list[str] = []
 
     def add(self, case: Case, what: str, found: Differences, bound: Bound) -> None:
-        """One comparison."""
+        """Add one comparison."""
         values = astuple(found)
         good = all(value <= limit for value, limit in zip(values, bound, strict=True))
         if not good:
@@ -159,12 +161,12 @@ class Sheet:
         self.table.add_row(case.name, what, *cells, "yes" if good else "NO")
 
     def say(self, case: Case, what: str, words: str) -> None:
-        """Why there is no comparison."""
+        """Add the reason why there is no comparison."""
         self.table.add_row(case.name, what, words)
 
 
 def write(case: Case, source: Path, folder: Path) -> Path:
-    """Our file."""
+    """Write our file, and return its path."""
     target = folder / str(case.written)
     form: Form = "half" if case.name == "USD half" else "float"
     form = "packed" if case.name == "USD packed" else form
@@ -178,7 +180,7 @@ def write(case: Case, source: Path, folder: Path) -> Path:
 
 
 def back(case: Case, target: Path, folder: Path) -> SplatCloud:
-    """Our reading of our file, in the axes of the source."""
+    """Read our file, in the axes of the source."""
     if target.suffix == ".usdc" or case.name == ".glb":
         convert(target, folder / "back.ply", options=ImportOptions(axes="rdf"))
         return formats.read(folder / "back.ply").cloud
@@ -186,7 +188,7 @@ def back(case: Case, target: Path, folder: Path) -> SplatCloud:
 
 
 def rows(sheet: Sheet, case: Case, oracle: Path, folder: Path, peer: SplatTransform | None) -> None:
-    """Everything about one format."""
+    """Make all comparisons of one format."""
     source_path = oracle / "tiny.ply"
     source = formats.read(source_path).cloud
     if case.oracle:
@@ -212,7 +214,7 @@ def rows(sheet: Sheet, case: Case, oracle: Path, folder: Path, peer: SplatTransf
 
 
 def read_as_rdf(path: Path, folder: Path) -> SplatCloud:
-    """A capture in the axes of the source, which splat-transform turns for glTF."""
+    """Read a capture in the axes of the source, which splat-transform rotates for glTF."""
     if path.suffix != ".glb":
         return formats.read(path).cloud
     capture = formats.read(path)
@@ -221,7 +223,7 @@ def read_as_rdf(path: Path, folder: Path) -> SplatCloud:
 
 
 def main(report: Report, data: Path) -> int:
-    """Print the table; 1 if anything is beyond its bound."""
+    """Print the table. Return 1 if a difference exceeds its bound."""
     for sentence in missing():
         report.say(sentence)
     sheet, peer = Sheet(), splat_transform()

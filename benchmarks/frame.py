@@ -1,11 +1,11 @@
-"""What a frame costs, by stage, beside its floor and the yardstick.
+"""Measure a frame by stage, with its floor and the yardstick in the same run.
 
     python -m benchmarks.frame [--quick] [--json FILE]
 
-The floor is blending where it has nothing to look for (`probe_ns`), in this process and by as many
-threads, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
-where it is present, draws the same garden in the same run, picture after picture in turns with
-ours.
+The floor is the time to blend without any search (`probe_ns`), measured in this process with as
+many threads, times the number of rows of 16 pixels that the frame blends.
+`shared/peers/yardstick.py`, if it is available, draws the same garden in the same run; its pictures
+and ours take turns.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ REPEATS = 9
 
 
 def probe_ns(device: Device) -> float:
-    """CPU nanoseconds that a row of 16 pixels takes to blend where nothing else is to do: tiles
-    that many faint splats cover; the median of 5."""
+    """Return the CPU nanoseconds to blend a row of 16 pixels in tiles that many faint splats cover
+    completely, so that no time goes into anything else; the median of 5."""
     tiles, splats = 128, 512
     records = np.zeros((splats, project.RECORD), np.float32)
     records[:, project.U] = records[:, project.V] = np.random.default_rng(0).uniform(0, 15, splats)
@@ -75,7 +75,7 @@ def probe_ns(device: Device) -> float:
 
 
 def draw(renderer: Renderer, scene: RenderScene, view: View) -> tuple[F32, FrameStats]:
-    """One whole picture and what it took."""
+    """Draw one whole picture. Return it and its statistics."""
     bands = [
         band.arrays["color"].copy() for band in renderer.render(scene, view, SETTINGS, ("color",))
     ]
@@ -83,12 +83,13 @@ def draw(renderer: Renderer, scene: RenderScene, view: View) -> tuple[F32, Frame
 
 
 def drawn(renderer: Renderer, scene: RenderScene, view: View, repeats: int) -> list[FrameStats]:
-    """What pictures took, each from a hair aside; the first two, which prepare, are left out."""
+    """Return the statistics of pictures with slightly different cameras, without the first two,
+    which prepare the scene."""
     return [draw(renderer, scene, afresh(view, k))[1] for k in range(repeats + 2)][2:]
 
 
 def load_yardstick(folder: Path) -> Any | None:
-    """The peer as a module, from a copy: its compiled code is cached beside it."""
+    """Load the peer as a module from a copy, because its compiled code is cached beside it."""
     source = DATA.parent / "peers" / "yardstick.py"
     if not source.is_file():
         return None
@@ -101,19 +102,19 @@ def load_yardstick(folder: Path) -> Any | None:
 
 
 def psnr(a: F32, b: Any) -> float:
-    """Peak signal-to-noise ratio [dB] of two pictures whose peak is 1."""
+    """Return the peak signal-to-noise ratio [dB] of two pictures for a peak of 1."""
     return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
 
 
 def totals(stats: list[FrameStats], kind: str) -> Any:
-    """Median milliseconds by stage, and of the whole."""
+    """Return the median milliseconds by stage, and of the whole picture."""
     rows = [[getattr(s, kind).get(name, 0.0) for name in STAGES] for s in stats]
     rows = [[*row, sum(row)] for row in rows]
     return np.median(rows, axis=0)
 
 
 class Stages:
-    """The table of where the time goes; its rows are a report's."""
+    """Table of the times of the stages. Its rows are added to a report."""
 
     def __init__(self, report: Report, probe_time: float) -> None:
         self._report, self._probe = report, probe_time
@@ -127,7 +128,7 @@ class Stages:
             self._table.add_column(name, justify="right")
 
     def add(self, name: str, view: View, stats: list[FrameStats]) -> float:
-        """Add a line; returns the total in CPU-ms."""
+        """Add a line, and return the total [CPU-ms]."""
         wall, cpu = totals(stats, "wall_ms"), totals(stats, "cpu_ms")
         last = stats[-1]
         floor = last.rows * self._probe * 1e-6
@@ -145,7 +146,7 @@ class Stages:
         return float(cpu[-1])
 
     def show(self) -> None:
-        """Print it, as wide as it is."""
+        """Print the table in its full width."""
         self._report.show(self._table, 220)
 
 
@@ -158,11 +159,11 @@ def against_yardstick(
     size: tuple[int, int],
     repeats: int,
 ) -> None:
-    """The garden, in turns with the peer; prints the ratio and how alike the pictures are."""
+    """Draw the garden in turns with the peer. Print the ratio, and compare the pictures."""
     cloud, view_matrix, k = garden(grid)
     scene, view = scene_of(cloud), view_of(view_matrix, lens_of(k, size), size)
     ours, _ = draw(renderer, scene, view)
-    draw(renderer, scene, afresh(view, 1))  # by which it is laid out
+    draw(renderer, scene, afresh(view, 1))  # computes the spatial order
     stats, log = [], []
     theirs: Any = None
     if yardstick is not None:
@@ -189,7 +190,7 @@ def against_yardstick(
 
 
 def against_reference(renderer: Renderer, report: Report) -> None:
-    """The garden at 1080p against float64; prints the ratio of signal to noise."""
+    """Compare the garden at 1080p with the float64 reference. Print the signal-to-noise ratio."""
     cloud, view_matrix, k = garden()
     ours, _ = draw(renderer, scene_of(cloud), view_of(view_matrix, k, (1920, 1080)))
     lens = reference.Lens(
@@ -204,7 +205,7 @@ def against_reference(renderer: Renderer, report: Report) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Print everything."""
+    """Print all tables."""
     with Report("frame", arguments) as report:
         quick = "--quick" in report.arguments
         device = open_device("cpu")

@@ -1,4 +1,4 @@
-"""On what something was measured: processor, GPU, versions. The first line of every benchmark."""
+"""Describe the machine: processor, GPU, versions. This is the first line of every benchmark."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from usdsplat import __version__
 PACKAGES = (
     "numpy", "numba", "numba-cuda", "cuda-cccl", "usd-core", "OpenImageIO", "gsplat", "torch",
 )  # fmt: skip
-"""Their versions are said where they are installed."""
+"""Packages whose versions are included if they are installed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Machine:
-    """A machine and what is installed on it."""
+    """A machine and its installed packages."""
 
     cpu: str
     cores: int
-    """That this process may use."""
+    """Number of cores that this process may use."""
     memory: int
     """[GiB]"""
     gpu: str
@@ -34,18 +34,18 @@ class Machine:
 
     @property
     def line(self) -> str:
-        """Everything in one line."""
+        """Return the description in one line."""
         hardware = [f"{self.cpu}, {self.cores} cores, {self.memory} GiB"]
         hardware += [self.gpu] if self.gpu else []
         return "; ".join([*hardware, ", ".join(f"{k} {v}" for k, v in self.versions.items())])
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values; `Machine(**values)` takes them back."""
+        """Return plain values; `Machine(**values)` converts them back."""
         return asdict(self)
 
 
 def this_machine() -> Machine:
-    """What this process runs on."""
+    """Return the machine of this process."""
     versions = {"usdsplat": __version__, "Python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -69,7 +69,7 @@ def _cores() -> int:
 
 
 def _cpu() -> str:
-    """Its name, where Linux knows it."""
+    """Return the processor's name, if Linux reports it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
         for line in info.read_text().splitlines():
@@ -80,7 +80,7 @@ def _cpu() -> str:
 
 
 def _gpu() -> str:
-    """Name and driver of the first GPU."""
+    """Return name and driver of the first GPU."""
     tool = shutil.which("nvidia-smi")
     if tool is None:
         return ""

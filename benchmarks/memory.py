@@ -1,11 +1,11 @@
-"""The highest memory of a frame, each in a process of its own, beside what was said before.
+"""Measure the peak memory of a frame, each in a separate process, and compare it with the estimate.
 
     python -m benchmarks.memory
 
-A frame is taken band by band and thrown away, as a file writer takes it. Beside the peak stand what
-the process holds before it draws (Python, the libraries, the splats), what `delegate.memory`
-estimates, without a limit and with one in the middle between its largest and its smallest bands,
-and what the whole picture would take, which is never held.
+A frame is drawn band by band and discarded, as by a file writer. The table compares the peak with
+the memory of the process before drawing (Python, the libraries, the splats); with the estimates of
+`render.memory`, without a limit and with a limit halfway between those of its largest and its
+smallest bands; and with the size of the whole picture, which is never in memory.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SCENES = ("garden 1", "garden 7", *CAPTURES)
 
 
 def resident(kind: str) -> float:
-    """VmRSS or VmHWM of this process [MiB], as Linux counts them."""
+    """Return VmRSS or VmHWM of this process [MiB], as reported by Linux."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(kind):
             return int(line.split()[1]) / 1024
@@ -50,7 +50,7 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     device = open_device()
     renderer = Renderer(device)
     before = resident("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak
     settings = RenderSettings(sorting="zDepth", color_mode="scene")
 
     def needed(tiles: int) -> Estimate:

@@ -1,11 +1,12 @@
-"""What each thing costs beside the plain colour picture, and a deep file beside the flat one.
+"""Measure the cost of each AOV or setting relative to plain colour, and of a deep file to a flat
+one.
 
     python -m benchmarks.passes [deep] [--device cpu | cuda] [scene ...]
 
-1920x1080, all in one run, each picture in turns with the others; medians. Times are those of whole
-pictures, everything included: splats are projected anew for each, and pixels are brought to the
-host. `deep` prints the second table only. Scenes are SCENES, of which those are left out that the
-test data lack, and `noise`, which needs none.
+1920x1080, all in one run, with pictures taking turns; medians. Times are those of whole pictures,
+including everything: splats are projected again for each, and pixels are copied to the host. `deep`
+prints only the second table. Scenes are SCENES, without those that the test data lack, and `noise`,
+which needs no data.
 """
 
 from __future__ import annotations
@@ -41,19 +42,19 @@ PLAIN = RenderSettings(sorting="zDepth", color_mode="scene")
 ERRORS = (0.0, 0.001, 0.01)
 LAYOUT = ImageLayout(resolution=SIZE)
 NUMBERS = itertools.count()
-"""Of pictures: nothing that one leaves is of use to the next."""
+"""Numbers of pictures, so that no picture reuses results of the one before."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spent:
-    """What a picture took [ms]."""
+    """Time of a picture [ms]."""
 
     wall: float
     cpu: float
 
 
 def measured(actions: dict[str, Callable[[], object]]) -> dict[str, Spent]:
-    """Medians of actions that take turns; each is done once before."""
+    """Return the medians of actions that take turns, after one call of each."""
     spent: dict[str, list[tuple[float, float]]] = {name: [] for name in actions}
     for turn in range(REPEATS + 1):
         for name, action in actions.items():
@@ -67,12 +68,12 @@ def measured(actions: dict[str, Callable[[], object]]) -> dict[str, Spent]:
 
 
 def is_there(name: str) -> bool:
-    """Whether the test data have it."""
+    """Return whether the test data have a scene."""
     return (DATA / ("garden/scene.npz" if name == "garden" else f"splats/{name}")).is_file()
 
 
 def noise() -> tuple[RenderScene, View]:
-    """As many splats as the garden has, anywhere before the camera."""
+    """Return as many splats as the garden has, at random positions in front of the camera."""
     rng = np.random.default_rng(0)
     n = 138_766
     turns = rng.normal(size=(n, 4))
@@ -90,7 +91,7 @@ def noise() -> tuple[RenderScene, View]:
 
 
 def opened(name: str) -> tuple[RenderScene, View]:
-    """One of SCENES, or noise, and what is seen of it."""
+    """Return one of SCENES, or noise, with its view."""
     if name == "noise":
         return noise()
     if name == "garden":
@@ -101,7 +102,7 @@ def opened(name: str) -> tuple[RenderScene, View]:
 
 
 def add_wall(scene: RenderScene, view: View, renderer: Renderer) -> None:
-    """Put a wall of 20,000 triangles through the middle of what is seen."""
+    """Add a wall of 20,000 triangles through the middle of the visible scene."""
     depth = np.concatenate(
         [band.arrays["depth"].copy() for band in renderer.render(scene, view, PLAIN, ("depth",))]
     )
@@ -131,13 +132,13 @@ def draw(
     settings: RenderSettings,
     aovs: tuple[str, ...],
 ) -> None:
-    """A picture that is thrown away, each from a hair aside."""
+    """Draw a picture and discard it, each with a slightly different camera."""
     for _ in renderer.render(scene, afresh(view, next(NUMBERS)), settings, aovs):
         pass
 
 
 def show_passes(device: str, scenes: Sequence[str]) -> None:
-    """Print what each thing costs."""
+    """Print the cost of each AOV and setting."""
     title = f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS}: wall ms, CPU ms, CPU ÷ plain's"
     rows: dict[str, list[str]] = {}
     name_of_device = ""
@@ -206,7 +207,7 @@ def write_deep(
 
 
 def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: RenderSettings) -> int:
-    """Draw a deep picture and nothing else; returns its samples."""
+    """Draw a deep picture without writing it. Return its samples."""
     return sum(
         len(samples.depth)
         for _, _, samples in renderer.render_deep(scene, afresh(view, next(NUMBERS)), settings)
@@ -214,7 +215,7 @@ def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: Rend
 
 
 def show_deep(device: str, scenes: Sequence[str]) -> None:
-    """Print what a deep file costs."""
+    """Print the cost of a deep file."""
     table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s], and CPU ÷ flat's")
     for name in (
         "scene", "file", "draw", "÷ flat", "CPU ÷", "draw and write", "÷ flat", "samples a pixel",

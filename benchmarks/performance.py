@@ -1,12 +1,12 @@
-"""Writes docs/performance.md, and its plot, from its text and the results that are kept.
+"""Write docs/performance.md and its plot, from its text and the stored results.
 
     python -m benchmarks.performance
 
-`performance.md` beside this file is the text. A line `<!-- results: NAME -->` in it becomes the
-machine and the tables of `results/NAME.json`. `<!-- plot: FILE.svg of NAME NAME with NAME -->`
-becomes a plot of those results that are there; one of those before `with` must be. A section, from
-one heading to the next, whose results are missing is left out, and so is what is below it: put the
-file there, run this, and it appears.
+The text is `performance.md` beside this file. A line `<!-- results: NAME -->` in it is replaced by
+the machine and the tables of `results/NAME.json`. `<!-- plot: FILE.svg of NAME NAME with NAME -->`
+is replaced by a plot of those results that exist; one of those before `with` must exist. A section,
+from one heading to the next, is left out together with its subsections if its results are missing.
+To include it, add the file and run this script.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _PLOT = re.compile(r"^<!-- plot: (\S+) of (.+?)(?: with (.+))? -->$", re.MULTILI
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A heading and what follows it, up to the next."""
+    """A heading with the text up to the next one."""
 
     level: int
     text: str
 
 
 def sections_of(text: str) -> list[Section]:
-    """All of a text, which begins with a heading."""
+    """Return the sections of a text, which begins with a heading."""
     found = list(_HEADING.finditer(text))
     ends = [heading.start() for heading in found[1:]] + [len(text)]
     return [
@@ -46,7 +46,8 @@ def sections_of(text: str) -> list[Section]:
 
 
 def is_complete(section: Section, results: dict[str, Results]) -> bool:
-    """Whether everything that it shows is there; of what a plot is of, one is enough."""
+    """Return whether all results of a section exist; for a plot, one of its main results is
+    enough."""
     plots = [names.split() for _, names, _ in _PLOT.findall(section.text)]
     return all(name in results for name in _RESULTS.findall(section.text)) and all(
         any(name in results for name in names) for names in plots
@@ -54,7 +55,7 @@ def is_complete(section: Section, results: dict[str, Results]) -> bool:
 
 
 def markdown(results: Results) -> str:
-    """The machine, the tables and what was said."""
+    """Return machine, tables and sentences of results as Markdown."""
     parts = [f"*{results.machine.line}*", *map(_table, results.tables), *results.notes]
     return "\n\n".join(parts)
 
@@ -69,7 +70,7 @@ def _table(table: Row) -> str:
 
 
 def page(text: str, results: dict[str, Results], folder: Path) -> str:
-    """The page; plots are written to `folder`."""
+    """Return the page, and write its plots to `folder`."""
 
     def plotted(match: re.Match[str]) -> str:
         name, sources = match[1], f"{match[2]} {match[3] or ''}".split()
@@ -89,7 +90,7 @@ def page(text: str, results: dict[str, Results], folder: Path) -> str:
 
 
 def all_results() -> dict[str, Results]:
-    """Those that are kept, by name."""
+    """Return the stored results by name."""
     return {path.stem: read_results(path) for path in sorted(RESULTS.glob("*.json"))}
 
 

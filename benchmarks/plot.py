@@ -2,10 +2,10 @@
 
     python -m benchmarks.plot RESULTS.json... PICTURE.svg
 
-The left panel is over the splats that are stored, the right one over those that are visible. Rows
-with one device and one kind of scene are one line; whiskers reach from the fastest picture to the
-slowest. Only rows of SIZE and without harmonics are plotted, and a scene of its own only for a
-device that has no line. Plots need matplotlib: pip install usdsplat[plots].
+The left panel is over stored splats, the right one over visible splats. Rows with the same device
+and kind of scene form a line; whiskers reach from the fastest picture to the slowest. Only rows of
+SIZE and without harmonics are plotted. A scene that is the only one of its kind is plotted only if
+its device has no line. Plots need matplotlib: pip install usdsplat[plots].
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def kind_of(scene: str) -> str:
 
 
 def lines_of(rows: Iterable[Row]) -> list[Line]:
-    """Group rows that can be plotted by device and kind of scene, in the order of their first."""
+    """Group rows by device and kind of scene, in the order of their first row."""
     found: dict[tuple[str, str], list[Point]] = {}
     for row in rows:
         if not {"device", "scene", "splats", "visible", "ms"} <= row.keys():

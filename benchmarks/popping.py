@@ -1,17 +1,18 @@
-"""How far pictures jump while a camera turns in place or slowly orbits, in each order of splats.
+"""Measure how pictures jump while a camera rotates in place or slowly orbits, for each sorting
+mode.
 
     python -m benchmarks.popping [docs/popping.svg]
 
-Two pictures that are a small step apart differ by the motion, which shrinks with the step, and by
-splats that change places in the order. So each move is drawn again and again with half the step:
-where a change halves too, the picture is continuous, and where it stays, it pops.
+Two pictures from slightly different cameras differ by the motion, which shrinks with the step, and
+by splats whose order changes. Each move is therefore drawn repeatedly, with half the step each
+time. If a change halves too, the picture is continuous; if it stays, the picture pops.
 
-In one order for all pixels, two splats change places in all pixels at once: that is what an eye
-sees. In an order of each pixel's own they do so along a line, where they intersect, and the line
-moves; the pixel that it passes jumps, as at the edge of any thing, but never its neighbours with
-it. So beside the largest change of one pixel there is the largest of 3x3 pixels at once, the least
-of the nine. It also leaves out the steps of contributions that pass the cutoff of 1/255, which run
-along lines too.
+With one order for all pixels, two splats change places in all pixels at once, which is visible.
+With an order for each pixel, they change places along the line on which they intersect, and the
+line moves. The pixel that it passes jumps, as at the edge of an object, but not all its neighbours
+at the same time. In addition to the largest change of one pixel, the table therefore has the
+largest change of 3x3 pixels at once, the minimum over the nine. This also excludes contributions
+that cross the cutoff of 1/255, which change along lines, too.
 """
 
 from __future__ import annotations
@@ -40,30 +41,31 @@ MOVES = ("yaw", "orbit")
 CAPTURES = ("statue_angel.sog", "playbot_lod2.sog")
 SIZE = (400, 300)
 STEPS = (0.04, 0.02, 0.01)
-"""[pixel] that the middle of the picture moves in a yaw; an orbit turns by the same angle."""
+"""Motion of the picture's centre in a step of a rotation in place [pixel]; an orbit uses the same
+angle."""
 SWEEP = 0.32
-"""[pixel] of a whole move, whatever its steps: the same splats change places."""
+"""Length of a whole move for all steps [pixel], so that the same splats change places."""
 JUMP = 0.02
-"""Change that is counted as a jump."""
+"""Change from which a pixel counts as a jump."""
 CUTOFF = 1 / 255
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """How much RGBA changes from one picture to the next."""
+    """Change of RGBA from one picture to the next."""
 
     mean: float
     most: float
-    """Of 99.9 % of the pixels, each with its worst channel."""
+    """Largest change of 99.9 % of the pixels, by their worst channels."""
     largest: float
     together: float
-    """The largest of 3x3 pixels at once."""
+    """Largest change of 3x3 pixels at once."""
     jumps: float
-    """Pixels that jump, for each pixel of motion."""
+    """Number of jumping pixels per pixel of motion."""
 
 
 def turn(angle: float) -> F64:
-    """A rotation about the camera's y axis."""
+    """Return a rotation about the camera's y axis."""
     turned = np.eye(4)
     c, s = np.cos(angle), np.sin(angle)
     turned[0, [0, 2]], turned[2, [0, 2]] = (c, s), (-s, c)
@@ -71,7 +73,7 @@ def turn(angle: float) -> F64:
 
 
 def moved(move: str, view_matrix: F64, angle: float, distance: float) -> F64:
-    """The camera after it turned in place, or about the point `distance` in front of it."""
+    """Return the camera after a rotation in place, or about the point `distance` in front of it."""
     to, back = np.eye(4), np.eye(4)
     if move == "orbit":
         to[2, 3], back[2, 3] = -distance, distance
@@ -93,13 +95,13 @@ class Camera:
     def _draw(self, matrix: F64, mode: Mode, aov: str) -> F32:
         settings = RenderSettings(sorting=mode, color_mode="display")
         view = view_of(matrix, self._k, SIZE)
-        # Nothing passes the near plane while the camera moves: that would be a step too.
+        # Nothing may cross the near plane during the move, as this would be a jump, too.
         view = replace(view, camera=replace(view.camera, clipping_range=(1e-4, 1e10)))
         bands = self._renderer.render(self._scene, view, settings, (aov,))
         return np.concatenate([band.arrays[aov].copy() for band in bands])
 
     def change(self, move: str, mode: Mode, step: float) -> Change:
-        """Statistics of a move with steps of a size [pixel]."""
+        """Return the statistics of a move with steps of a size [pixel]."""
         differences = []
         before = None
         for i in range(round(SWEEP / step) + 1):
@@ -122,7 +124,7 @@ Found = dict[tuple[str, str, Mode], list[Change]]
 
 
 def show(found: Found) -> None:
-    """Print a line for each step; the ratio is that to the step twice as long."""
+    """Print a line for each step, with the ratio to the step of twice the length."""
     table = Table(title=f"|ΔRGBA| from frame to frame, {SIZE[0]}x{SIZE[1]}, {SWEEP} pixel")
     for name in (
         "capture", "move", "order", "step [pixel]", "mean", "ratio", "99.9 %", "ratio", "largest",
@@ -181,7 +183,7 @@ def plot(found: Found, path: Path) -> None:
 
 
 def main(path: str | None = None) -> None:
-    """Print the table; draw it if there is a path."""
+    """Print the table, and write the plot if a path is given."""
     found: Found = {}
     for name in CAPTURES:
         camera = Camera(name)

@@ -1,12 +1,12 @@
-"""How a preview feels: pictures a second while orbiting, and how long the hand waits for the eye.
+"""Measure the preview: pictures per second while orbiting, and latency.
 
     python -m benchmarks.preview [--seconds 5] [--million] [--soak 60] [CAPTURE ...]
 
-A real session is driven as a window drives it: a new state every 1/60 s, the latest wins. Latency
-is from a state's `look` to the picture of it, of those that were drawn; `age` is how old what is on
-the screen is when the next picture comes. `full` is from the last state, which rests, to the final
-picture. A soak drives at random, through times, looks, comparisons and sizes, and tells memory and
-errors.
+A real session is driven as by a window: a new state every 1/60 s, of which the latest is drawn.
+Latency is the time from the `look` of a state to its picture, for drawn states. `age` is the age of
+the displayed picture when the next one arrives. `full` is the time from the last state, at rest, to
+the final picture. A soak test changes times, looks, comparisons and sizes at random, and reports
+memory and errors.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ from usdsplat.render.memory import resident
 
 SIZE = (960, 720)
 TICK = 1 / 60
-"""Seconds between states."""
+"""Time between states [s]."""
 PATIENCE = 600.0
-"""Seconds after which something hangs."""
+"""Time after which the session counts as hanging [s]."""
 WARM = 1.0
-"""Seconds of a drive that do not count: kernels are loaded, and quality settles."""
+"""Initial time of a drive that is not counted [s]: kernels are loaded, and quality settles."""
 FPS, LATENCY_MS = 24.0, 150.0
-"""The goals."""
+"""Goals for pictures per second and latency."""
 MILLION = 1_000_000
 
 
 @dataclass
 class Heard:
-    """What a session told, and when."""
+    """Events of a session, with their times."""
 
     pictures: list[tuple[float, Picture]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -85,7 +85,7 @@ class Heard:
                 raise SystemExit(" ".join(self.problems) or "the session does not answer")
 
     def wait_for_final(self, state: ViewState) -> float:
-        """When the final picture of a state came."""
+        """Return the time of the final picture of a state."""
 
         def is_it(picture: Picture) -> bool:
             return picture.is_final and picture.state is state
@@ -95,7 +95,7 @@ class Heard:
 
 
 def of_capture(name: str) -> Callable[[Callable[[Event], None]], Document]:
-    """What opens a capture."""
+    """Return a function that opens a capture."""
 
     def opened(publish: Callable[[Event], None]) -> Document:
         stage = Usd.Stage.CreateInMemory()
@@ -106,7 +106,7 @@ def of_capture(name: str) -> Callable[[Callable[[Event], None]], Document]:
 
 
 def of_million() -> Callable[[Callable[[Event], None]], Document]:
-    """What opens a million splats of the garden."""
+    """Return a function that opens a million splats of the garden."""
 
     def opened(publish: Callable[[Event], None]) -> Document:
         cloud = garden(7)[0]
@@ -119,14 +119,14 @@ def of_million() -> Callable[[Callable[[Event], None]], Document]:
 
 
 def first_picture(session: Session, heard: Heard) -> float:
-    """When the first final picture came."""
+    """Return the time of the first final picture."""
     first = ViewState(size=SIZE)
     session.look(first)
     return heard.wait_for_final(first)
 
 
 def framed(session: Session) -> FreeCamera:
-    """A camera before all of the stage."""
+    """Return a camera that frames the whole stage."""
     boxes: list[object] = []
     there = threading.Event()
     session.ask(lambda document: document.bounds(), lambda box: (boxes.append(box), there.set()))
@@ -136,25 +136,25 @@ def framed(session: Session) -> FreeCamera:
 
 @dataclass(frozen=True)
 class Drive:
-    """What an orbit gave."""
+    """Results of an orbit."""
 
     fps: float
     scales: str
     latency: tuple[float, float]
-    """Median and 95 % [ms]."""
+    """Median and 95th percentile [ms]."""
     age: float
-    """95 % [ms]."""
+    """95th percentile [ms]."""
     full: float
-    """[ms]"""
+    """Time to the final picture [ms]."""
     middle: int
-    """Pictures on the way to the full one."""
+    """Number of pictures before the final one."""
     ms: dict[str, float]
-    """By stage, means."""
+    """Mean times by stage."""
     splats: int
 
 
 def orbit(session: Session, heard: Heard, seconds: float, aov: str = "color") -> Drive:
-    """Turn about the stage, and stop."""
+    """Orbit the stage, then rest."""
     camera = framed(session)
     state = ViewState(size=SIZE, camera=camera, look=Look(aov=aov), is_moving=True)
     asked: dict[int, float] = {}
@@ -200,7 +200,7 @@ def orbit(session: Session, heard: Heard, seconds: float, aov: str = "color") ->
 
 
 def at_random(session: Session, heard: Heard, seconds: float, seed: int = 0) -> int:
-    """Drive a session through all it can do; returns how many states were said."""
+    """Change all properties of the view at random. Return the number of states."""
     rng = np.random.default_rng(seed)
     camera = framed(session)
     state = ViewState(size=SIZE, camera=camera)
@@ -230,7 +230,7 @@ def at_random(session: Session, heard: Heard, seconds: float, seed: int = 0) -> 
 
 
 def soak(name: str, seconds: float) -> None:
-    """Drive at random in four parts that ask for the same; memory after each must end up flat."""
+    """Run four equal random drives, after which the memory must not have grown."""
     heard = Heard()
     session = Session(of_capture(name))
     session.listen(heard)
@@ -250,7 +250,7 @@ def soak(name: str, seconds: float) -> None:
 
 
 class Lines:
-    """The table that is printed."""
+    """The printed table."""
 
     def __init__(self) -> None:
         self._table = Table(title=f"orbiting at {SIZE[0]}×{SIZE[1]}, a state each 1/60 s")
@@ -272,12 +272,12 @@ class Lines:
 
     @property
     def table(self) -> Table:
-        """All of them."""
+        """Return the table."""
         return self._table
 
 
 def main(report: Report) -> None:
-    """Print everything."""
+    """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("captures", nargs="*", default=CAPTURES)
     parser.add_argument("--seconds", type=float, default=5.0)

@@ -1,10 +1,9 @@
-"""Pictures of the preview, as it is: `docs/view_window.png`, `view_web.png` and `view_usdview.png`.
+"""Make the pictures of the preview: `docs/view_window.png`, `view_web.png` and `view_usdview.png`.
 
     PXR_PLUGINPATH_NAME=$(usdsplat plugin-path) python -m benchmarks.preview_pictures [NAME ...]
 
 A pattern grows on a capture of the test data while they are taken. The docks are shown in the
-tests' stand-in for usdview, without what usdview itself would show beside them. The page needs
-Chromium.
+tests' replacement for usdview, without usdview's own widgets. The page needs Chromium.
 """
 
 from __future__ import annotations
@@ -40,15 +39,15 @@ CAPTURE = DATA / "splats" / "statue_angel.sog"
 SETTINGS = {"rd:substeps": 80, "rd:seedDensity": 0.003}
 SIZE = (1440, 900)
 BALL = "/World/Simulation/Ball"
-"""An affector, which is selected."""
+"""Path of an affector, which is selected."""
 FRAME = 24
-"""Of the simulation, that is waited for."""
+"""Simulated frame to wait for."""
 ORBIT, NEARER = (0.12, 0.02), 0.9
 PATIENCE = 600.0  # s
 
 
 def scene(folder: Path) -> Path:
-    """A stage on which a labyrinth grows quickly."""
+    """Write a stage on which a labyrinth pattern grows quickly."""
     path = folder / "grow.usda"
     run(f"simulate --preset grow {CAPTURE} -o {path}")
     stage = Usd.Stage.Open(str(path))
@@ -58,7 +57,7 @@ def scene(folder: Path) -> Path:
 
 
 def wait(condition: Callable[[], object]) -> None:
-    """Let events happen until something is so."""
+    """Process events until a condition holds."""
     deadline = time.monotonic() + PATIENCE
     loop = QEventLoop()
     while not condition():
@@ -69,7 +68,7 @@ def wait(condition: Callable[[], object]) -> None:
 
 
 def grown(viewport: Viewport, simulation: SimulationPanel) -> None:
-    """Run the simulation to its frame, and look at the capture from the side and nearer."""
+    """Run the simulation to its frame, and move the camera to the side and closer."""
     viewer = viewport.viewer
     wait(lambda: viewport.picture is not None)
     simulation.toggle()
@@ -85,7 +84,7 @@ def grown(viewport: Viewport, simulation: SimulationPanel) -> None:
 
 
 def window(path: Path) -> np.ndarray:
-    """The window."""
+    """Return a picture of the window."""
     shown = Window()
     shown.resize(*SIZE)
     shown.show()
@@ -100,7 +99,7 @@ def window(path: Path) -> np.ndarray:
 
 
 def usdview(path: Path) -> np.ndarray:
-    """The docks beside each other, on a stage of the stand-in for usdview."""
+    """Return a picture of the docks side by side, on a stage of the replacement for usdview."""
     usdviewq.install()
     host = usdviewq.Usdview(Usd.Stage.Open(str(path)))
     host.window.resize(*SIZE)
@@ -120,7 +119,7 @@ def usdview(path: Path) -> np.ndarray:
 
 
 def web(path: Path) -> np.ndarray:
-    """The page in Chromium."""
+    """Return a picture of the page in Chromium."""
     from playwright.sync_api import sync_playwright
 
     program = next(filter(None, map(shutil.which, NAMES)))
@@ -142,7 +141,7 @@ def web(path: Path) -> np.ndarray:
         page.mouse.move(middle[0] + ORBIT[0] * box["height"], middle[1] + ORBIT[1] * box["height"])
         page.mouse.up()
         page.mouse.wheel(0, -100)
-        page.wait_for_timeout(3000)  # for the full picture
+        page.wait_for_timeout(3000)  # for the final picture
         shot = page.screenshot()
         chromium.close()
     server.close()
@@ -153,7 +152,7 @@ def web(path: Path) -> np.ndarray:
 
 
 def pixels(shot: QPixmap) -> np.ndarray:
-    """RGB [0..1], shape (h, w, 3)."""
+    """Return RGB [0..1], shape (h, w, 3)."""
     image = shot.toImage().convertToFormat(QImage.Format.Format_RGB888)
     rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), -1)
     return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3) / 255.0
@@ -163,7 +162,7 @@ PICTURES = {"window": window, "web": web, "usdview": usdview}
 
 
 def main(names: list[str]) -> None:
-    """Make these, or all."""
+    """Make the pictures of these names, or all."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     application = QApplication([])
     style.dress(application)

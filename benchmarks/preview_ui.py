@@ -1,12 +1,12 @@
-"""How long a window's thread is kept from running while a simulation grows a million splats.
+"""Measure how long a window's thread is blocked while a simulation grows a million splats.
 
     python -m benchmarks.preview_ui [SPLATS] [FRAMES]
 
-A thread that wants to run every 5 ms stands for the window's; a second one draws each frame, as a
-session does, and the simulation has its own. What is printed are the longest times that the first
-had to wait, by phase, and what is left of them without the time in which it could have run but for
-a processor: the system counts that, and busy machines have much of it. Where the rest is long, it
-is said what others did as it ended.
+A thread that wakes every 5 ms represents the window's thread. A second thread draws each frame, as
+a session does, and the simulation has its own. The table has the longest delays of the first thread
+by phase, and these delays without the time in which it was ready but no processor was free, which
+is common on busy machines; the system reports it. For long delays, it also has what the other
+threads were doing at the end.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ from usdsplat.preview.values import Event, SimulationStatus
 from usdsplat.sim.stage.presets import author_preset
 
 TICK = 0.005
-"""[s]"""
+"""Interval of the thread [s]."""
 LONG = 0.03
-"""A wait that is worth a word [s]."""
+"""Delay from which details are reported [s]."""
 SIZE = (480, 360)
 LAST = 100
 
 
 class Ticker:
-    """Wants to run every 5 ms, and remembers how late it was."""
+    """Thread that wakes every 5 ms and records its delays."""
 
     def __init__(self) -> None:
         self.phase = "idle"
         self.late: dict[str, list[tuple[float, float]]] = {}
-        """Of each phase: how late, and how much of that was not for want of a processor [s]."""
+        """Delays of each phase, and the part of each that was not due to a lack of processors
+        [s]."""
         self.seen: list[tuple[float, str, str]] = []
         self._is_over = False
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -68,7 +69,7 @@ class Ticker:
 
 
 def whereabouts() -> str:
-    """What the other threads are at."""
+    """Return the current positions of the other threads."""
     me, found = threading.get_ident(), []
     names = {each.ident: each.name for each in threading.enumerate()}
     for ident, frame in sys._current_frames().items():
@@ -85,8 +86,8 @@ def whereabouts() -> str:
 
 
 def queued() -> float:
-    """How long this thread was ready to run so far, and no processor was free [s]; 0 where the
-    system does not say."""
+    """Return the total time in which this thread was ready but no processor was free [s]; 0 if the
+    system does not report it."""
     try:
         text = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat").read_text()
     except OSError:  # not on Linux
@@ -95,7 +96,7 @@ def queued() -> float:
 
 
 class Window:
-    """A document that is drawn whenever it is woken."""
+    """A document that is drawn whenever it is notified."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.stage = stage
@@ -146,7 +147,8 @@ class Window:
 
 
 def shot(folder: Path, count: int, degree: int) -> Usd.Stage:
-    """The garden, with the preset that grows it: it colours, moves and breeds splats."""
+    """Return a stage with the garden and the preset grow, which colours, moves and multiplies
+    splats."""
     cloud = garden(3, degree=degree)[0]
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, "/Garden", edit.take(cloud, np.arange(len(cloud)) < count))
@@ -156,7 +158,7 @@ def shot(folder: Path, count: int, degree: int) -> Usd.Stage:
 
 
 def measure(count: int, frames: int, degree: int) -> Table:
-    """One case, by phase."""
+    """Measure one case by phase."""
     table = Table(title=f"degree {degree}, {count:,} splats")
     for column in (
         "phase", "s", "longest wait [ms]", "without the queue", "99 %", "over 50 ms",
@@ -196,7 +198,7 @@ def measure(count: int, frames: int, degree: int) -> Table:
 
 
 def main(report: Report, count: int = 1_000_000, frames: int = 6) -> None:
-    """Print a table for each case; kernels are loaded, or compiled, by small ones before."""
+    """Print a table for each case. Small cases before load or compile the kernels."""
     for degree in (0, 3):
         measure(5_000, frames, degree)
         report.show(measure(count, frames, degree))

@@ -1,13 +1,14 @@
-"""A picture on the processor, beside other renderers that need no GPU, in one run.
+"""Compare the time of a picture on the CPU with other renderers that need no GPU, in one run.
 
     python -m benchmarks.peers        installs them, once
     python -m benchmarks.renderers [--grid 1] [--size 1920x1080] [--json FILE] [--pictures FOLDER]
 
-All draw the garden from its camera 0 (with square pixels) and take turns, warm. The pictures are
-compared with our float64 reference, so that speed never hides a wrong image; FOLDER gets them for
-eyes. Ours turns its camera by a hair from picture to picture and starts each from the splats. The
-others stand still, so that the sort that PlayCanvas leaves to a worker is not in its time, nor is
-reading its picture back. Processor times are those of all processes of a peer.
+All renderers draw the garden from its camera 0 (with square pixels), take turns, and are warm. The
+pictures are compared with our float64 reference, so that speed never hides a wrong picture. They
+are also written to FOLDER, to be looked at. Our camera rotates slightly from picture to picture,
+and each picture starts from the splats. The other cameras are static, so that the time of
+PlayCanvas includes neither the sort, which a worker does, nor reading the picture back. Processor
+times are those of all processes of a peer.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ from usdsplat.render.settings import RenderSettings
 SETTINGS = RenderSettings(sorting="zDepth", color_mode="display")
 ROUNDS = 7
 HAIR = 1e-5
-"""[radian] that the camera turns from picture to picture: less than a fiftieth of a pixel."""
+"""Rotation of the camera from picture to picture [radian]: less than a fiftieth of a pixel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """What is drawn."""
+    """Scene and camera of the comparison."""
 
     name: str
     cloud: SplatCloud
     view: F64
-    """World to a camera of OpenCV."""
+    """World to camera, OpenCV's axes."""
     k: F64
     """Intrinsics with square pixels and the axis in the middle [pixel]."""
     size: tuple[int, int]
@@ -58,27 +59,27 @@ class Shot:
 
 @dataclass(slots=True, kw_only=True)
 class Contestant:
-    """Who draws, and what it took."""
+    """A renderer and its measurements."""
 
     name: str
     draw: Callable[[], float]
-    """Draw once; returns wall ms."""
+    """Function that draws once and returns wall ms."""
     cpu: Callable[[], float]
-    """Processor seconds so far."""
+    """Function that returns the processor seconds so far."""
     picture: Callable[[], F64]
-    """Of the first camera: colours on black, shape (h, w, 3)."""
+    """Function that returns the picture of the first camera: colours on black, shape (h, w, 3)."""
     wall_ms: list[float] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
 
     def turn(self) -> None:
-        """Draw once and book it."""
+        """Draw once and record the times."""
         before = self.cpu()
         self.wall_ms.append(self.draw())
         self.cpu_ms.append(1e3 * (self.cpu() - before))
 
 
 def shot_of(grid: int, size: tuple[int, int]) -> Shot:
-    """The garden, tiled."""
+    """Return the garden, tiled."""
     cloud, view, k = garden(grid)
     k = lens_of(k, size)
     k[0, 0] = k[1, 1]
@@ -88,14 +89,14 @@ def shot_of(grid: int, size: tuple[int, int]) -> Shot:
 
 
 def turned(view: F64, angle: float) -> F64:
-    """The camera after it turned about its y axis."""
+    """Return the camera after a rotation about its y axis."""
     c, s = np.cos(angle), np.sin(angle)
     about = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])
     return about @ view
 
 
 def ours(shot: Shot) -> tuple[Contestant, Renderer]:
-    """This renderer, and the one that draws, for its statistics."""
+    """Return our renderer as a contestant, and the renderer itself for its statistics."""
     renderer = Renderer(open_device("cpu"))
     scene = scene_of(shot.cloud)
     drawn = 0
@@ -112,7 +113,7 @@ def ours(shot: Shot) -> tuple[Contestant, Renderer]:
         nonlocal drawn
         drawn += 1
         start = time.perf_counter()
-        for _ in bands(HAIR * drawn):  # the others' pictures are not copied out either
+        for _ in bands(HAIR * drawn):  # not copied, as the others' pictures are not copied either
             pass
         return 1e3 * (time.perf_counter() - start)
 
@@ -121,7 +122,7 @@ def ours(shot: Shot) -> tuple[Contestant, Renderer]:
 
 
 def peer(server: Server, name: str, shot: Shot, ply: Path, suffix: str, **more: str) -> Contestant:
-    """A peer that has opened the shot."""
+    """Return a peer that has opened the scene."""
     size, view, k = list(shot.size), shot.view.tolist(), shot.k.tolist()
     version = server.ask(do="open", ply=str(ply), view=view, k=k, size=size, **more)["version"]
     target = ply.with_name(f"{name.split()[0]}{suffix}")
@@ -139,7 +140,7 @@ def peer(server: Server, name: str, shot: Shot, ply: Path, suffix: str, **more: 
 
 
 def contestants(shot: Shot, folder: Path, stack: ExitStack) -> tuple[list[Contestant], Renderer]:
-    """Everyone who is here, ours first, each with a picture drawn."""
+    """Return all available contestants, ours first, each after a first picture."""
     first, renderer = ours(shot)
     all_of_them = [first]
     ply = folder / "scene.ply"
@@ -158,7 +159,7 @@ def contestants(shot: Shot, folder: Path, stack: ExitStack) -> tuple[list[Contes
 
 
 def truth(shot: Shot) -> F64:
-    """The float64 reference's colours, shape (h, w, 3)."""
+    """Return the colours of the float64 reference, shape (h, w, 3)."""
     lens = reference.Lens(
         world_to_camera=shot.view, focal=(shot.k[0, 0], shot.k[1, 1]),
         center=(shot.k[0, 2], shot.k[1, 2]), size=shot.size,
@@ -181,12 +182,12 @@ def _write(path: Path, picture: F64) -> None:
 
 
 def psnr(a: F64, b: F64) -> float:
-    """Peak signal-to-noise ratio [dB] of two pictures whose peak is 1."""
+    """Return the peak signal-to-noise ratio [dB] of two pictures for a peak of 1."""
     return float(-10 * np.log10(np.mean((a - b) ** 2)))
 
 
 def compare(shot: Shot, report: Report, pictures: Path | None) -> None:
-    """Let everyone draw, and print the table."""
+    """Let all contestants draw, and print the table."""
     expected = truth(shot)
     size = f"{shot.size[0]}x{shot.size[1]}"
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
@@ -221,7 +222,7 @@ def compare(shot: Shot, report: Report, pictures: Path | None) -> None:
 
 
 def main(report: Report) -> None:
-    """Print everything."""
+    """Print the comparison."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--grid", type=int, default=1)
     parser.add_argument("--size", default="1920x1080")

@@ -1,16 +1,16 @@
-"""What a benchmark prints and, with `--json FILE`, writes.
+"""Print the results of a benchmark and, with `--json FILE`, write them.
 
     with Report("frame", sys.argv[1:]) as report:
         report.add(device="cpu", scene="garden", splats=111_785, ms=63.2, low=61.0, high=70.1)
         report.show(table)
 
-The first line that is printed is the machine with its versions. The file holds an object: the
-benchmark's name, the machine, every table that was shown as text, every sentence that was said, and
-the rows that were added, which `benchmarks.plot` reads. A row has, of those that make sense:
+The first printed line is the machine with its versions. The file contains one object: the
+benchmark's name, the machine, all tables as text, all printed sentences, and the added rows, which
+`benchmarks.plot` reads. A row has those of these entries that apply:
 
-    device   what did the work, such as "cpu", "cuda" or a peer with its version
+    device   what was measured, such as "cpu", "cuda" or a peer with its version
     scene    what was drawn or simulated
-    splats   how many the scene has;  visible: how many of them are in the picture
+    splats   splats of the scene;  visible: splats in the picture
     size     "WIDTHxHEIGHT" [pixel]
     ms       median wall or GPU time;  low, high: the extremes;  cpu_ms: processor time
     db       the picture's peak signal-to-noise ratio against float64
@@ -36,13 +36,13 @@ Row = dict[str, Any]
 
 
 def spread(times: Sequence[float]) -> Row:
-    """Median and extremes of times [ms], under a row's names."""
+    """Return median and extremes of times [ms], with the names of a row's entries."""
     return {"ms": float(np.median(times)), "low": float(min(times)), "high": float(max(times))}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """What a file of results holds."""
+    """Content of a file of results."""
 
     benchmark: str
     machine: Machine
@@ -52,7 +52,7 @@ class Results:
 
 
 def read_results(path: Path) -> Results:
-    """Results that a `Report` wrote."""
+    """Read results that a `Report` wrote."""
     values = json.loads(path.read_text(encoding="utf-8"))
     return Results(
         benchmark=values["benchmark"],
@@ -64,14 +64,14 @@ def read_results(path: Path) -> Results:
 
 
 class Report:
-    """A benchmark's output; at the end of a `with` block, the file is written.
+    """Output of a benchmark, a context manager. The file is written at its end.
 
     Args:
         benchmark: The script's name.
-        arguments: Those of the command line; `--json FILE` is taken out.
+        arguments: Arguments of the command line; `--json FILE` is removed.
 
     Attributes:
-        arguments: The rest.
+        arguments: The remaining arguments.
     """
 
     def __init__(self, benchmark: str, arguments: Sequence[str] = ()) -> None:
@@ -91,11 +91,11 @@ class Report:
         print(self._machine.line, flush=True)
 
     def add(self, **row: Any) -> None:
-        """Keep a row of numbers for the file."""
+        """Add a row of numbers for the file."""
         self._rows.append(row)
 
     def show(self, table: Table, width: int = 120) -> None:
-        """Print a table and keep its text for the file."""
+        """Print a table and store its text for the file."""
         Console(width=width).print(table)
         cells = [[_plain(cell) for cell in column.cells] for column in table.columns]
         self._tables.append(
@@ -107,7 +107,7 @@ class Report:
         )
 
     def say(self, sentence: str) -> None:
-        """Print a sentence and keep it for the file."""
+        """Print a sentence and store it for the file."""
         print(sentence, flush=True)
         self._notes.append(sentence)
 
@@ -127,5 +127,5 @@ class Report:
 
 
 def _plain(content: object) -> str:
-    """Text without markup."""
+    """Return the text without markup."""
     return "" if content is None else Text.from_markup(str(content)).plain

@@ -1,11 +1,11 @@
-"""What a picture costs over the splats that are stored and over those that are seen.
+"""Measure how the time of a picture scales with stored and with visible splats.
 
     python -m benchmarks.scaling [--quick] [--json FILE]
 
-The garden is tiled from 0.1 million splats to 20 and drawn at 1920x1080, each
-picture from a hair aside, so that nothing is left of the last one: from its camera, where the part
-that is seen grows more and more slowly, and through a lens four times as long, which sees about as
-much whatever there is.
+The garden is tiled from 0.1 to 20 million splats and drawn at 1920x1080. The camera changes
+slightly for each picture, so that no results of the last one are reused. There are two lenses: with
+the garden's own, the number of visible splats grows more and more slowly; with one four times as
+long, it is about constant.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ REPEATS = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Some pictures of one scene through one lens."""
+    """Measurements of one scene with one lens."""
 
     scene: str
     stats: FrameStats
-    """Of the last."""
+    """Statistics of the last picture."""
     wall_ms: list[float]
     cpu_ms: list[float]
 
 
 def costs(device: Device, grids: tuple[int, ...], repeats: int) -> Iterator[Cost]:
-    """Draw every scene through every lens."""
+    """Draw every scene with every lens."""
     renderer = Renderer(device)
     for grid in grids:
         cloud, view_matrix, k = garden(grid)
@@ -52,7 +52,7 @@ def costs(device: Device, grids: tuple[int, ...], repeats: int) -> Iterator[Cost
             lens[0, 0], lens[1, 1] = k[0, 0] * factor, k[1, 1] * factor
             view = view_of(view_matrix, lens, SIZE)
             wall, cpu = [], []
-            for number in range(repeats + 2):  # it is laid out by the second
+            for number in range(repeats + 2):  # the second picture computes the spatial order
                 before = time.perf_counter(), time.process_time()
                 stats = draw(renderer, scene, afresh(view, number))[1]
                 wall.append(1e3 * (time.perf_counter() - before[0]))
@@ -61,7 +61,7 @@ def costs(device: Device, grids: tuple[int, ...], repeats: int) -> Iterator[Cost
 
 
 def main(arguments: list[str]) -> None:
-    """Print everything."""
+    """Print the table."""
     with Report("scaling", arguments) as report:
         device = open_device("cpu")
         table = Table(title=f"{device.name}: a picture at {SIZE[0]}×{SIZE[1]}")

@@ -1,4 +1,4 @@
-"""What is measured on: the captures and the garden of the test data, as render scenes."""
+"""Scenes of the measurements: the captures and the garden of the test data, as render scenes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def scene_of(cloud: SplatCloud) -> RenderScene:
-    """A scene with one field, at the origin."""
+    """Return a scene with one field, at the origin."""
     scene = RenderScene()
     scene.set_field("/field", FieldSpec(cloud=cloud))
     scene.set_instances("/field", (InstanceSpec(path="/field"),))
@@ -29,7 +29,7 @@ def scene_of(cloud: SplatCloud) -> RenderScene:
 
 
 def view_of(view: F64, k: F64, size: tuple[int, int]) -> View:
-    """A view from an OpenCV world-to-camera matrix and intrinsics [pixel]."""
+    """Return a view from an OpenCV world-to-camera matrix and intrinsics [pixel]."""
     fx, fy, cx, cy = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
     camera = CameraSpec(
         world_to_camera=tuple((OPENCV @ view.astype(np.float64)).ravel()),
@@ -40,8 +40,8 @@ def view_of(view: F64, k: F64, size: tuple[int, int]) -> View:
 
 
 def afresh(view: View, number: int) -> View:
-    """The same view but for a hair, another one for each number: nothing that the last picture
-    left is of use."""
+    """Return the view with a slightly different camera for each number, so that no results of the
+    last picture are reused."""
     near, far = view.camera.clipping_range
     return replace(
         view, camera=replace(view.camera, clipping_range=(near * (1 + 1e-6 * number), far))
@@ -49,17 +49,18 @@ def afresh(view: View, number: int) -> View:
 
 
 def capture(name: str) -> tuple[RenderScene, F64, F64]:
-    """One of CAPTURES, with the view matrix of its first reference picture and K at 640x480."""
+    """Return one of CAPTURES, with the view matrix of its first reference picture and K at
+    640x480."""
     oracle = np.load(DATA / "oracle" / "images" / f"{Path(name).stem}.npz")
     cloud = formats.read(DATA / "splats" / name).cloud
     return scene_of(cloud), oracle["viewmats"][0], oracle["K"].astype(np.float64)
 
 
 def garden(grid: int = 1, *, degree: int = 0) -> tuple[SplatCloud, F64, F64]:
-    """The garden tiled grid x grid with period 4, its camera 0 and K at 1920x1080.
+    """Return the garden tiled grid x grid with period 4, its camera 0 and K at 1920x1080.
 
-    Harmonics above degree 0 are small random numbers with a fixed seed: they cost what real ones
-    do.
+    Harmonics above degree 0 are small random numbers with a fixed seed. Their cost is that of real
+    ones.
     """
     scene = np.load(DATA / "garden" / "scene.npz")
     reach = grid // 2
@@ -83,14 +84,15 @@ def garden(grid: int = 1, *, degree: int = 0) -> tuple[SplatCloud, F64, F64]:
 
 
 def scaled(k: F64, factor: float) -> F64:
-    """Intrinsics of the same lens at `factor` times the resolution."""
+    """Return the intrinsics of the same lens at `factor` times the resolution."""
     k = k * factor
     k[2, 2] = 1.0
     return k
 
 
 def lens_of(k: F64, size: tuple[int, int]) -> F64:
-    """The garden's lens at another size, its axis in the middle as the yardstick has it."""
+    """Return the garden's lens at another size, with its axis in the middle, as in the
+    yardstick."""
     k = scaled(k, size[0] / 1920)
     k[:2, 2] = size[0] / 2, size[1] / 2
     return k

@@ -1,11 +1,11 @@
-"""What a frame of a simulation costs, from a stage to a bake, by stage of the solver.
+"""Measure a frame of a simulation, from a stage to a bake, by stage of the solver.
 
     python -m benchmarks.simulated_frame [SPLATS] [FRAMES]
 
 A ball passes a garden and touches a twentieth of it, splats settle behind it, and a labyrinth
-grows: 4 substeps and 8 reaction steps a frame, baked dense. Seconds of a frame are medians without
-the first; `end` is what closing the bake takes, divided among all frames. Each scene is a process
-of its own, so that the most memory held is its own.
+pattern grows: 4 substeps and 8 reaction steps per frame, baked dense. Times of a frame are medians
+without the first frame; `end` is the time to close the bake, divided by the number of frames. Each
+scene has a separate process, so that its peak memory can be measured.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from usdsplat.sim.stage.simulating import simulate
 
 RATE = 24
 RADIUS, REACH = 0.5, 2.4
-"""Of the ball, and how far it goes to either side [unit]."""
+"""Radius of the ball, and its distance to either side [unit]."""
 CASES = ((0, "carrier"), (0, "self"), (3, "carrier"))
-"""Degree of the harmonics, and where the reaction runs."""
+"""Degree of the harmonics, and domain of the reaction."""
 
 
 class Frames:
@@ -43,18 +43,18 @@ class Frames:
         self.ends: list[tuple[float, float]] = []
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Told by `simulate`."""
+        """Record the time, when called by `simulate`."""
         if label == "simulating" and done > len(self.ends):
             self.ends.append(now())
 
 
 def now() -> tuple[float, float]:
-    """Wall and CPU clocks [s]."""
+    """Return the wall and CPU clocks [s]."""
     return time.perf_counter(), time.process_time()
 
 
 def shot(folder: Path, count: int, degree: int, domain: str, frames: int) -> Usd.Stage:
-    """The stage that is simulated."""
+    """Return the stage to simulate."""
     cloud = garden(3, degree=degree)[0]
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, "/Garden", edit.take(cloud, np.arange(len(cloud)) < count))
@@ -109,7 +109,7 @@ def measure(count: int, degree: int, domain: str, frames: int) -> dict[str, Any]
 
 
 def child(*arguments: object) -> dict[str, Any]:
-    """Measure in a process of its own."""
+    """Measure in a separate process."""
     command = [sys.executable, "-m", "benchmarks.simulated_frame", "--one", *map(str, arguments)]
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, Any] = json.loads(text.splitlines()[-1])
@@ -118,7 +118,7 @@ def child(*arguments: object) -> dict[str, Any]:
 
 def main(report: Report, count: int = 1_000_000, frames: int = 8) -> None:
     """Print the table."""
-    child(10_000, 3, "carrier", 3)  # compiles what is not compiled yet
+    child(10_000, 3, "carrier", 3)  # compiles kernels that are not compiled yet
     child(10_000, 0, "self", 3)
     table = Table(title=f"{count:,} splats, {frames} frames: wall s / CPU s a frame")
     for name in (

@@ -1,12 +1,11 @@
-"""What the parts of a simulation cost, beside their floors on this machine.
+"""Measure the parts of a simulation, and compare them with their floors on this machine.
 
     python -m benchmarks.simulation [SPLATS]
 
-The floor of a part is the time in which this machine, with as many threads, copies as many bytes
-as the part must at least read and write, or multiplies and adds as often as it must: whichever is
-longer. Both probes run in turns with the parts, and the medians are compared. Splats lie on a
-gently waved sheet in tiles of 32 x 32, a little off a lattice. `benchmarks.simulated_frame`
-measures whole frames.
+The floor of a part is the longer of two times, with as many threads: that to copy as many bytes as
+the part must at least read and write, and that of its minimum number of multiply-adds. Both probes
+take turns with the parts, and medians are compared. Splats are on a slightly waved sheet in tiles
+of 32 x 32, near the points of a lattice. `benchmarks.simulated_frame` measures whole frames.
 """
 
 from __future__ import annotations
@@ -47,12 +46,12 @@ from usdsplat.sim.transport import rotate_harmonics, transport
 REPEATS = 5
 TILE = 32
 SUPPORT = 2.33
-"""Radius of 17 neighbours on a lattice of spacing 1, themselves counted."""
+"""Radius with 17 neighbours on a lattice of spacing 1, including the splat itself."""
 DT = 1 / 96
 PROBE = 1 << 24
-"""Numbers that are copied."""
+"""Number of copied numbers."""
 CHAINS, STEPS = 32 * 1024, 16_384
-"""Numbers that are worked on, and multiply-adds of each."""
+"""Number of values, and multiply-adds of each."""
 
 
 @parallel
@@ -75,26 +74,26 @@ def chains(values, steps):
 
 @parallel
 def work(values, steps):
-    """Likewise each row of (n, 1024), which stays in the cache."""
+    """Do the same for each row of (n, 1024), which stays in the cache."""
     for row in prange(values.shape[0]):
         chains(values[row], steps)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Part:
-    """Something that is measured."""
+    """A measured part of the simulation."""
 
     name: str
     run: Callable[[], Any]
     bytes: float
-    """That it must read and write, for each splat; lists and tables count once."""
+    """Bytes that it must read and write, per splat; lists and tables count once."""
     flops: float = 0.0
     goal: float | None = None
-    """Times the floor, as specified."""
+    """Goal as a multiple of the floor."""
 
 
 def sheet(count: int) -> F32:
-    """Points of a waved sheet, of spacing 1, shape (count, 3)."""
+    """Return the points of a waved sheet with spacing 1, shape (count, 3)."""
     side = int(np.ceil(np.sqrt(count)))
     y, x = np.divmod(np.arange(side * side), side)
     order = np.lexsort((x, y, x // TILE, y // TILE))[:count]
@@ -106,7 +105,7 @@ def sheet(count: int) -> F32:
 
 
 def state_of(points: F32, degree: int) -> State:
-    """Flat splats there."""
+    """Return a state of flat splats at points."""
     rng = np.random.default_rng(1)
     n = len(points)
     q = rng.normal(size=(n, 4)).astype(np.float32)
@@ -123,7 +122,7 @@ def state_of(points: F32, degree: int) -> State:
 
 
 def capsules(count: int, size: float, half: float, centre: F32, spread: float) -> list[Affector]:
-    """Capsules that lie along z about a place, none like another."""
+    """Return different capsules along z around a position."""
     rng = np.random.default_rng(3)
     out = []
     for k in range(count):
@@ -136,7 +135,7 @@ def capsules(count: int, size: float, half: float, centre: F32, spread: float) -
 
 
 def contacts(device: CpuDevice, points: F32) -> Iterator[Part]:
-    """The same substep again and again, from where splats were pushed to the first time."""
+    """Repeat one substep, with the positions to which splats were pushed at the first time."""
     side = float(np.sqrt(len(points)))
     middle = points.mean(axis=0)
     size = 0.03 * side
@@ -159,7 +158,7 @@ def contacts(device: CpuDevice, points: F32) -> Iterator[Part]:
 
 
 def growth(device: CpuDevice, points: F32) -> Iterator[Part]:
-    """Grid, lists and the reaction."""
+    """Measure grid, lists and the reaction."""
     n = len(points)
     support = np.full(n, SUPPORT, np.float32)
     cells = into_cells(device, points, SUPPORT)
@@ -195,7 +194,7 @@ def growth(device: CpuDevice, points: F32) -> Iterator[Part]:
 
 
 def shapes(device: CpuDevice, points: F32) -> Iterator[Part]:
-    """Settling, gradients, covariances and harmonics."""
+    """Measure settling, gradients, covariances and harmonics."""
     n = len(points)
     state = state_of(points, 3)
     state.positions = points + np.float32(0.1)
@@ -240,7 +239,7 @@ def shapes(device: CpuDevice, points: F32) -> Iterator[Part]:
 
 
 def spent(action: Callable[[], Any]) -> tuple[float, float]:
-    """Wall and CPU seconds of a call."""
+    """Return the wall and CPU seconds of a call."""
     wall, cpu = time.perf_counter(), time.process_time()
     action()
     return time.perf_counter() - wall, time.process_time() - cpu

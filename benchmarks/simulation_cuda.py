@@ -1,15 +1,15 @@
-"""What the simulation costs on a GPU, beside the bytes that it must move and beside the CPU.
+"""Measure the simulation on a GPU, and compare it with its memory traffic and with the CPU.
 
     python -m benchmarks.simulation_cuda [steps | frames] [SPLATS] [--json FILE]
 
-`steps`: a step of the reaction on the graph of a waved sheet, the affector step of 16 capsules, and
-others, with a million splats. Milliseconds of the GPU are between events of its own stream around
-each launch, of arrays that are there, queued while it is busy with something else, so that no
-launch is waited for: medians of 40, with the quartiles. The floor is the bytes that must be read
-and written at 4 TB/s. The CPU's are of the same kernels on the same arrays.
+`steps` measures, with a million splats, a step of the reaction on the graph of a waved sheet, the
+contact step of 16 capsules, and others. GPU times are those of events around each launch in a
+stream of its own, with resident arrays. Launches are queued while the GPU is busy, so that it never
+waits for the host: medians of 40, with quartiles. The floor is the time for the bytes that must be
+read and written at 4 TB/s. The CPU runs the same kernels on the same arrays.
 
-`frames`: 100 frames of a pattern, growth and affectors on both devices, and how far apart their
-states are; twice on the GPU, whose bits must be the same.
+`frames` simulates 100 frames of a pattern, growth and affectors on both devices, and compares the
+final states; on the GPU twice, with bit-identical results.
 """
 
 from __future__ import annotations
@@ -45,29 +45,29 @@ from usdsplat.sim.uses import uses_over
 
 REPEATS = 40
 BANDWIDTH = 4e12
-"""Of an H200's memory [B/s], nearly."""
+"""Approximate memory bandwidth of an H200 [B/s]."""
 FRAMES = 100
 FIELD = 20_000
-"""Splats of `frames`."""
+"""Number of splats of `frames`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Part:
-    """A launch that is measured, with arrays of the device."""
+    """A measured launch with arrays of the device."""
 
     name: str
     run: Callable[[], Any]
     bytes: float
-    """That it must read and write."""
+    """Bytes that it must read and write."""
     prepare: Callable[[], Any] = lambda: None
-    """What is done before each launch, and not timed."""
+    """Function that prepares each launch, not timed."""
 
 
 # --- 1. steps ---------------------------------------------------------------------------
 
 
 def reaction_part(device: Device, graph: Graph) -> Part:
-    """A step of Gray and Scott's."""
+    """Return a step of the Gray-Scott reaction."""
     knobs = RdParameters(enabled=True)
     reaction = Reaction(device, graph, knobs)
     n, k = len(graph.order), len(graph.neighbors)
@@ -86,7 +86,7 @@ def reaction_part(device: Device, graph: Graph) -> Part:
 
 
 def contact_part(device: Device, points: F32, name: str, solids: list[Affector]) -> Part:
-    """The affector step, from where splats are when it is done for the first time."""
+    """Return the contact step, from the positions after its first run."""
     n = len(points)
     bodies = pack_bodies(Fields(device), solids, solids, DT)
     everyone = np.arange(len(bodies), dtype=np.int32)
@@ -123,7 +123,7 @@ def contact_part(device: Device, points: F32, name: str, solids: list[Affector])
 
 
 def other_parts(device: Device, points: F32) -> list[Part]:
-    """Settling, and whether lists must be built again."""
+    """Return settling, and the test whether lists must be rebuilt."""
     n = len(points)
     state = state_of(points, 0)
     here = device.move(points.copy())
@@ -149,7 +149,7 @@ def other_parts(device: Device, points: F32) -> list[Part]:
 
 
 def parts(device: Device, points: F32) -> list[Part]:
-    """All that `steps` measures."""
+    """Return all parts that `steps` measures."""
     support = np.full(len(points), SUPPORT, np.float32)
     graph = Neighbors(device, NeighborsParameters()).update(points, support)
     side, middle = float(np.sqrt(len(points))), points.mean(axis=0)
@@ -168,7 +168,7 @@ def parts(device: Device, points: F32) -> list[Part]:
 
 
 def events(device: Any, part: Part) -> list[float]:
-    """Time of each of many launches on the GPU [ms]."""
+    """Return the time of each of many launches on the GPU [ms]."""
     from numba import cuda
 
     @cuda.jit
@@ -192,7 +192,7 @@ def events(device: Any, part: Part) -> list[float]:
 
 
 def clock(part: Part) -> list[float]:
-    """Time of each of some launches on the CPU [ms]."""
+    """Return the time of each of some launches on the CPU [ms]."""
     out = []
     for _ in range(8):
         part.prepare()
@@ -227,7 +227,7 @@ def steps(report: Report, count: int) -> None:
 
 
 def built(device: Device, points: F32) -> float:
-    """Seconds that building lists takes, from arrays of the host to arrays of the host."""
+    """Return the seconds to build lists, from host arrays to host arrays."""
     support = np.full(len(points), SUPPORT, np.float32)
     out = []
     for _ in range(4):
@@ -241,7 +241,7 @@ def built(device: Device, points: F32) -> float:
 
 
 class Field:
-    """Splats of a sheet that a pattern grows out of, while capsules go through them."""
+    """Splats of a sheet on which a pattern grows, while capsules move through them."""
 
     selection: F32 | None = None
     binding: SkinBinding | None = None
@@ -260,7 +260,7 @@ class Field:
         )
 
     def at(self, time: float) -> Moment:
-        """Capsules that go along x."""
+        """Return the capsules, which move along x, at a time."""
         side = float(np.sqrt(len(self._points)))
         middle = self._points.mean(axis=0) + np.float32([0.2 * time - 10, 0, 0])
         solids = capsules(16, 0.04 * side, 0.04 * side, middle, 0.3 * side)
@@ -284,7 +284,7 @@ def simulated(name: str, count: int, path: str) -> None:
 
 
 def frames(report: Report, count: int) -> None:
-    """Print how far apart the states are."""
+    """Print the differences of the states."""
     with tempfile.TemporaryDirectory() as folder:
         names = ["cpu"] if open_device().name == "cpu" else ["cpu", "cuda", "cuda"]
         files = [str(Path(folder) / f"{k}.npz") for k in range(len(names))]
@@ -314,7 +314,7 @@ def frames(report: Report, count: int) -> None:
 
 
 def main() -> None:
-    """Print the tables that were asked for."""
+    """Print the requested tables."""
     with Report("simulation_cuda", sys.argv[1:]) as report:
         what, *rest = report.arguments or ["all"]
         count = int(rest[0]) if rest else 0

@@ -1,9 +1,9 @@
-"""Simulations of real captures, a strip of pictures each: `docs/sim_*.png`.
+"""Simulate real captures, and make a strip of pictures of each: `docs/sim_*.png`.
 
     python -m benchmarks.simulations [NAME ...]
 
-What the examples show on a small made-up capture, on captures of the test data. Everything that
-pushes splats or draws them to it is in the pictures, as the mesh that it is.
+The examples show the same on a small generated capture; here captures of the test data are used.
+All meshes that push or attract splats are visible in the pictures.
 """
 
 from __future__ import annotations
@@ -29,26 +29,27 @@ CAMERA = "/Shot"
 SIM = "/World/Simulation/Sim"
 BACKGROUND = (0.09, 0.1, 0.12)
 LIMIT = 300_000
-"""[byte] of a strip."""
+"""Maximum size of a strip [byte]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """One simulation and which of its frames are shown."""
+    """A simulation with the frames to show."""
 
     capture: str
     preset: str
     frames: tuple[int, ...]
     edit: Callable[[Usd.Stage], None]
-    """Makes the preset's stage what it is to be, its camera included."""
+    """Function that edits the preset's stage, including its camera."""
     size: tuple[int, int] = (480, 640)
-    """[pixel] of a picture, before the strip is made smaller."""
+    """Size of a picture [pixel], before the strip is reduced."""
 
 
 def shoot(
     stage: Usd.Stage, eye: tuple[float, ...], at: tuple[float, ...], angle: float = 30.0
 ) -> None:
-    """A camera, `angle` degrees high, a light from above its left, and a fainter one."""
+    """Author a camera at an elevation of `angle` degrees, a light from above left, and a fainter
+    one."""
     camera = UsdGeom.Camera.Define(stage, CAMERA)
     view = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*eye), Gf.Vec3d(*at), Gf.Vec3d(0, 1, 0))
     camera.AddTransformOp().Set(view.GetInverse())
@@ -66,14 +67,14 @@ def shoot(
 
 
 def grow(stage: Usd.Stage) -> None:
-    """A labyrinth grows on a bust."""
+    """Grow a labyrinth pattern on a bust."""
     stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
     author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "growth:birthRate": 0.25})
     shoot(stage, (-1.3, 1.6, -3.6), (0.0, 1.15, 0))
 
 
 def push(stage: Usd.Stage) -> None:
-    """A ball goes through a statue."""
+    """Move a ball through a statue."""
     ball = UsdGeom.Sphere.Get(stage, "/World/Simulation/Ball")
     ball.GetDisplayColorAttr().Set([(0.75, 0.16, 0.05)])
     ball.GetRadiusAttr().Set(0.27)
@@ -87,7 +88,7 @@ def push(stage: Usd.Stage) -> None:
 
 
 def walk(stage: Usd.Stage) -> None:
-    """A figure comes out of a flower bed."""
+    """Let a figure walk out of a flower bed."""
     stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
     figure = stage.DefinePrim("/World/Simulation/Figure")
     figure.GetReferences().AddReference(str(DATA / "usd" / "usdwg" / "CesiumMan.usdz"))
@@ -105,7 +106,7 @@ def walk(stage: Usd.Stage) -> None:
 
 
 def conform(stage: Usd.Stage) -> None:
-    """A kettle becomes a doughnut."""
+    """Conform a kettle to a doughnut."""
     select(stage, lambda points: points[:, 1] > -0.078)
     path = Sdf.Path("/World/Simulation/Ring")
     stage.RemovePrim(path)
@@ -128,13 +129,13 @@ def conform(stage: Usd.Stage) -> None:
 
 
 def dissolve(stage: Usd.Stage) -> None:
-    """The wind takes a statue off its plinth."""
+    """Dissolve a statue in the wind."""
     select(stage, lambda points: points[:, 1] > 0.03)
     shoot(stage, (2.5, 2.0, 5.3), (0.35, 1.05, 0))
 
 
 def select(stage: Usd.Stage, which: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Only splats at such places, in the stage's space, take part."""
+    """Select the splats at some positions in the stage's space for the simulation."""
     for prim in stage.Traverse():
         if schema.is_splat_field(prim):
             place = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0))
@@ -162,7 +163,7 @@ STRIPS = {
 
 
 def bake(strip: Strip, folder: Path) -> Path:
-    """Make the stage, simulate it; returns the layer of results."""
+    """Make the stage and simulate it. Return the layer of results."""
     made, baked = folder / "scene.usda", folder / "bake.usda"
     run(f"simulate --preset {strip.preset} {DATA / 'splats' / strip.capture} -o {made}")
     stage = Usd.Stage.Open(str(made))
@@ -173,7 +174,7 @@ def bake(strip: Strip, folder: Path) -> Path:
 
 
 def pictures(strip: Strip, baked: Path) -> np.ndarray:
-    """The strip's frames side by side, shape (h, w, 3)."""
+    """Return the frames of the strip side by side, shape (h, w, 3)."""
     shot = Usd.Stage.Open(str(baked))
     row = []
     with Engine(shot, time=strip.frames[0]) as engine:
@@ -186,13 +187,13 @@ def pictures(strip: Strip, baked: Path) -> np.ndarray:
 
 
 def run(command: str) -> None:
-    """A command of usdsplat's that must succeed."""
+    """Run a command of usdsplat, which must succeed."""
     if usdsplat(command.split()):
         raise SystemExit(f"usdsplat {command} failed")
 
 
 def save(image: np.ndarray, path: Path) -> None:
-    """An 8-bit PNG with a palette of its own, as large as the limit allows."""
+    """Write an 8-bit PNG with a palette, as large as the limit allows."""
     from PIL import Image
 
     rgb = Image.fromarray(np.uint8(np.clip(image, 0, 1) * 255 + 0.5))

@@ -1,10 +1,10 @@
-"""The stages of the test data with a capture in each, on one sheet: `docs/stages.jpg`.
+"""Draw the stages of the test data with a capture in each, on one sheet: `docs/stages.jpg`.
 
     python -m benchmarks.stages [SHEET]
 
-Every picture is a stage of somebody else's, as its own files have it, and a capture that a
-reference puts beside or into what is there, as large as it is. Cameras are the stages' own where
-they have one. It prints what each stage warned of.
+Every picture shows a stage of another project as its files define it, and a capture, scaled to the
+size of the scene, that is added by a reference. Cameras are those of the stages, if they have one.
+Warnings of each stage are printed.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ VEHICLES = USDWG / "Vehicles" / "assets" / "vehicles"
 BACKGROUND = (0.09, 0.1, 0.12)
 
 SHIFT, SCALE = 0.4, 0.2
-"""How far to the right of what is there a capture stands, and how large it is, as parts of it."""
+"""Offset of a capture to the right, and its size, as fractions of the scene's size."""
 ELSEWHERE = {"Creases_SpinningPyramids": (0.12, 0.1), "renderSettingsEdits": (0.05, 0.12)}
-"""Where the stage's own camera would not see it there."""
+"""Other values for stages whose camera would not see the capture there."""
 
 STAGES = (
     (USDWG / "CesiumMan.usdz", 24.0, "skinned, textured"),
@@ -56,14 +56,14 @@ STAGES = (
 
 
 def box_of(stage: Usd.Stage, time: float) -> tuple[Gf.Vec3d, float]:
-    """Middle of the floor of all that is drawn, and how large it is."""
+    """Return the centre of the floor of everything drawn, and its size."""
     cache = UsdGeom.BBoxCache(Usd.TimeCode(time), ["default", "render"])
     box = cache.ComputeWorldBound(stage.GetPseudoRoot()).ComputeAlignedRange()
     return box.GetMidpoint(), max(box.GetSize())
 
 
 def with_capture(path: Path, capture: Path, time: float) -> Usd.Stage:
-    """The stage, and a capture that stands in front of it to the right, upright."""
+    """Return the stage with an upright capture in front of it to the right."""
     stage = Usd.Stage.CreateInMemory()
     stage.GetRootLayer().subLayerPaths.append(str(path))
     source = Usd.Stage.Open(str(path))
@@ -84,7 +84,7 @@ def with_capture(path: Path, capture: Path, time: float) -> Usd.Stage:
 
 
 def picture(path: Path, capture: Path, time: float) -> np.ndarray:
-    """One stage over a plain background, display-referred, shape (h, w, 3)."""
+    """Draw one stage over a plain background, display-referred, shape (h, w, 3)."""
     stage = with_capture(path, capture, time)
     with Engine(stage, time=time) as engine:
         cameras = engine.cameras()

@@ -1,4 +1,4 @@
-"""A capture becomes a stage, and the stage a picture.
+"""Convert a capture to a stage, and render the stage.
 
 python examples/01_capture_to_picture.py [FOLDER]
 """
@@ -16,10 +16,10 @@ from usdsplat import main as usdsplat
 
 
 def main(folder: Path) -> Path:
-    """Write capture.ply, capture.usdc and capture.exr; returns the picture."""
+    """Write capture.ply, capture.usdc and capture.exr. Return the picture."""
     scan, stage, picture = (folder / f"capture{suffix}" for suffix in (".ply", ".usdc", ".exr"))
     formats.write(procedural_capture(20_000), scan)
-    y_up = ImportOptions(axes="rub")  # unlike most scans
+    y_up = ImportOptions(axes="rub")  # most scans have other axes
     report = import_capture(scan, stage, options=y_up)
     print(f"{report.splats} splats at {report.prim_path}")
     usdsplat(["render", str(stage), "-o", str(picture), "--resolution", "320x240"])
@@ -27,7 +27,8 @@ def main(folder: Path) -> Path:
 
 
 def check(picture: Path) -> None:
-    """Something is seen, it is linear Rec.709, and where nothing is nothing was made up."""
+    """Check that splats are visible, that colours are linear Rec.709, and that empty pixels are
+    0."""
     image = oiio.ImageBuf(str(picture))
     pixels = image.get_pixels(oiio.FLOAT)
     assert image.spec().getattribute("colorInteropID") == "lin_rec709_scene"

@@ -1,6 +1,7 @@
-"""Two fields of one stage, merged in one order, with depth and ids to composite by.
+"""Render two fields of a stage, sorted together, with depth and ids for compositing.
 
-The second field is a mirrored, sheared reference to the first: its splats and harmonics follow.
+The second field is a mirrored, sheared reference to the first. Its splats and harmonics are
+transformed accordingly.
 
     python examples/02_depth_and_ids.py [FOLDER]
 """
@@ -17,7 +18,7 @@ from usdsplat import Engine, procedural_capture, schema
 
 
 def main(folder: Path) -> Path:
-    """Author a stage of two fields and save its picture's arrays; returns the file."""
+    """Author a stage with two fields, and save its AOVs as arrays. Return the file."""
     stage = Usd.Stage.CreateNew(str(folder / "pair.usda"))
     cloud = procedural_capture(20_000)
     schema.author(stage, "/World/Left", cloud)
@@ -35,7 +36,7 @@ def main(folder: Path) -> Path:
 
 
 def check(target: Path) -> None:
-    """Both fields are seen, each pixel has a depth where it has a splat, and ids name rows."""
+    """Check that both fields are visible, every splat pixel has a depth, and ids are valid rows."""
     picture = np.load(target)
     assert set(np.unique(picture["primId"])) == {-1, 0, 1}
     np.testing.assert_array_equal(np.isfinite(picture["depth"]), picture["primId"] >= 0)

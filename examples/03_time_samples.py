@@ -1,7 +1,7 @@
-"""Time samples on a layer of their own: a wave passes through a capture that stays untouched.
+"""Write time samples to a separate layer: a wave passes through a capture, which is not changed.
 
-The layer holds only `over`s, packed: 76 bytes a splat of degree 3 and frame instead of 236. Mute
-it, and the capture is back.
+The layer contains only `over`s, in packed form: 76 bytes per splat of degree 3 and frame instead of
+236. Mute the layer to restore the capture.
 
     python examples/03_time_samples.py [FOLDER]
 """
@@ -22,14 +22,17 @@ FRAMES = range(1, 9)
 
 
 def wave(cloud: SplatCloud, frame: int) -> SplatCloud:
-    """The cloud with a ripple of 4 cm that runs along x."""
+    """Return the cloud with a ripple of 4 cm that moves along x."""
     offset = 0.04 * np.sin(12 * cloud.positions[:, 0] - 0.7 * frame)
     positions = cloud.positions + np.stack([0 * offset, offset, 0 * offset], axis=1)
     return replace(cloud, positions=positions.astype(np.float32))
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, wave.usdc and shot.usda, which puts one over the other; returns it."""
+    """Write capture.usdc, wave.usdc and shot.usda, which has both as sublayers.
+
+    Return shot.usda.
+    """
     cloud = procedural_capture(20_000)
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(base, "/World/Capture", cloud)
@@ -48,7 +51,7 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """Frames differ; without the layer of results the picture is the capture's, bit for bit."""
+    """Check that frames differ, and that muting the results restores the picture bit for bit."""
     shot = Usd.Stage.Open(str(path))
     with Engine(shot) as engine:
         view = engine.view(resolution=(160, 120))

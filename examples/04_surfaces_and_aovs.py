@@ -1,4 +1,4 @@
-"""A ball half inside a capture: splats and surfaces hide each other, and every AOV knows both.
+"""Render a ball that is half inside a capture: splats and surfaces hide each other in all AOVs.
 
 python examples/04_surfaces_and_aovs.py [FOLDER]
 """
@@ -21,12 +21,12 @@ BALL, FIELD = "/World/Ball", "/World/Capture"
 
 
 def main(folder: Path) -> Path:
-    """Write ball.usda and ball.exr; returns the picture."""
+    """Write ball.usda and ball.exr. Return the picture."""
     stage = Usd.Stage.CreateNew(str(folder / "ball.usda"))
     schema.author(stage, FIELD, procedural_capture(20_000))
     ball = UsdGeom.Sphere.Define(stage, BALL)
     ball.GetRadiusAttr().Set(0.25)
-    # Its middle is on the ground, whose splats hide the lower half.
+    # Its centre is on the ground, whose splats hide the lower half.
     ball.AddTranslateOp().Set((0.0, 0.0, 0.8))
     ball.CreateDisplayColorAttr([(0.8, 0.1, 0.05)])
     stage.Save()
@@ -37,7 +37,7 @@ def main(folder: Path) -> Path:
 
 
 def check(picture: Path) -> None:
-    """Both prims are in the matte, their weights add up to the coverage, and P is where Z is."""
+    """Check that both prims are in the matte, weights sum to the coverage, and P agrees with Z."""
     image = oiio.ImageBuf(str(picture))
     spec = image.spec()
     channels = np.moveaxis(image.get_pixels(oiio.FLOAT), 2, 0)
@@ -49,7 +49,7 @@ def check(picture: Path) -> None:
     print({path: int(np.sum(_weight(pixels, bits))) for path, bits in manifest.items()}, "pixels")
     assert np.sum(_weight(pixels, manifest[BALL])) > 100
     total = sum(_weight(pixels, bits) for bits in manifest.values())
-    # A is kept as half; a splat may peak so near a surface that rounding decides which hides which.
+    # A is stored as half. A splat may peak so near a surface that rounding decides the order.
     assert np.mean(np.abs(total - pixels["A"]) > 2e-3) < 1e-4
     seen = np.isfinite(pixels["Z"])
     normals = np.stack([pixels[f"N.{axis}"] for axis in "xyz"])
@@ -59,7 +59,7 @@ def check(picture: Path) -> None:
 
 
 def _weight(pixels: dict[str, np.ndarray], bits: str) -> np.ndarray:
-    """How much of each pixel the prim covers that Cryptomatte calls `bits`."""
+    """Return the fraction of each pixel that is covered by the prim with a Cryptomatte id."""
     total = np.zeros_like(pixels["A"])
     for rank in range(3):
         for hashed, weight in ("RG", "BA"):

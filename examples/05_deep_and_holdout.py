@@ -1,7 +1,7 @@
-"""A deep picture of splats, and the same held out by what another renderer has drawn.
+"""Render a deep picture of splats, and the same with another renderer's picture as a holdout.
 
-A deep EXR keeps every contribution to a pixel. Flattened it is the picture that is blended in
-linear light; with a CG ball held out, putting the ball back leaves no edge.
+A deep EXR contains every contribution to a pixel. Flattened, it equals the picture blended in
+linear light. If a CG ball is the holdout, compositing the ball leaves no visible edge.
 
     python examples/05_deep_and_holdout.py [FOLDER]
 """
@@ -27,11 +27,11 @@ COMMANDS = (
     "render shot.usda -o held.exr --holdout cg.exr --float --mask /World",
     "render shot.usda -o both.exr --float",
 )
-"""Splats are beneath /World, and a ball that stands for somebody else's picture beneath /CG."""
+"""Commands. Splats are below /World; a ball below /CG stands for another renderer's picture."""
 
 
 def main(folder: Path) -> Path:
-    """Write a stage and the pictures of `COMMANDS`; returns the folder."""
+    """Write a stage and the pictures of `COMMANDS`. Return the folder."""
     stage = Usd.Stage.CreateNew(str(folder / "shot.usda"))
     schema.author(stage, "/World/Capture", procedural_capture(20_000))
     ball = UsdGeom.Sphere.Define(stage, "/CG/Ball")
@@ -48,7 +48,8 @@ def main(folder: Path) -> Path:
 
 
 def check(folder: Path) -> None:
-    """Deep, flattened, is the linear picture; what is held out, over the ball, is both at once."""
+    """Check that deep pictures flatten to the linear one, and that the ball fits into the
+    holdout."""
     deep = read_deep(folder / "deep.exr")
     print(f"{len(deep.depth)} samples, at most {np.diff(deep.offsets).max()} in a pixel")
     np.testing.assert_allclose(flattened(deep), color(folder / "linear.exr"), atol=1e-3)
@@ -59,12 +60,12 @@ def check(folder: Path) -> None:
 
 
 def color(path: Path) -> np.ndarray:
-    """RGBA of a flat picture, shape (h, w, 4)."""
+    """Return the RGBA of a flat picture, shape (h, w, 4)."""
     return oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)[..., :4]
 
 
 def flattened(deep: DeepImage) -> np.ndarray:
-    """Samples over one another, near over far, shape (h, w, 4)."""
+    """Composite the samples of each pixel, near over far, shape (h, w, 4)."""
     image = np.zeros((len(deep.offsets) - 1, 4), np.float32)
     for i, (start, end) in enumerate(zip(deep.offsets[:-1], deep.offsets[1:], strict=True)):
         for sample in deep.color[start:end]:

@@ -1,4 +1,4 @@
-"""A capture that moves, as a camera with a shutter sees it, and how far each pixel moves.
+"""Render a moving capture with motion blur and motion vectors.
 
 python examples/06_blur.py [FOLDER]
 """
@@ -14,13 +14,13 @@ from pxr import Usd, UsdGeom
 from usdsplat import Engine, RenderSettings, procedural_capture, schema
 
 STEP = 0.25
-"""[scene unit] that the capture moves to the right from each frame to the next."""
+"""Motion of the capture to the right from frame to frame [scene unit]."""
 PIXELS = 80
-"""[pixel] of a scene unit: 320 across an orthographic camera that is 4 units wide."""
+"""Pixels per scene unit: 320 across an orthographic camera of width 4."""
 
 
 def main(folder: Path) -> Path:
-    """Author blur.usda and save pictures of its frame 2, sharp and blurred; returns the file."""
+    """Author blur.usda, and save pictures of frame 2, sharp and blurred. Return the file."""
     stage = Usd.Stage.CreateNew(str(folder / "blur.usda"))
     field = schema.author(stage, "/World/Capture", procedural_capture(20_000))
     move = UsdGeom.Xformable(field).AddTranslateOp()
@@ -29,14 +29,14 @@ def main(folder: Path) -> Path:
     camera = UsdGeom.Camera.Define(stage, "/World/Camera")
     camera.AddTranslateOp().Set((0.0, 0.4, 5.0))
     camera.GetProjectionAttr().Set(UsdGeom.Tokens.orthographic)
-    camera.GetHorizontalApertureAttr().Set(40.0)  # in tenths of a unit
+    camera.GetHorizontalApertureAttr().Set(40.0)  # unit: a tenth of a scene unit
     camera.GetVerticalApertureAttr().Set(30.0)
     camera.GetShutterOpenAttr().Set(0.0)
     camera.GetShutterCloseAttr().Set(0.5)
     stage.Save()
     with Engine(stage, time=2) as engine:
         view = engine.view("/World/Camera", resolution=(320, 240))
-        # Still things at the same 32 points of a pixel, so that only the shutter differs.
+        # The static picture has the same 32 points in each pixel, so that only the shutter differs.
         blur = RenderSettings(samples=32)
         still = RenderSettings(samples=32, motion_blur=False)
         blurred = engine.picture(view, blur, ("color", "motionForward", "motionBackward"))
@@ -46,7 +46,8 @@ def main(folder: Path) -> Path:
 
 
 def check(target: Path) -> None:
-    """Vectors say how far it moves; blur keeps what there is, and moves its middle half as far."""
+    """Check the motion vectors, and that blur keeps the sum and moves the centre by half of
+    them."""
     picture = np.load(target)
     for name in ("motionForward", "motionBackward"):
         moves = picture[name][picture[name].any(axis=-1)]

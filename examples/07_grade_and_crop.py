@@ -1,4 +1,4 @@
-"""A grade and a garbage matte, in a layer of their own: the capture's arrays are never touched.
+"""Author a grade and a garbage matte in a separate layer. The capture's arrays are not changed.
 
 python examples/07_grade_and_crop.py [FOLDER]
 """
@@ -32,7 +32,10 @@ LINEAR = RenderSettings(blend_space="linear", color_mode="scene")
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, look.usda and shot.usda, which puts one over the other; returns it."""
+    """Write capture.usdc, look.usda and shot.usda, which has both as sublayers.
+
+    Return shot.usda.
+    """
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(base, "/World/Capture", procedural_capture(20_000))
     base.Save()
@@ -46,7 +49,7 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """Only splats in the sphere are drawn, and in linear light they are half as bright."""
+    """Check that only splats in the sphere are drawn, with half the brightness in linear light."""
     shot = Usd.Stage.Open(str(path))
     field = shot.GetPrimAtPath("/World/Capture")
     positions = schema.fetch(field).positions
@@ -56,7 +59,7 @@ def check(path: Path) -> None:
         seen = np.unique(picture["elementId"][picture["elementId"] >= 0])
         assert len(seen) > 100
         assert np.linalg.norm(positions[seen], axis=1).max() <= RADIUS
-        schema.author_grade(field, exposure=0.0)  # the edit is noticed, and is not saved
+        schema.author_grade(field, exposure=0.0)  # the engine follows the edit; it is not saved
         plain = engine.picture(view, LINEAR)["color"]
         np.testing.assert_allclose(picture["color"][..., :3], plain[..., :3] / 2, atol=1e-6)
         shot.MuteLayer(shot.ResolveIdentifierToEditTarget("look.usda"))

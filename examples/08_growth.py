@@ -1,4 +1,4 @@
-"""A pattern grows over a capture, colours it, raises it and breeds splats where it is.
+"""Grow a pattern over a capture. Where it is high, it colours, raises and multiplies splats.
 
 python examples/08_growth.py [FOLDER]
 """
@@ -18,7 +18,7 @@ FIELD = "/World/Capture"
 FRAMES = (1, 16)
 SETTINGS = (
     "rd:preset=coral",
-    "rd:substeps=120",  # a pattern in seconds: the preset takes a hundred frames for it
+    "rd:substeps=120",  # develops the pattern in seconds; the preset needs a hundred frames
     "rd:patternScale=0.02",
     "rd:seedDensity=0.0005",
     "growth:birthRate=2",
@@ -27,7 +27,10 @@ SETTINGS = (
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, grow.usda, which says what is to happen, and grown.usda."""
+    """Write capture.usdc, grow.usda with the simulation, and grown.usda with the result.
+
+    Return grown.usda.
+    """
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, FIELD, procedural_capture(4_000))
     stage.Save()
@@ -41,7 +44,8 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """It spreads; children have new ids; the capture's splats move only where the pattern is."""
+    """Check that the pattern spreads, children have new ids, and only splats in the pattern
+    move."""
     stage = Usd.Stage.Open(str(path))
     field = stage.GetPrimAtPath(FIELD)
     before, after = (schema.fetch(field, frame) for frame in FRAMES)

@@ -1,4 +1,4 @@
-"""A capsule that turns as it goes through a capture: splats make way, and settle behind it.
+"""Move a rotating capsule through a capture: it pushes splats away, which settle behind it.
 
 python examples/09_affector.py [FOLDER]
 """
@@ -17,11 +17,14 @@ from usdsplat import main as usdsplat
 FIELD, ROD = "/World/Capture", "/World/Rod"
 RADIUS, HALF = 0.12, 0.25
 PASS, LAST = 16, 30
-"""The last frame at which it is there, and the last one."""
+"""Last frame with the capsule, and last frame of all."""
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, rod.usda, which says what is to happen, and pushed.usda."""
+    """Write capture.usdc, rod.usda with the simulation, and pushed.usda with the result.
+
+    Return pushed.usda.
+    """
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(base, FIELD, procedural_capture(10_000))
     base.Save()
@@ -36,7 +39,7 @@ def main(folder: Path) -> Path:
         move.Set(Gf.Vec3d(x, 0.3, 0.1), frame)
         turn.Set(angle, frame)
     author_parameters(rod.GetPrim(), {"affector:role": "collide", "affector:friction": 0.1})
-    for frame, enabled in ((1, True), (PASS + 1, False)):  # what it took along may go home
+    for frame, enabled in ((1, True), (PASS + 1, False)):  # pushed splats can settle afterwards
         author_parameters(rod.GetPrim(), {"affector:enabled": enabled}, time=frame)
     sim = stage.DefinePrim("/World/Sim", "SplatSim")
     author_parameters(sim, {"settle:omega": 12.0})
@@ -48,7 +51,7 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """Nothing is ever in the capsule; what made way comes back; the rest has never moved."""
+    """Check that no splat is in the capsule, that pushed splats return, and that others stay."""
     stage = Usd.Stage.Open(str(path))
     rod, field = UsdGeom.Capsule.Get(stage, ROD), stage.GetPrimAtPath(FIELD)
     base = Usd.Stage.Open(str(path.parent / "capture.usdc"))
@@ -60,7 +63,7 @@ def check(path: Path) -> None:
         if frame > PASS:
             continue
         place = np.array(rod.ComputeLocalToWorldTransform(frame))
-        inside = (positions - place[3, :3]) @ place[:3, :3].T  # turned, not scaled
+        inside = (positions - place[3, :3]) @ place[:3, :3].T  # rotated, not scaled
         inside[:, 2] -= np.clip(inside[:, 2], -HALF, HALF)
         nearest.append(np.linalg.norm(inside, axis=1).min() - RADIUS)
     most = np.max(moved, axis=0)

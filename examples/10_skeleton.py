@@ -1,8 +1,9 @@
-"""A figure of UsdSkel walks through a capture, which its limbs push aside.
+"""Let a UsdSkel figure walk through a capture. Its limbs push splats aside.
 
 python examples/10_skeleton.py [FOLDER]
 
-The figure is CesiumMan of the test data (CC BY 4.0, Cesium), and without it a leg that swings.
+The figure is CesiumMan of the test data (CC BY 4.0, Cesium); without the data, it is a swinging
+leg.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ DATA = os.environ.get("USDSPLAT_TEST_DATA") or Path(__file__).parents[2] / "shar
 WALKER = Path(DATA) / "usd" / "usdwg" / "CesiumMan.usdz"
 FIELD, FIGURE = "/World/Capture", "/World/Figure"
 SCALE, RADIUS = 0.6, 0.07
-"""Of the figure, and of its limbs before it is scaled [m]."""
+"""Scale of the figure, and radius of its limbs before scaling [m]."""
 LAST = 24
 LEG = """#usda 1.0
 (
@@ -77,7 +78,10 @@ def SkelRoot "Figure"
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, walk.usda, which says what is to happen, and walked.usda."""
+    """Write capture.usdc, walk.usda with the simulation, and walked.usda with the result.
+
+    Return walked.usda.
+    """
     base = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(base, FIELD, procedural_capture(10_000))
     base.Save()
@@ -105,7 +109,7 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """No splat is in a limb, at any frame; and only where the figure walked have any moved."""
+    """Check that no splat is in a limb at any frame, and that only splats near the figure moved."""
     stage = Usd.Stage.Open(str(path))
     base = Usd.Stage.Open(str(path.parent / "capture.usdc"))
     rest = schema.fetch(base.GetPrimAtPath(FIELD)).positions
@@ -130,13 +134,16 @@ def check(path: Path) -> None:
 
 
 def skeleton_of(stage: Usd.Stage) -> UsdSkel.Skeleton:
-    """The figure's."""
+    """Return the skeleton of the figure."""
     every = Usd.PrimRange(stage.GetPrimAtPath(FIGURE))
     return next(UsdSkel.Skeleton(prim) for prim in every if prim.IsA(UsdSkel.Skeleton))
 
 
 def bones_of(stage: Usd.Stage, frame: int) -> np.ndarray:
-    """Ends of each bone in the stage's space, shape (b, 2, 3); a leaf's goes on as far again."""
+    """Return the ends of each bone in the stage's space, shape (b, 2, 3).
+
+    A leaf's bone repeats the length of its parent's.
+    """
     skeleton = skeleton_of(stage)
     cache = UsdSkel.Cache()
     cache.Populate(UsdSkel.Root.Find(skeleton.GetPrim()), Usd.PrimDefaultPredicate)
@@ -158,7 +165,7 @@ def bones_of(stage: Usd.Stage, frame: int) -> np.ndarray:
 
 
 def distance(points: np.ndarray, bones: np.ndarray) -> np.ndarray:
-    """Of each point from the nearest bone, shape (n,)."""
+    """Return the distance of each point from the nearest bone, shape (n,)."""
     found = np.full(len(points), np.inf)
     for first, second in bones:
         along = second - first

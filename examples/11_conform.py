@@ -1,4 +1,4 @@
-"""A capture moves onto a mesh: its splats spread over a ring that turns, and lie on it.
+"""Conform a capture to a mesh: splats spread over a rotating ring, and lie flat on it.
 
 python examples/11_conform.py [FOLDER]
 """
@@ -20,7 +20,10 @@ SETTINGS = ("conform:start=0", "conform:duration=0.5", "conform:stagger=0.25", "
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, conform.usda, which says what is to happen, and conformed.usda."""
+    """Write capture.usdc, conform.usda with the simulation, and conformed.usda with the result.
+
+    Return conformed.usda.
+    """
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, FIELD, procedural_capture(6_000))
     stage.SetDefaultPrim(stage.GetPrimAtPath("/World"))
@@ -35,7 +38,7 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """Centres come to lie on the ring, and the splats' smallest axes along its normals."""
+    """Check that centres are on the ring, and that the shortest axes are along its normals."""
     stage = Usd.Stage.Open(str(path))
     field, ring = stage.GetPrimAtPath(FIELD), UsdGeom.Mesh.Get(stage, RING)
     points = np.array(ring.GetPointsAttr().Get(), np.float64)
@@ -52,7 +55,7 @@ def check(path: Path) -> None:
         far = np.linalg.norm(out, axis=1)
         away.append(np.abs(far - tube))
     thin, middle, _ = np.sort(cloud.scales, axis=1).T
-    flat = middle > 1.5 * thin  # needles and balls have no one smallest axis
+    flat = middle > 1.5 * thin  # needles and balls have no unique shortest axis
     normals = (out / far[:, None]) @ place[:3, :3]
     axes = smallest_axes(cloud.rotations, cloud.scales)
     lying = np.abs(np.sum(axes * normals, axis=1))[flat]
@@ -68,7 +71,7 @@ def check(path: Path) -> None:
 
 
 def smallest_axes(rotations: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Where the shortest axis of each ellipsoid points, shape (n, 3)."""
+    """Return the direction of the shortest axis of each ellipsoid, shape (n, 3)."""
     w, x, y, z = rotations.astype(np.float64).T
     columns = np.array(
         [

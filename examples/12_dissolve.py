@@ -1,4 +1,4 @@
-"""A capture is blown away, patch by patch; and, time reversed, comes together.
+"""Dissolve a capture patch by patch, and assemble it by the same motion reversed in time.
 
 python examples/12_dissolve.py [FOLDER]
 """
@@ -16,18 +16,21 @@ from usdsplat import main as usdsplat
 
 FIELD = "/World/Capture"
 LAST = 19
-"""Three quarters of a second after the first frame."""
+"""Last frame, three quarters of a second after the first."""
 COMMON = ("dissolve:duration=0.5", "dissolve:fade=0.25", "particles:turbulence=0")
 MODES = {
     "dissolve": ("dissolve:mode=dissolve", "dissolve:start=0"),
     "assemble": ("dissolve:mode=assemble", "dissolve:start=0.25"),
 }
-"""The last has gone half a second after the first, and vanished at the last frame; so those that
-come together must begin a quarter of a second later to be the same backwards."""
+"""Mode -> parameters.
+
+The last splat detaches half a second after the first, and has vanished at the last frame. To be the
+exact reverse, assembling starts a quarter of a second later.
+"""
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, scene.usda, and a bake of each mode; returns the folder."""
+    """Write capture.usdc, scene.usda, and a bake of each mode. Return the folder."""
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, FIELD, procedural_capture(5_000))
     stage.Save()
@@ -42,7 +45,8 @@ def main(folder: Path) -> Path:
 
 
 def check(folder: Path) -> None:
-    """They go one after the other; those that have not gone are untouched; assemble mirrors it."""
+    """Check the order, that splats are unchanged until they detach, and that assemble is the
+    reverse."""
     stages = {mode: Usd.Stage.Open(str(folder / f"{mode}.usda")) for mode in MODES}
     base = Usd.Stage.Open(str(folder / "capture.usdc"))
     rest = schema.fetch(base.GetPrimAtPath(FIELD))
@@ -69,7 +73,7 @@ def check(folder: Path) -> None:
         off = max(off, float(np.abs(there.positions - here.positions).max()) / size)
         pale = max(pale, float(np.abs(there.opacities - here.opacities).max()))
     print(f"mirrored to {off:.1%} of its size and to {pale:.1e} of opacity")
-    assert off < 0.01  # steps of 1/96 s against a closed form
+    assert off < 0.01  # steps of 1/96 s, compared with a closed form
     assert pale < 1e-5
     assert np.array_equal(at("assemble", LAST).positions, rest.positions)
 

@@ -1,4 +1,4 @@
-"""A script looks at a stage as the window does: pictures, a pick, a simulation that runs.
+"""Use the preview's session in a script: draw pictures, pick a splat, and run a simulation.
 
 python examples/13_preview.py [FOLDER]
 """
@@ -31,11 +31,14 @@ from usdsplat import (
 from usdsplat import main as usdsplat
 
 FRAMES = 4
-"""That are simulated."""
+"""Number of simulated frames."""
 
 
 def main(folder: Path) -> Path:
-    """Write capture.usdc, push.usda, and a picture of it before and after; returns the folder."""
+    """Write capture.usdc, push.usda, and a picture before and after the simulation.
+
+    Return the folder.
+    """
     stage = Usd.Stage.CreateNew(str(folder / "capture.usdc"))
     schema.author(stage, "/World/Capture", procedural_capture(4_000))
     stage.Save()
@@ -44,7 +47,7 @@ def main(folder: Path) -> Path:
 
     news: Queue[Any] = Queue()
     session = Session(lambda publish: open_document(scene, publish=publish))
-    session.listen(news.put)  # everything that happens, from the session's thread
+    session.listen(news.put)  # all events, in the session's thread
 
     def until(kind: type, is_it: Callable[[Any], bool] = lambda event: True) -> Any:
         while not (isinstance(event := news.get(timeout=300), kind) and is_it(event)):
@@ -53,14 +56,14 @@ def main(folder: Path) -> Path:
 
     def ask(task: Callable[[Any], Any]) -> Any:
         answer: Queue[Any] = Queue()
-        session.ask(task, answer.put, answer.put)  # what it returns, or its error
+        session.ask(task, answer.put, answer.put)  # the result, or the error
         return answer.get(timeout=300)
 
     try:
         opened = until(Opened)
         view = ViewState(size=(480, 360), time=opened.start)
         session.look(replace(view, is_moving=True))  # a coarse picture at once
-        session.look(view)  # and a full one
+        session.look(view)  # then a full one
         picture = until(Picture, lambda each: each.is_final)
         print(f"{opened.name}: {picture.splats} of {picture.total} splats on {picture.device}")
 
@@ -72,7 +75,7 @@ def main(folder: Path) -> Path:
         last = opened.start + FRAMES - 1
         status = until(SimulationStatus, lambda each: (each.frame or 0) >= last)
         ask(lambda document: document.simulation.pause())
-        print(f"frames {status.frames} are there to be looked at")
+        print(f"frames {status.frames} can be shown")
         there = replace(view, time=last)
         ask(lambda document: save_view(document, there, folder / "after.png"))
         ask(lambda document: save_view(document, there, folder / "after.exr"))
@@ -82,12 +85,13 @@ def main(folder: Path) -> Path:
 
 
 def check(folder: Path) -> None:
-    """The pictures are whole, the simulation shows, and no file of the stage was written to."""
+    """Check that pictures are complete, that the simulation is visible, and that no file of the
+    stage changed."""
     before, after = (oiio.ImageBuf(str(folder / f"{name}.png")) for name in ("before", "after"))
     first, last = (image.get_pixels(oiio.FLOAT) for image in (before, after))
     assert first.shape == last.shape == (360, 480, 3)
     moved = float(np.mean(np.abs(first - last).max(axis=-1) > 0.02))
-    print(f"{moved:.1%} of the pixels are other than before")
+    print(f"{moved:.1%} of the pixels have changed")
     assert moved > 0.001
     spec = oiio.ImageBuf(str(folder / "after.exr")).spec()
     assert spec.channelnames == ("R", "G", "B", "A")

@@ -1,4 +1,4 @@
-"""A capture through edits into every format that can be written, and back; stages and sequences.
+"""Edit a capture, write it in every format, and read it back; also stages and sequences.
 
 python examples/14_formats.py [FOLDER]
 """
@@ -16,13 +16,13 @@ from usdsplat import SplatCloud, edit, formats, procedural_capture, schema
 from usdsplat import main as usdsplat
 
 EDITS = ["--rotate", "0,0,90", "--crop-sphere", "0,0,0,0.8", "--sh-degree", "1", "--morton"]
-"""Turned, then cut, then what is left of the harmonics; done in this order."""
+"""Edits, applied in this order: rotate, crop, reduce the harmonics, sort by position."""
 
 THINNEST = 5e-5
-"""Standard deviation that every format can hold: that of SPZ, whose scales end at exp(-10)."""
+"""Standard deviation that every format can store. SPZ has the largest limit, exp(-10)."""
 
 DC = 0.28209
-"""Harmonic of degree 0: what a coefficient is to a colour."""
+"""Harmonic of degree 0: change of a colour per change of its coefficient."""
 
 PROMISED = {
     # positions, log scales, rotations [degree], opacities, colours, harmonics
@@ -34,14 +34,17 @@ PROMISED = {
     "glb": (0, 1e-6, 1e-2, 1e-6, 1e-6, 1e-6),
     "usdc": (1e-6, 1e-6, 1e-2, 1e-6, 1e-6, 1e-6),
 }
-"""Suffix -> how far what is read may be from what was written; None is what is not kept. Where a
-format's table or box fits itself to the capture, the bound is that of this capture."""
+"""Suffix -> largest differences between written and read values; None for values that are not
+stored.
+
+For formats whose tables or boxes are fitted to the capture, bounds apply to this capture.
+"""
 
 FRAMES = (1, 2, 3)
 
 
 def main(folder: Path) -> Path:
-    """Write edited.* in each format, a stage of two fields and a sequence; returns the folder."""
+    """Write edited.* in each format, a stage with two fields, and a sequence. Return the folder."""
     formats.write(
         edit.take(procedural_capture(20_000), slice(None, None, 20)), folder / "capture.ply"
     )
@@ -63,7 +66,7 @@ def main(folder: Path) -> Path:
         place.AddTranslateOp().Set(move)
         place.AddRotateYOp().Set(90)
     stage.Save()
-    convert(f"{folder}/pair.usda", f"{folder}/pair.ply", "--axes", "rub")  # as the stage has it
+    convert(f"{folder}/pair.usda", f"{folder}/pair.ply", "--axes", "rub")  # the stage's axes
     convert(f"{folder}/pair.usda", f"{folder}/one.ply", "--axes", "rub", "--split")
 
     for frame in FRAMES:
@@ -74,7 +77,7 @@ def main(folder: Path) -> Path:
 
 
 def check(folder: Path) -> None:
-    """What comes back is what went in, within what each format promises."""
+    """Check that the values read are those written, within each format's bounds."""
 
     def read(name: str) -> SplatCloud:
         return formats.read(folder / f"{name}.ply").cloud
@@ -107,7 +110,10 @@ def check(folder: Path) -> None:
 
 
 def differences(ours: SplatCloud, theirs: SplatCloud) -> tuple[float, ...]:
-    """Largest of each kind in `PROMISED`, each splat beside the nearest: formats reorder them."""
+    """Return the largest difference of each kind in `PROMISED`.
+
+    Splats are matched by position, because formats reorder them.
+    """
     apart = np.square(ours.positions[:, None] - theirs.positions[None]).sum(axis=2)
     theirs = edit.take(theirs, apart.argmin(axis=1))
     chord = [ours.rotations + sign * theirs.rotations for sign in (1, -1)]

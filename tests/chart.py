@@ -1,4 +1,4 @@
-"""A colour chart as splats: 24 flat, opaque patches of known colours before a camera."""
+"""A colour chart made of splats: 24 flat, opaque patches of known colours in front of a camera."""
 
 from __future__ import annotations
 

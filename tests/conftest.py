@@ -1,4 +1,4 @@
-"""Where tests find the real captures, and how they say that they do without; no window is shown."""
+"""Fixtures for all tests: the folder of real captures, and Qt without a display."""
 
 from __future__ import annotations
 

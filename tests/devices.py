@@ -1,4 +1,4 @@
-"""The devices that tests run on, and how they say that they do without one."""
+"""Devices that tests run on; missing ones are skipped with the reason."""
 
 from __future__ import annotations
 

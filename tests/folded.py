@@ -1,4 +1,4 @@
-"""Seeds and matrices of which `make test` runs a few, and `make test-all` the rest."""
+"""Selection of seeds and test matrices: a few for `make test`, all for `make test-all`."""
 
 from __future__ import annotations
 

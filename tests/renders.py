@@ -1,4 +1,4 @@
-"""Pictures of bakes, and of clouds that an oracle has worked out, through one camera."""
+"""Pictures of bakes, and of clouds computed by an oracle, with one camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was simulated is what is seen, at frames, between them, and through any shutter."""
+"""Tests that pictures show the simulated values, at frames, between them, and with any shutter."""
 
 from __future__ import annotations
 

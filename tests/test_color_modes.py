@@ -1,7 +1,7 @@
-"""What becomes of captured colours in every colour mode, on a chart of 24 flat patches.
+"""Tests of captured colours in every colour mode, on a chart of 24 flat patches.
 
-Oracles: colour-science for spaces and grades, and OCIO's own Python binding for views; none of our
-own colour code makes an expected number here.
+Oracles: colour-science for spaces and grades, and OCIO's own Python binding for views. None of our
+own colour code computes an expected number here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Every example runs, and what it claims is true."""
+"""Tests that run every example and its check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""House rules that no linter holds."""
+"""Tests of house rules that no linter checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lives that CONTRIBUTING tells: of a frame, of an edit, of a parameter."""
+"""Tests of the lists in CONTRIBUTING: the lives of a frame, of an edit, and of a parameter."""
 
 from __future__ import annotations
 

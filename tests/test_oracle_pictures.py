@@ -1,4 +1,4 @@
-"""The whole spine: a capture file becomes a stage, and the stage becomes the reference picture."""
+"""Tests of the whole way from a capture file to a stage to the reference picture."""
 
 from __future__ import annotations
 

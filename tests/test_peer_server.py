@@ -1,4 +1,4 @@
-"""A peer in a process of its own: asked, told off, and billed."""
+"""Tests of a peer in a separate process: requests, errors and processor time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The page of measurements: what it shows is there, and what is not there is not shown."""
+"""Tests of the performance page: stored results are shown, and sections without results are left
+out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a stage through the command to a picture: what acts on splats is what is seen."""
+"""Tests from a stage through the command to a picture: effects on splats are visible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures turned on the way: against what others turned, and against what pictures show."""
+"""Tests of rotated captures, compared with the results of other tools and with pictures."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""Other converters and renderers, each in an environment of its own, to check and to time ours
-against.
+"""Other converters and renderers, each in a separate environment, for checks and timings.
 
     python -m benchmarks.peers
 
-puts them into a folder `installed` beside this file that git ignores, or into the one that
-`USDSPLAT_PEERS` names: gsply, usd-convert-gsplat and Open3D from PyPI; node 22, splat-transform and
-PlayCanvas from npm, where npm is there. Chromium and Mesa's Vulkan driver for processors come from
-the system, whose packages are named where they are missing. What is missing is said, and left out
-of the tables.
+installs them into the folder `installed` beside this file, which git ignores, or into the folder of
+the environment variable `USDSPLAT_PEERS`: gsply, usd-convert-gsplat and Open3D from PyPI; node 22,
+splat-transform and PlayCanvas from npm, if npm is available. Chromium and Mesa's Vulkan driver for
+CPUs come from the system; if they are missing, the names of their packages are printed. Peers that
+are missing are reported, and left out of the tables.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ PYTHON_PEERS = {
     "usd_convert": ("usd-convert-gsplat==0.1.15", "usd-core", "plyfile"),
     "open3d": ("open3d==0.20.0",),
 }
-"""Environment -> what is installed there."""
+"""Environment -> packages to install in it."""
 NODE_PEERS = (
     "node@22",
     "@playcanvas/splat-transform@3.7.0",
@@ -42,23 +41,23 @@ _HERE = Path(__file__).parent
 
 
 def python_of(peer: str) -> Path | None:
-    """The interpreter of a peer's environment, if it is installed."""
+    """Return the Python interpreter of a peer's environment, if it is installed."""
     path = FOLDER / peer / "bin" / "python"
     return path if path.exists() else None
 
 
 @dataclass(frozen=True, slots=True)
 class SplatTransform:
-    """PlayCanvas's converter, run by node."""
+    """PlayCanvas's converter, run with node."""
 
     node: Path
     script: Path
 
     def convert(self, source: Path, target: Path, *options: str) -> None:
-        """Convert a file; `-g cpu` because there may be no GPU.
+        """Convert a file, with `-g cpu` because there may be no GPU.
 
         Raises:
-            RuntimeError: With what it printed, if it fails.
+            RuntimeError: If it fails, with its output.
         """
         command = [str(self.node), str(self.script), "-w", "-g", "cpu", str(source), *options]
         done = subprocess.run([*command, str(target)], capture_output=True, text=True, check=False)
@@ -67,7 +66,7 @@ class SplatTransform:
 
 
 def splat_transform() -> SplatTransform | None:
-    """splat-transform, if it is installed."""
+    """Return splat-transform, if it is installed."""
     modules = node_modules()
     found = SplatTransform(
         modules / "node" / "bin" / "node",
@@ -77,13 +76,14 @@ def splat_transform() -> SplatTransform | None:
 
 
 def gsply() -> Server | None:
-    """gsply, if it is installed; it stays, so that its compiled code is warm when it is timed."""
+    """Return gsply in a process that keeps running, so that its compiled code is warm, if it is
+    installed."""
     python = python_of("gsply")
     return Server("gsply", [str(python), str(_HERE / "gsply_server.py")]) if python else None
 
 
 def open3d() -> Server | None:
-    """Open3D that draws by lavapipe, if both are there."""
+    """Return Open3D that draws with lavapipe, if both are installed."""
     python = python_of("open3d")
     if python is None or not has_lavapipe():
         return None
@@ -91,7 +91,7 @@ def open3d() -> Server | None:
 
 
 def playcanvas() -> Server | None:
-    """PlayCanvas without its browser, which it is told of when it opens a scene."""
+    """Return PlayCanvas. It receives the path of its browser when it opens a scene."""
     node = node_modules() / "node" / "bin" / "node"
     if not node.exists() or not (node_modules() / "playcanvas").exists() or browser() is None:
         return None
@@ -99,23 +99,23 @@ def playcanvas() -> Server | None:
 
 
 def browser() -> Path | None:
-    """Chromium, if it is there."""
+    """Return the path of Chromium, if it is installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     return Path(found) if found else None
 
 
 def node_modules() -> Path:
-    """The folder of npm's packages."""
+    """Return the folder of npm's packages."""
     return FOLDER / "node" / "node_modules"
 
 
 def has_lavapipe() -> bool:
-    """Whether Vulkan can draw on the processor."""
+    """Return whether Vulkan can draw on the CPU."""
     return any(VULKAN_DRIVERS.glob("lvp_icd*"))
 
 
 def missing() -> Sequence[str]:
-    """A sentence for each peer that is not there."""
+    """Return a sentence for each missing peer."""
     absent = [name for name in PYTHON_PEERS if python_of(name) is None]
     absent += [] if splat_transform() else ["splat-transform"]
     absent += [] if (node_modules() / "playcanvas").exists() else ["playcanvas"]

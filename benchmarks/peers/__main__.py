@@ -11,7 +11,7 @@ from benchmarks.peers import FOLDER, NODE_PEERS, PYTHON_PEERS, missing, python_o
 
 
 def main() -> None:
-    """Install what is missing, and say what could not be."""
+    """Install what is missing, and report what could not be installed."""
     for name, packages in PYTHON_PEERS.items():
         folder = FOLDER / name
         if python_of(name) is None:
@@ -23,7 +23,8 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / "package.json").exists():
             (folder / "package.json").write_text("{}")
-        # node 22 first: splat-transform asks for it, and its installer runs with whatever is found.
+        # node 22 first: splat-transform requires it, and its installer runs with the installed
+        # version.
         bin_folder = folder / "node_modules" / "node" / "bin"
         path = f"{bin_folder}{os.pathsep}{os.environ.get('PATH', '')}"
         for package in NODE_PEERS:

@@ -1,13 +1,14 @@
-"""Run by gsply's own interpreter: reads a request a line, answers with seconds, until input ends.
+"""Server in gsply's interpreter: reads one request per line, answers with seconds, until input
+ends.
 
     {"do": "read", "path": "a.ply"}                   -> {"wall": 0.3, "cpu": 0.3, "splats": 1000}
     {"do": "read", "path": "a.ply", "physical": true}
     {"do": "write", "path": "b.spz", "version": 4}    -> {"wall": 2.6, "cpu": 2.6}
 
-With `physical`, logarithms, logits and views of the file's rows become what ours hands over:
-scales, opacities, and contiguous harmonics with degree 0 first. `write` writes what was read last,
-from plain arrays, as whoever made splats would have them. `save` keeps what was read last as NumPy
-arrays in `path`, for comparison.
+With `physical`, logarithms, logits and views of the file's rows are converted to what our reader
+returns: scales, opacities, and contiguous harmonics with degree 0 first. `write` writes what was
+read last, from plain arrays, as a program that creates splats would have them. `save` writes what
+was read last as NumPy arrays to `path`, for comparison.
 """
 
 import json
@@ -22,14 +23,14 @@ FIELDS = ("means", "scales", "quats", "opacities", "sh0", "shN")
 
 
 def read(path):
-    """One file of any kind that gsply knows."""
+    """Read one file of any kind that gsply supports."""
     if path.endswith(".sog"):
         return sogread(path)
     return gsply.read_spz(path) if path.endswith(".spz") else gsply.plyread(path)
 
 
 def write(path, data, version):
-    """Plain arrays to one file."""
+    """Write plain arrays to one file."""
     if path.endswith(".spz"):
         gsply.write_spz(path, data, version=version)
     else:
@@ -38,14 +39,16 @@ def write(path, data, version):
 
 
 def plain(data):
-    """The same splats in arrays of their own: as read, they are views of the file's rows, which
-    gsply can write back without touching them."""
+    """Copy the splats to separate arrays.
+
+    As read, they are views of the file's rows, which gsply could write back unchanged.
+    """
     arrays = {name: np.array(getattr(data, name)) for name in FIELDS if hasattr(data, name)}
     return gsply.GSData(**arrays)
 
 
 def physical(data):
-    """Scales, opacities and harmonics as a renderer takes them, in arrays of their own."""
+    """Return scales, opacities and harmonics for a renderer, in separate arrays."""
     one = np.float32(1)
     opacities = one / (one + np.exp(-data.opacities))
     sh = np.empty((len(data), 1 + data.shN.shape[1], 3), np.float32)
@@ -54,7 +57,7 @@ def physical(data):
 
 
 def answer(request, state):
-    """Do what one line says."""
+    """Execute the request of one line."""
     if request["do"] == "save":
         np.savez(request["path"], **{name: getattr(state["data"], name) for name in FIELDS})
         return {}
@@ -73,7 +76,7 @@ def answer(request, state):
 
 
 def main():
-    """Answer every line."""
+    """Answer all lines."""
     state = {}
     for line in sys.stdin:
         try:

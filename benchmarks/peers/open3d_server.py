@@ -1,10 +1,10 @@
-"""Run by Open3D's own interpreter: draws splats through Vulkan, until input ends.
+"""Server in Open3D's interpreter: draws splats with Vulkan, until input ends.
 
     {"do": "open", "ply": PATH, "view": 4x4, "k": 3x3, "size": [w, h]} -> {"version": "0.20.0"}
     {"do": "draw"}               -> {"ms": 2749.0}, the picture in memory
     {"do": "save", "path": PATH} -> {}, the last picture as NumPy codes, (h, w, 3) uint8
 
-`view` takes the world to a camera of OpenCV, `k` are its intrinsics [pixel].
+`view` is the matrix from the world to an OpenCV camera, `k` its intrinsics [pixel].
 """
 
 import json
@@ -30,7 +30,7 @@ class Picture:
         self.codes = None
 
     def draw(self):
-        """Draw it; returns wall milliseconds."""
+        """Draw the picture. Return wall milliseconds."""
         start = time.perf_counter()
         self.codes = np.asarray(self._renderer.render_to_image())
         return 1e3 * (time.perf_counter() - start)

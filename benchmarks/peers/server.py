@@ -1,4 +1,4 @@
-"""A peer in a process that stays, so that it is warm when it is timed: a line in, a line out."""
+"""Peers in processes that keep running, so that they are warm when they are timed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 
 
 class Server:
-    """A process that answers JSON objects with JSON objects, one on each line.
+    """A process that answers JSON objects with JSON objects, one per line.
 
-    Lines of other kinds, which libraries print, are passed over.
+    Other lines, which libraries print, are ignored.
 
     Args:
-        name: For messages.
-        command: What is run.
+        name: Name for messages.
+        command: Command line of the process.
     """
 
     def __init__(self, name: str, command: Sequence[str]) -> None:
@@ -31,25 +31,25 @@ class Server:
         )
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Do one thing there.
+        """Send a request and return the answer.
 
         Raises:
-            RuntimeError: With its words, if it fails.
+            RuntimeError: If it fails, with its message.
         """
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            pass  # it ended, which the answer says
+            pass  # the process has ended, which the missing answer shows
         answer = self._answer()
         if "error" in answer:
             raise RuntimeError(f"{self._name}: {answer['error']}")
         return answer
 
     def cpu_seconds(self) -> float:
-        """Processor time of the process and of all that it started, as Linux counts it, to 10
-        ms."""
+        """Return the processor time of the process and its descendants, as reported by Linux with a
+        resolution of 10 ms."""
         ticks, children = {}, {}
         for folder in Path("/proc").glob("[0-9]*"):
             try:
@@ -67,9 +67,9 @@ class Server:
         return total / os.sysconf("SC_CLK_TCK")
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         assert self._process.stdin is not None
-        with suppress(BrokenPipeError):  # it has ended, and what it was asked last is unread
+        with suppress(BrokenPipeError):  # it has ended without reading the last request
             self._process.stdin.close()
         self._process.wait()
 

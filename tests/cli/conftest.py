@@ -1,4 +1,4 @@
-"""A small capture and a small shot for the commands to work on."""
+"""Fixtures for tests of commands: a small capture and a small stage."""
 
 from __future__ import annotations
 

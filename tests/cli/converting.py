@@ -1,7 +1,7 @@
-"""Run `usdsplat convert` on many files, each in a process of its own, without importing each time.
+"""Run `usdsplat convert` on many files, each in a separate process.
 
-One process imports the command and is forked for every file; nothing has run in it, so a child is
-what a user would have started, a second later.
+One process imports the command and is forked for every file. It has run nothing before, so a child
+behaves like a process that a user starts.
 """
 
 from __future__ import annotations

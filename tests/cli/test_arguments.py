@@ -1,4 +1,4 @@
-"""Arguments that the fields of dataclasses describe."""
+"""Tests of arguments that are derived from the fields of dataclasses."""
 
 from __future__ import annotations
 

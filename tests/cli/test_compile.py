@@ -1,4 +1,4 @@
-"""`usdsplat compile`."""
+"""Tests of `usdsplat compile`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What compositors need of `usdsplat render`: AOVs, overscan, holdouts, mattes, samples, memory."""
+"""Tests of `usdsplat render` for compositing: AOVs, overscan, holdouts, mattes, samples, memory."""
 
 from __future__ import annotations
 

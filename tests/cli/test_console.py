@@ -1,4 +1,4 @@
-"""Progress and remarks."""
+"""Tests of progress and remarks."""
 
 from __future__ import annotations
 

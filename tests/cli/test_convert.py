@@ -1,4 +1,4 @@
-"""`usdsplat convert`."""
+"""Tests of `usdsplat convert`."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_flags_without_an_effect_are_refused(run, capture, shot, monkeypatch, ar
 
 
 def test_a_reader_is_told_that_the_axes_are_a_guess(run, capture, tmp_path):
-    """Oracle: no .ply says where its axes point."""
+    """Oracle: no .ply states its axes."""
     out = run("convert", capture, tmp_path / "a.usdc")[1]
     assert "note   the file does not say where its axes point: 'rdf' is assumed" in out
 

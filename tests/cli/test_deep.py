@@ -1,4 +1,4 @@
-"""`usdsplat render --deep`, from the command line to the samples in the file."""
+"""Tests of `usdsplat render --deep`, from the command line to the samples in the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat demo`, and the stage it makes."""
+"""Tests of `usdsplat demo` and of the stage that it makes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits as flags, in the order in which they are typed."""
+"""Tests of edit flags, which are applied in the order of the command line."""
 
 from __future__ import annotations
 

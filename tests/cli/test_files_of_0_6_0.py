@@ -1,4 +1,4 @@
-"""Stages and bakes that 0.6.0 wrote: they open, render and simulate as they did then.
+"""Tests with stages and bakes written by 0.6.0: they open, render and simulate as before.
 
 `tests/data/v0_6_0/README.md` has the commands that wrote them.
 """

@@ -1,4 +1,4 @@
-"""Hostile files at the command line, each in a process of its own: what a user would meet."""
+"""Tests of corrupt and malicious files on the command line, each in a separate process."""
 
 from __future__ import annotations
 

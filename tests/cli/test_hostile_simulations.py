@@ -1,4 +1,4 @@
-"""Stages that nobody can simulate, at the command line: what their author would read."""
+"""Tests of the error messages for stages that cannot be simulated, on the command line."""
 
 from __future__ import annotations
 

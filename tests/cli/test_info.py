@@ -1,4 +1,4 @@
-"""`usdsplat info`."""
+"""Tests of `usdsplat info`."""
 
 from __future__ import annotations
 

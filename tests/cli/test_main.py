@@ -1,4 +1,4 @@
-"""The command line as a whole: help, errors, exit statuses, and what gets loaded."""
+"""Tests of the whole command line: help, errors, exit statuses and loaded modules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat match`, from the command line to the picture that it promises."""
+"""Tests of `usdsplat match`, from the command line to the graded picture."""
 
 from __future__ import annotations
 

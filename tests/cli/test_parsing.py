@@ -1,4 +1,4 @@
-"""Arguments from dataclasses, and flags from knobs."""
+"""Tests of arguments from dataclasses, and of flags from knobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat plugin-path`."""
+"""Tests of `usdsplat plugin-path`."""
 
 from __future__ import annotations
 

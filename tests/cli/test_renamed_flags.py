@@ -1,4 +1,4 @@
-"""Flags that have been renamed."""
+"""Tests of renamed flags."""
 
 from __future__ import annotations
 

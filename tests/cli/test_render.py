@@ -1,4 +1,4 @@
-"""`usdsplat render`, from the command line to the pixels of files."""
+"""Tests of `usdsplat render`, from the command line to the pixels of files."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path
 
 def test_the_frame_of_a_capture_can_be_told(run, run_json, capture, tmp_path):
     """Oracle: a picture in the frame rub is the stage's own way up, and the other one upside down,
-    so that they differ; a stage says where its axes point."""
+    so that they differ; a stage defines its own axes."""
     for frame in ("rdf", "rub"):
         run_json("render", capture, "-o", tmp_path / f"{frame}.png", *SMALL, "--axes", frame)
     run_json("render", capture, "-o", tmp_path / "own.png", *SMALL)
@@ -192,7 +192,7 @@ def test_the_frame_of_a_capture_can_be_told(run, run_json, capture, tmp_path):
     run("convert", capture, tmp_path / "a.usda")
     status, _, err = run("render", tmp_path / "a.usda", "-o", tmp_path / "a.png", "--axes", "rub")
     assert status == 2
-    expected = "--axes: found a stage, which says where its axes point, expected a capture"
+    expected = "--axes: found a stage, which defines its own axes, expected a capture"
     assert err == f"usdsplat: {expected}\n"
 
 

@@ -1,4 +1,4 @@
-"""The options of `usdsplat render` that come from knobs."""
+"""Tests of the options of `usdsplat render` that are derived from knobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat info --plot`: a page with pictures and histograms."""
+"""Tests of `usdsplat info --plot`: a page with pictures and histograms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat simulate`: parameters, presets, bakes, and what it refuses."""
+"""Tests of `usdsplat simulate`: parameters, presets, bakes and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a stage is opened: variants, muted layers, masks, session layers, captures."""
+"""Tests of opening a stage: variants, muted layers, masks, session layers, captures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usdsplat validate`."""
+"""Tests of `usdsplat validate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of options as people type them."""
+"""Tests of parsing values of options."""
 
 from __future__ import annotations
 

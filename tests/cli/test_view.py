@@ -1,4 +1,4 @@
-"""`usdsplat view`: what it refuses before any window, and how it serves and ends."""
+"""Tests of `usdsplat view`: errors before a window opens, serving and ending."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours on their way out: views, bakes, `inverseView` and what the file says it is."""
+"""Tests of output colours: views, baked views, `inverseView`, and colour spaces in headers."""
 
 from __future__ import annotations
 

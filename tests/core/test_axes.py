@@ -1,4 +1,4 @@
-"""Frames named by three letters."""
+"""Tests of axes named by three letters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The in-memory form checks itself."""
+"""Tests of the checks of `SplatCloud`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Covariances and their factors."""
+"""Tests of covariances and their factors."""
 
 from __future__ import annotations
 

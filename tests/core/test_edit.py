@@ -1,4 +1,4 @@
-"""Edits of clouds."""
+"""Tests of edits of clouds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits as words."""
+"""Tests of parsing edits."""
 
 from __future__ import annotations
 

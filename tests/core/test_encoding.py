@@ -1,4 +1,4 @@
-"""Encodings shared by formats and the packed schema."""
+"""Tests of number encodings shared by formats and the packed schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The family of errors."""
+"""Tests of the error classes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The box around splats."""
+"""Tests of the bounding box of splats."""
 
 from __future__ import annotations
 

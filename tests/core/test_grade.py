@@ -1,4 +1,4 @@
-"""What a grade may say."""
+"""Tests of the valid values of a grade."""
 
 from __future__ import annotations
 

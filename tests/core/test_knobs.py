@@ -1,4 +1,4 @@
-"""Knobs. Oracle throughout: the declaration of the dataclass below, read by eye."""
+"""Tests of knobs. Oracle of all: the declaration of the dataclass below."""
 
 from __future__ import annotations
 

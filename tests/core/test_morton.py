@@ -1,4 +1,4 @@
-"""The Z-order curve: bits interleaved, neighbours kept together."""
+"""Tests of the Z-order curve."""
 
 from __future__ import annotations
 

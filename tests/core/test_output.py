@@ -1,4 +1,4 @@
-"""Atomic outputs. Oracle throughout: what the file system holds afterwards."""
+"""Tests of atomic outputs. Oracle of all: the files that exist afterwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress reporting."""
+"""Tests of progress reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quaternion algebra."""
+"""Tests of quaternion algebra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of the spherical harmonics."""
+"""Tests of the values of spherical harmonics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turning and mirroring harmonics."""
+"""Tests of rotating and mirroring harmonics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random edits of what splats are cropped by."""
+"""Random edits of crop volumes."""
 
 from __future__ import annotations
 

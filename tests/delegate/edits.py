@@ -1,4 +1,4 @@
-"""Random edits of a stage, of every kind that a delegate may meet."""
+"""Random edits of a stage, of every kind that the delegate handles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small clouds and stages, made on the spot."""
+"""Small clouds and stages, created in memory."""
 
 from __future__ import annotations
 

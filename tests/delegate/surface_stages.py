@@ -1,4 +1,4 @@
-"""Small stages of opaque things, made on the spot."""
+"""Small stages with opaque prims, created in memory."""
 
 from __future__ import annotations
 

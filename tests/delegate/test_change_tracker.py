@@ -1,4 +1,4 @@
-"""Oracle of all: Hydra's rules for its change tracker, stated by hand."""
+"""Tests of the change tracker. Oracle of all: Hydra's rules, stated by hand."""
 
 from __future__ import annotations
 

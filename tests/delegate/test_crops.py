@@ -1,4 +1,4 @@
-"""Garbage mattes in pictures: the kernel's decision, and what is seen of it."""
+"""Tests of garbage mattes in pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine that watched every edit against one that never saw the stage before."""
+"""Tests that an engine that followed random edits equals a new engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine as a program uses it."""
+"""Tests of the public interface of the engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grades from the stage to the picture."""
+"""Tests of grades, from the stage to the picture."""
 
 from __future__ import annotations
 

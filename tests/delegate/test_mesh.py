@@ -1,4 +1,4 @@
-"""Meshes and lights against a scene delegate and a render scene that only take notes."""
+"""Tests of meshes and lights, with a scene delegate and a render scene that record calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages to pictures: the same thing said in two ways must look the same."""
+"""Tests that equivalent stages give the same picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes of stages that others made."""
+"""Tests with meshes on stages of other projects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The render pass against a renderer that counts what it draws."""
+"""Tests of the render pass, with a renderer that counts pictures."""
 
 from __future__ import annotations
 

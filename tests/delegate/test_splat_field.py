@@ -1,4 +1,4 @@
-"""Prims against a scene delegate and a render scene that only take notes."""
+"""Tests of prims, with a scene delegate and a render scene that record calls."""
 
 from __future__ import annotations
 

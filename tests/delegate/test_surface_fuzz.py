@@ -1,4 +1,4 @@
-"""The engine that watched every edit of opaque things against one that never saw the stage."""
+"""Tests that an engine that followed random edits of opaque prims equals a new engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engines share nothing, whatever the surfaces on their stages have in common."""
+"""Tests that engines share nothing, even if their stages share surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engines in one process never see each other, and a closed one leaves nothing behind."""
+"""Tests that engines in one process are independent, and that a closed one releases everything."""
 
 from __future__ import annotations
 

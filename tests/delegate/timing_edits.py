@@ -1,4 +1,4 @@
-"""Random edits of how a stage counts time, and of what is between its samples."""
+"""Random edits of a stage's time metadata and of values between samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""COLMAP's models and `transforms.json`, written by their definitions alone."""
+"""Writers of COLMAP models and `transforms.json`, from their definitions alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far two clouds are apart, splat by splat."""
+"""Differences between two clouds, splat by splat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small glTF documents built by hand, so that tests know what is in them.
+"""Small glTF documents built by hand, with known contents.
 
 Nothing here uses the package's reader or writer.
 """

@@ -1,4 +1,4 @@
-"""Files that mean harm: bombs built on the spot, to be refused in a sentence and little memory."""
+"""Malicious files, such as decompression bombs, built in memory."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Good files of every format with seeded faults in them.
+"""Valid files of every format with seeded faults.
 
-Each must be refused in a sentence or read as a finite cloud, in a moment and little memory.
+Each must be rejected with a one-line error or read as a finite cloud, quickly and with little
+memory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Read many files in one process of limited means, and say what came of each."""
+"""Read many files in one process with limited memory and time, and report the result of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tiny valid files built byte by byte, so that tests know what is in them.
+"""Tiny valid files built byte by byte, with known contents.
 
 Nothing here uses the package's readers or writers.
 """

@@ -1,4 +1,4 @@
-"""Where photographs were taken from."""
+"""Tests of the cameras of photographs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PlayCanvas's compressed PLY: files made from chosen words, decoded one number at a time."""
+"""Tests of PlayCanvas's compressed PLY: files of chosen words, decoded one number at a time."""
 
 from __future__ import annotations
 

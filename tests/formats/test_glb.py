@@ -1,4 +1,4 @@
-"""Binary glTF: read as others write it, written as others read it."""
+"""Tests of binary glTF, with files and readers of other projects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""glTF documents: every kind of attribute, nodes, SPZ inside, buffers anywhere, and lies."""
+"""Tests of glTF documents: all kinds of attributes, nodes, SPZ data, buffers and false sizes."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ LIES = {
     "view of offset": (change(("bufferViews", 0, "byteOffset"), 1 << 40), "byteOffset: found"),
     "view of length": (change(("bufferViews", 0, "byteLength"), 1 << 40), "byteLength: found"),
     "stride": (change(("bufferViews", 0, "byteStride"), 4), "byteStride: found 4"),
-    "buffer": (change(("buffers", 0, "byteLength"), 1 << 50), "as it says"),
+    "buffer": (change(("buffers", 0, "byteLength"), 1 << 50), "as declared"),
     "no attribute": (change((*PRIMITIVE, "attributes", f"{SPLATS}:SCALE"), None), "found None"),
     "no splats": (change((*PRIMITIVE, "extensions"), {}), "found 1 primitives, none with"),
     "scene": (change(("scene",), 7), "scene: found 7"),

@@ -1,4 +1,4 @@
-"""Bombs and lies: a sentence and little memory."""
+"""Tests that malicious files give a one-line error and take little memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unpacking that takes no more than it was asked for."""
+"""Tests of decompression up to a limit."""
 
 from __future__ import annotations
 

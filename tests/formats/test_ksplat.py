@@ -1,4 +1,4 @@
-"""mkkellogg's .ksplat: files made from chosen codes, and what its own writer wrote."""
+"""Tests of mkkellogg's .ksplat: files made from chosen codes, and files of its own writer."""
 
 from __future__ import annotations
 

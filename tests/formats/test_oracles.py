@@ -1,4 +1,4 @@
-"""Foreign files beside what splat-transform 3.7.0 decodes from them, and every real capture."""
+"""Tests of other projects' files, compared with splat-transform 3.7.0, and of all real captures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The .ply reader and writer beside plyfile, an independent one, and beside closed forms."""
+"""Tests of the .ply reader and writer. Oracles: plyfile, and closed forms."""
 
 from __future__ import annotations
 

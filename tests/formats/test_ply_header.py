@@ -1,4 +1,4 @@
-"""Headers of every dialect, and headers that lie."""
+"""Tests of PLY headers: all dialects, and headers with false counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain point clouds as splats."""
+"""Tests of plain point clouds, which are read as splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which format reads a file, which one writes it, and what is said when none does."""
+"""Tests of the choice of reader and writer, and of errors for unknown formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SOG: files made from chosen pixels, decoded one number at a time."""
+"""Tests of SOG: files made from chosen pixels, decoded one number at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of 256 numbers, beside closed forms and the conditions that the best tables meet."""
+"""Tests of tables of 256 numbers. Oracles: closed forms, and conditions of optimal tables."""
 
 from __future__ import annotations
 

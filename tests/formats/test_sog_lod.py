@@ -1,4 +1,4 @@
-"""Streamed SOG: trees made by hand over files whose splats are known."""
+"""Tests of streamed SOG: trees made by hand over files with known splats."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_folder_and_files_before_version_1_are_read(tmp_path):
     path.write_text(json.dumps(meta | {"environment": "env/meta.json"}))
     capture = formats.read(path)
     np.testing.assert_array_equal(capture.cloud.positions, cloud.positions)
-    assert "its surroundings, env/meta.json, are a capture of their own" in capture.notes
+    assert "its environment, env/meta.json, is a separate capture" in capture.notes
 
 
 def test_real_captures_are_read_as_levels(data, tmp_path):

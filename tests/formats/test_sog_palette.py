@@ -1,4 +1,4 @@
-"""Palettes beside what plain k-means and counting say."""
+"""Tests of palettes. Oracles: plain k-means, and counting."""
 
 from __future__ import annotations
 

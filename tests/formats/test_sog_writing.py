@@ -1,4 +1,4 @@
-"""SOG as it is written, and read again."""
+"""Tests of writing SOG and reading it back."""
 
 from __future__ import annotations
 

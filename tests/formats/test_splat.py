@@ -1,4 +1,4 @@
-"""The .splat layout: records made by hand, and what comes back of what is written."""
+"""Tests of the .splat layout: records made by hand, and round trips."""
 
 from __future__ import annotations
 

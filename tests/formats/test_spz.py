@@ -1,4 +1,4 @@
-"""SPZ: files packed byte by byte, decoded one number at a time."""
+"""Tests of SPZ: files packed byte by byte, decoded one number at a time."""
 
 from __future__ import annotations
 

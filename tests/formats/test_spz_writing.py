@@ -1,4 +1,4 @@
-"""SPZ files that we write."""
+"""Tests of writing SPZ files."""
 
 from __future__ import annotations
 

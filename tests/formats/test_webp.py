@@ -1,4 +1,4 @@
-"""Sizes that WebP files declare, beside Pillow's own reading."""
+"""Tests of sizes that WebP files declare. Oracle: Pillow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A reader of uncompressed scanline EXR files, from the file layout's description: our oracle."""
+"""Reader of uncompressed scanline EXR files, from the description of the file layout: an oracle."""
 
 from __future__ import annotations
 

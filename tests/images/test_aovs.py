@@ -1,4 +1,4 @@
-"""The table of AOVs."""
+"""Tests of the table of AOVs."""
 
 from __future__ import annotations
 

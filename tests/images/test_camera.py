@@ -1,4 +1,4 @@
-"""Header entries of a camera."""
+"""Tests of the header entries of a camera."""
 
 from __future__ import annotations
 

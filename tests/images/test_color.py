@@ -1,4 +1,4 @@
-"""Colour spaces and conversions between them."""
+"""Tests of colour spaces and conversions between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cryptomatte: names to numbers, and what the header says about them."""
+"""Tests of Cryptomatte hashes and header entries."""
 
 from __future__ import annotations
 

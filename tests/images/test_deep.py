@@ -1,4 +1,4 @@
-"""Deep EXR files: what is in them, exactly, and what others make of them."""
+"""Tests of deep EXR files: exact contents, and reading by other libraries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deep files of others, as arrays, and damaged ones as a sentence."""
+"""Tests of reading deep files of other writers, and errors for damaged ones."""
 
 from __future__ import annotations
 

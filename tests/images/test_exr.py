@@ -1,4 +1,4 @@
-"""EXR files: what is in them, exactly, and what is left when writing fails."""
+"""Tests of EXR files: exact contents, and files left when writing fails."""
 
 from __future__ import annotations
 

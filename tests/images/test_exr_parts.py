@@ -1,4 +1,4 @@
-"""Which parts an EXR has, what each keeps exactly, and what a reader is told about them."""
+"""Tests of the parts of an EXR: contents, compression and header entries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frame ranges and file names that hold a frame number."""
+"""Tests of frame ranges and of file names with a frame number."""
 
 from __future__ import annotations
 

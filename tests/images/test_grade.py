@@ -1,4 +1,4 @@
-"""A grade as a matrix."""
+"""Tests of the matrix of a grade."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of others as holdouts."""
+"""Tests of reading pictures of other renderers as holdouts."""
 
 from __future__ import annotations
 

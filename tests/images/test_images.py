@@ -1,4 +1,4 @@
-"""The package: a writer by suffix."""
+"""Tests of the choice of a writer by suffix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grades that are found from colours."""
+"""Tests of fitting grades to colours."""
 
 from __future__ import annotations
 

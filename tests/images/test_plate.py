@@ -1,4 +1,4 @@
-"""Pictures of others, read as linear Rec.709."""
+"""Tests of reading plates as linear Rec.709."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PNG files: straight colour in whole steps, labelled sRGB."""
+"""Tests of PNG files: straight colour, rounding and labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures on surfaces, from file to linear Rec.709."""
+"""Tests of textures, from file to linear Rec.709."""
 
 from __future__ import annotations
 

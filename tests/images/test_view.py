@@ -1,4 +1,4 @@
-"""OCIO views, forward and backward."""
+"""Tests of OCIO views, forward and inverse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures to import, and what independent code reads in them."""
+"""Captures to import, and their contents as read by independent code."""
 
 from __future__ import annotations
 

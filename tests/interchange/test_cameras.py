@@ -1,4 +1,4 @@
-"""Photographs' cameras on a stage."""
+"""Tests of importing the cameras of photographs."""
 
 from __future__ import annotations
 

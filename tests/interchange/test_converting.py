@@ -1,4 +1,4 @@
-"""Suffixes decide what becomes what."""
+"""Tests that suffixes select the kind of conversion."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_harmonics_that_a_format_has_no_place_for_are_said_to_go(tmp_path, suffi
         report = convert(first, tmp_path / f"b{suffix}")
         assert isinstance(report, ExportReport)
         assert report.degree == degree == formats.read(tmp_path / f"b{suffix}").cloud.sh_degree
-        said = f"harmonics above degree {degree} are not written: {suffix} has no place for them"
+        said = f"harmonics above degree {degree} are not written: {suffix} cannot store them"
         assert (said in report.notes) == (degree < 4)
 
 

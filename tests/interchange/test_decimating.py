@@ -1,4 +1,4 @@
-"""Fewer splats for the same picture."""
+"""Tests of decimation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits in their order."""
+"""Tests of edits in their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fields of a stage become a capture file."""
+"""Tests of exporting fields of a stage to capture files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""USD files as whole things."""
+"""Tests of opening and saving USD files."""
 
 from __future__ import annotations
 

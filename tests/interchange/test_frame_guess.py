@@ -1,4 +1,4 @@
-"""Which way is up, as far as splats tell."""
+"""Tests of guessing the up direction from splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures put together."""
+"""Tests of joining captures."""
 
 from __future__ import annotations
 

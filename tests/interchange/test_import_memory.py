@@ -1,4 +1,4 @@
-"""What importing a large capture takes, and what it leaves when it is interrupted."""
+"""Tests of the memory of importing a large capture, and of interrupting it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A capture file becomes a splat field."""
+"""Tests of importing a capture as a splat field."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_frame_that_is_given_wins(tmp_path: Path) -> None:
     assert report.frame == "rub"
     assert report.axes == "rub, as the stage's"
     assert not UsdGeom.Xformable(field(tmp_path / "a.usdc")).GetOrderedXformOps()
-    assert "the axes are 'rub' because the import was told so" in report.notes
+    assert "the axes are 'rub' as given to the import" in report.notes
 
 
 def test_a_file_says_its_default_prim_axes_and_unit(tmp_path: Path) -> None:
@@ -122,11 +122,11 @@ def test_a_file_says_its_default_prim_axes_and_unit(tmp_path: Path) -> None:
 
 
 def test_an_unknown_size_is_said(tmp_path: Path) -> None:
-    """Oracle: captures have no unit; the report and the prim say what was taken."""
+    """Oracle: captures have no unit; the report and the prim state the assumed one."""
     source = capture(tmp_path)
-    assert any("how large" in note for note in import_capture(source, tmp_path / "a.usd").notes)
+    assert any("a unit" in note for note in import_capture(source, tmp_path / "a.usd").notes)
     sized = import_capture(source, tmp_path / "b.usd", options=ImportOptions(meters_per_unit=1))
-    assert not any("how large" in note for note in sized.notes)
+    assert not any("a unit" in note for note in sized.notes)
 
 
 @pytest.mark.parametrize(("form", "bounds"), [("float", set()), ("packed", {"scales", "sh"})])

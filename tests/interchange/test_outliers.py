@@ -1,4 +1,4 @@
-"""Splats that float far from all others."""
+"""Tests of dropping splats that are far from all others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stock to packed and back."""
+"""Tests of converting fields from stock to packed and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stage over time becomes a sequence of captures."""
+"""Tests of exporting a stage over time as a sequence of captures."""
 
 from __future__ import annotations
 

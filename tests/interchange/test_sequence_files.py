@@ -1,4 +1,4 @@
-"""Which files a sequence has, and what they say in common."""
+"""Tests of finding the files of a sequence and their common metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sequence of captures becomes a splat field that changes over time."""
+"""Tests of importing a sequence of captures as an animated splat field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels are tested on each device."""
+"""Fixture that runs kernel tests on each device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surfaces by casting rays in float64 NumPy: the oracle of the rasteriser. It shares no formula."""
+"""Ray casting of surfaces in float64 NumPy: the oracle of the rasterizer; no formula is shared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is compiled by other processes while this one works."""
+"""Tests of compilation by other processes."""
 
 from __future__ import annotations
 

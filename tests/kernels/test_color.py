@@ -1,4 +1,4 @@
-"""Transfer curves and conversions of the kernels."""
+"""Tests of transfer curves and conversions of the kernels."""
 
 from __future__ import annotations
 

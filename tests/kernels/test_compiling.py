@@ -1,4 +1,4 @@
-"""Hearing of compilation."""
+"""Tests of compile messages."""
 
 from __future__ import annotations
 

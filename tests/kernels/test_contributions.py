@@ -1,4 +1,4 @@
-"""What a row of pixels sees, in order."""
+"""Tests of the ordered contributions to a row of pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door to the machine, and the cache of compiled kernels."""
+"""Tests of the CPU device, and of the cache of compiled kernels."""
 
 from __future__ import annotations
 

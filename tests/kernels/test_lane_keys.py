@@ -1,4 +1,4 @@
-"""Keys of sixteen pixels, sorted side by side."""
+"""Tests of sorting the keys of sixteen pixels at once."""
 
 from __future__ import annotations
 

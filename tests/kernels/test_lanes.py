@@ -1,4 +1,4 @@
-"""Sixteen numbers at once, each operation against NumPy's."""
+"""Tests of operations on sixteen numbers. Oracle: NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions of one item become loops of each device."""
+"""Tests of loops over functions of one item, on each device."""
 
 from __future__ import annotations
 

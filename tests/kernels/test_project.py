@@ -1,4 +1,4 @@
-"""Projection of single splats, against closed forms and finite differences."""
+"""Tests of projecting single splats. Oracles: closed forms, and finite differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coverage: every pixel belongs to one triangle of a sheet, and tiles are listed without loss."""
+"""Tests of coverage: each pixel belongs to one triangle of a sheet, and tile lists are complete."""
 
 from __future__ import annotations
 

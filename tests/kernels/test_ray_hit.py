@@ -1,4 +1,4 @@
-"""Where rays hit Gaussians: the kernel's five float32 numbers against float64 geometry."""
+"""Tests of ray hits: the kernel's five float32 numbers compared with float64 geometry."""
 
 from __future__ import annotations
 

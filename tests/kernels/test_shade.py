@@ -1,4 +1,4 @@
-"""What a pixel of a surface looks like: colours, textures, lights, normals."""
+"""Tests of shading surfaces: colours, textures, lights, normals."""
 
 from __future__ import annotations
 

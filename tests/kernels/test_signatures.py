@@ -1,4 +1,4 @@
-"""Types of arguments as text."""
+"""Tests of argument types as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a kernel is made of."""
+"""Tests of the hash of a kernel's sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sorting, binning, blending and the median, each against an oracle that shares nothing with it."""
+"""Tests of sorting, binning, blending and the median, each with an independent oracle."""
 
 from __future__ import annotations
 

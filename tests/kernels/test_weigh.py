@@ -1,4 +1,4 @@
-"""Weights of prims and their ranks, in the order of centres."""
+"""Tests of the weights of prims and their ranks, in the order of centres."""
 
 from __future__ import annotations
 

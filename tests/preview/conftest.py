@@ -1,4 +1,4 @@
-"""A small document."""
+"""Fixture with a small document."""
 
 from __future__ import annotations
 

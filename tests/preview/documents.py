@@ -1,4 +1,4 @@
-"""A small stage to be looked at, and what its pictures should be."""
+"""A small stage for the preview, and its expected pictures."""
 
 from __future__ import annotations
 

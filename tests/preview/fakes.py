@@ -1,4 +1,4 @@
-"""A session that remembers what it was told, for tests of what talks to one."""
+"""A session that records requests, for tests of its clients."""
 
 from __future__ import annotations
 

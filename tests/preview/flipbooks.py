@@ -1,4 +1,4 @@
-"""Flipbooks drawn in one go, where no session gives others a turn."""
+"""Write a flipbook in one call, without a session."""
 
 from __future__ import annotations
 

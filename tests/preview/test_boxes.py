@@ -1,4 +1,4 @@
-"""Where prims are, for outlines, framing and clipping."""
+"""Tests of boxes of prims for outlines, framing and clipping."""
 
 from __future__ import annotations
 

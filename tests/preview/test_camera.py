@@ -1,4 +1,4 @@
-"""The free camera against closed forms and the renderer's own projection."""
+"""Tests of the free camera. Oracles: closed forms, and the renderer's own projection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two looks beside each other."""
+"""Tests of two looks side by side."""
 
 from __future__ import annotations
 

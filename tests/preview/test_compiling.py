@@ -1,4 +1,4 @@
-"""That compiling is told while it goes on, whoever compiles."""
+"""Tests that compilation is reported while it lasts, from any thread."""
 
 from __future__ import annotations
 

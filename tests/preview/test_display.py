@@ -1,4 +1,4 @@
-"""Each AOV on the screen, against closed forms."""
+"""Tests of the display of each AOV. Oracle: closed forms."""
 
 from __future__ import annotations
 

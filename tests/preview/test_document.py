@@ -1,4 +1,4 @@
-"""What a document draws: against an engine of its own, and by counting what is drawn."""
+"""Tests of the pictures of a document, compared with a separate engine, and of their number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Editors of every knob that there is."""
+"""Tests of the editors of all knobs."""
 
 from __future__ import annotations
 

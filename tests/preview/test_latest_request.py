@@ -1,4 +1,4 @@
-"""One question at a time, and of those that wait the last."""
+"""Tests of the request queue of length one."""
 
 from __future__ import annotations
 

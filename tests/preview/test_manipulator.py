@@ -1,4 +1,4 @@
-"""Where handles are, what is hit of them and what drags of them do."""
+"""Tests of handles: positions, hits and drags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Documents of stages and captures, and files that change under them."""
+"""Tests of documents of stages and captures, and of files that change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a picture may be follows from what the last ones took."""
+"""Tests of choosing the quality of a picture from the times of the last ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The selected prim's place is known, and it is moved by one edit at a time."""
+"""Tests of tracking and moving the selected prim, one request at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pixels that are probed and picked, against splats whose numbers are known."""
+"""Tests of probing and picking pixels, with splats of known values."""
 
 from __future__ import annotations
 

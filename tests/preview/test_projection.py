@@ -1,4 +1,4 @@
-"""Pixels and rays of a viewport against the renderer's own projection."""
+"""Tests of pixels and rays of a viewport. Oracle: the renderer's own projection."""
 
 from __future__ import annotations
 

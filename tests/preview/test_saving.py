@@ -1,4 +1,4 @@
-"""Screenshots and flipbooks: what is in the files, read back by other libraries."""
+"""Tests of screenshots and flipbooks, read back by other libraries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One thread has the stage: order, what wins, what is left after errors and at the end."""
+"""Tests of the thread of a session: order of tasks, latest states, errors and closing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Playing, stepping and scrubbing, by a clock that the test holds."""
+"""Tests of playing, stepping and scrubbing, with the test's own clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values as JSON has them."""
+"""Tests of values as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user does to a view becomes states that the session is told."""
+"""Tests that user actions become states that the viewer sends to its session."""
 
 from __future__ import annotations
 

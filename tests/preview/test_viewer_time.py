@@ -1,4 +1,4 @@
-"""A viewer's timeline: scrubbing, playing, following a simulation, coming back to bookmarks."""
+"""Tests of a viewer's timeline: scrubbing, playing, following a simulation, restoring bookmarks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The small capture and shot that the commands are tested with, and a process without a past."""
+"""Fixtures: the small capture and stage of the command tests, and a new process."""
 
 from __future__ import annotations
 

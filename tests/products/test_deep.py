@@ -1,4 +1,4 @@
-"""Deep samples over one another, and how far they are from the flat picture."""
+"""Tests of compositing deep samples, and of their difference from the flat picture."""
 
 from __future__ import annotations
 

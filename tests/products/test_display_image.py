@@ -1,4 +1,4 @@
-"""Pictures as a screen shows them, read back by Pillow."""
+"""Tests of display-referred pictures, read back by Pillow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sequences of pictures into files."""
+"""Tests of drawing sequences of pictures into files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What files say about their pictures: the same, whoever writes them."""
+"""Tests that all writers of pictures write the same headers."""
 
 from __future__ import annotations
 

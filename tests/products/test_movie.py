@@ -1,4 +1,4 @@
-"""Movies by ffmpeg: one of our own that only writes down what it is told, and the real one."""
+"""Tests of movies, with a replacement for ffmpeg that records its input, and with the real one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `usdsplat render` remarks on, and what it keeps to itself."""
+"""Tests of the remarks of `usdsplat render`."""
 
 from __future__ import annotations
 

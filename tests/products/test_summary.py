@@ -1,4 +1,4 @@
-"""Numbers of splats, in values that JSON can hold."""
+"""Tests of summaries of splats in values that JSON can hold."""
 
 from __future__ import annotations
 

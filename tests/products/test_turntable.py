@@ -1,4 +1,4 @@
-"""A stage with a camera around a capture."""
+"""Tests of a stage with a turntable around a capture."""
 
 from __future__ import annotations
 

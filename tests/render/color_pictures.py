@@ -1,4 +1,4 @@
-"""Pictures of nothing but colour, as a GPU draws them without the host: the checks of any GPU."""
+"""Colour-only pictures that a GPU draws without the host: checks for tests on any GPU."""
 
 from __future__ import annotations
 

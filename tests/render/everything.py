@@ -1,8 +1,8 @@
-"""One scene that has everything, and the ways to draw it: for comparing devices. It needs no USD.
+"""A scene with every feature, and all ways to draw it, for comparing devices. It needs no USD.
 
-Two fields, one of them seen twice, sheared and mirrored; a mesh with a texture, another with
-colours at its corners, both lit; a crop; and, by case, matte prims, holdouts, samples, and every
-setting that takes another kernel.
+It has two fields, one of them with two instances, sheared and mirrored; a mesh with a texture,
+another with colours at its corners, both lit; a crop; and, by case, matte prims, holdouts, samples,
+and every setting that selects another kernel.
 """
 
 from __future__ import annotations

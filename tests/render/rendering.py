@@ -1,4 +1,4 @@
-"""A renderer, a lens and random splats with no USD at all, for tests against the reference."""
+"""A renderer, a lens and random splats without USD, for tests against the reference."""
 
 from __future__ import annotations
 

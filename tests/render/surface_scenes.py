@@ -1,4 +1,4 @@
-"""Small scenes of meshes, and the screens that look at them."""
+"""Small scenes of meshes, with their screens."""
 
 from __future__ import annotations
 

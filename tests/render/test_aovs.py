@@ -1,4 +1,4 @@
-"""What is in a picture besides its colour, in scenes small enough to know every number."""
+"""Tests of AOVs, in scenes small enough to compute every number."""
 
 from __future__ import annotations
 

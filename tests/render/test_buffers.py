@@ -1,4 +1,4 @@
-"""Buffers that grow and are used again."""
+"""Tests of buffers that grow and are reused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference by which garbage mattes are judged."""
+"""Tests of the reference for garbage mattes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of nothing but colour on a GPU: drawn whole, and the same as the CPU's."""
+"""Tests that colour-only pictures on a GPU are fused, and equal those of the CPU."""
 
 from __future__ import annotations
 

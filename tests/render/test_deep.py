@@ -1,6 +1,7 @@
-"""Deep pictures: flattened they are the beauty, and with others' they merge as if rendered at once.
+"""Tests that flattened deep pictures equal flat ones, and merge with others as if rendered
+together.
 
-Captures are drawn at 320x240, from where nearly all of their splats are seen.
+Captures are drawn at 320x240, with cameras that see nearly all of their splats.
 """
 
 from __future__ import annotations

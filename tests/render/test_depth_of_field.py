@@ -1,4 +1,4 @@
-"""Depth of field against pinholes spread over the lens by another pattern than ours."""
+"""Tests of depth of field. Oracle: pinholes in another pattern over the lens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that the delegate draws is the same on a GPU: one scene with all of it, each way."""
+"""Tests that a scene with every feature gives the same pictures on a GPU."""
 
 from __future__ import annotations
 

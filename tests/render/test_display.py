@@ -1,4 +1,4 @@
-"""Dots, ellipses and normals in place of splats."""
+"""Tests of the display modes: dots, ellipses and normals instead of splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A GPU that fails while it draws."""
+"""Tests of a GPU that fails while it draws."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What the last picture left is used again, and never shows: pictures equal those of a renderer
-that has drawn nothing before, bit for bit."""
+"""Tests that reusing results of the last picture does not change pictures: they equal those of a
+new renderer, bit for bit."""
 
 from __future__ import annotations
 

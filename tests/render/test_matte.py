@@ -1,4 +1,4 @@
-"""Which prims are matte."""
+"""Tests of which prims are mattes."""
 
 from __future__ import annotations
 

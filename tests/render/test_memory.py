@@ -1,4 +1,4 @@
-"""What a picture is said to take."""
+"""Tests of the memory estimate of a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Splats among surfaces and holdouts: who hides whom, per splat and per pixel."""
+"""Tests of splats between surfaces and holdouts: which hide which, per splat and per pixel."""
 
 from __future__ import annotations
 

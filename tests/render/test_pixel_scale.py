@@ -1,4 +1,4 @@
-"""Pictures that stand for finer ones, as a preview draws them while it moves."""
+"""Tests of coarse pictures, as a preview draws them while the view moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What needs each pixel's own ray, against the float64 reference, which has all splats there."""
+"""Tests of features that evaluate each pixel's ray. Oracle: the float64 reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The renderer with no USD at all, against the float64 reference."""
+"""Tests of the renderer without USD. Oracle: the float64 reference."""
 
 from __future__ import annotations
 

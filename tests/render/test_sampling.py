@@ -1,4 +1,4 @@
-"""Shutter, lens and pixel filter: where the samples lie, and what their average is."""
+"""Tests of the samples of shutter, lens and pixel filter, and of their average."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a field's splats lie in memory."""
+"""Tests of the order of a field's splats in memory."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from usdsplat.render.spatial_order import LEAST, SpatialOrder, laid_out
 def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
     """Oracle: written down by hand."""
     device, cloud = open_device("cpu"), random_cloud(1, n=LEAST)
-    laying = SpatialOrder()
-    first, second, third = (laying.of(device, cloud) for _ in range(3))
+    spatial_order = SpatialOrder()
+    first, second, third = (spatial_order.of(device, cloud) for _ in range(3))
     assert first.rows.size == first.boxes.size == 0 and first.positions is cloud.positions
-    assert second is third and laying.is_made
+    assert second is third and spatial_order.is_made
     other = replace(cloud, positions=cloud.positions.copy())
-    assert laying.of(device, other).positions is other.positions
+    assert spatial_order.of(device, other).positions is other.positions
     few = random_cloud(2, n=LEAST - 1)
-    assert [laying.of(device, few).rows.size for _ in range(3)] == [0, 0, 0]
+    assert [spatial_order.of(device, few).rows.size for _ in range(3)] == [0, 0, 0]
 
 
 def test_rows_say_where_each_splat_was():

@@ -1,4 +1,4 @@
-"""A budget of splats: what is left out, and what must not change by it."""
+"""Tests of a splat budget: which splats are dropped, and what must not change."""
 
 from __future__ import annotations
 

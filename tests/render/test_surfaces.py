@@ -1,4 +1,4 @@
-"""Opaque prims as a view sees them: closed forms, a ray caster, and what may not matter."""
+"""Tests of opaque prims. Oracles: closed forms, and a ray caster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clouds and prims to test with."""
+"""Clouds and prims for tests."""
 
 from __future__ import annotations
 

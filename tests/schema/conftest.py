@@ -1,4 +1,4 @@
-"""A stage for each test; prims die with their stage, so tests hold it."""
+"""Fixture with a stage for each test. Prims expire with their stage, so tests hold it."""
 
 from __future__ import annotations
 

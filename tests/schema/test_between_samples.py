@@ -1,4 +1,4 @@
-"""Fields at times between their samples, which motion blur asks for."""
+"""Tests of fields at times between their samples, as needed for motion blur."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The authored box."""
+"""Tests of the authored extent."""
 
 from __future__ import annotations
 

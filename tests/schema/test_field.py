@@ -1,4 +1,4 @@
-"""Fields as everybody else sees them."""
+"""Tests of the public interface of fields."""
 
 from __future__ import annotations
 

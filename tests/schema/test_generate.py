@@ -1,4 +1,4 @@
-"""plugInfo/ is what schema.usda says."""
+"""Tests that plugInfo/ is generated from the current schema.usda."""
 
 from __future__ import annotations
 

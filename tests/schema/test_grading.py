@@ -1,4 +1,4 @@
-"""SplatGradeAPI, read and written."""
+"""Tests of reading and writing SplatGradeAPI."""
 
 from __future__ import annotations
 

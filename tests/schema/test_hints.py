@@ -1,4 +1,4 @@
-"""Colour space and modes."""
+"""Tests of colour spaces and rendering hints."""
 
 from __future__ import annotations
 

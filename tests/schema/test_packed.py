@@ -1,4 +1,4 @@
-"""Our compact type on a stage."""
+"""Tests of our packed type on a stage."""
 
 from __future__ import annotations
 

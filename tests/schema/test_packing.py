@@ -1,4 +1,4 @@
-"""The packed layout: its bits, and every bound that the schema promises."""
+"""Tests of the packed layout: its bits, and all error bounds of the schema."""
 
 from __future__ import annotations
 

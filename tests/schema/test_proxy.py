@@ -1,4 +1,4 @@
-"""Points for renderers that do not know packed fields."""
+"""Tests of proxy points for renderers without the packed type."""
 
 from __future__ import annotations
 

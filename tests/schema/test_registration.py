@@ -1,4 +1,5 @@
-"""When USD learns our types. Each test is a process of its own: the registry is built once."""
+"""Tests of registering our types. Each test is a separate process, because the registry is built
+once."""
 
 from __future__ import annotations
 

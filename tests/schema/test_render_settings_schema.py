@@ -1,4 +1,4 @@
-"""SplatRenderSettingsAPI is the render settings' knobs, in USD's words."""
+"""Tests that SplatRenderSettingsAPI declares the knobs of the render settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulation's schemas are its parameters, in USD's words."""
+"""Tests that the schemas of simulations declare their parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stock type: usdVol's rules for reading, and what others look for in what we write."""
+"""Tests of the stock type: usdVol's rules for reading, and requirements of other readers."""
 
 from __future__ import annotations
 

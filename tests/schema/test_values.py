@@ -1,4 +1,4 @@
-"""Values of attributes as NumPy arrays."""
+"""Tests of attribute values as NumPy arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NumPy to Vt and back."""
+"""Tests of converting NumPy arrays to Vt arrays and back."""
 
 from __future__ import annotations
 

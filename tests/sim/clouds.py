@@ -1,4 +1,4 @@
-"""Points on surfaces whose normals and spacing are known."""
+"""Points on surfaces with known normals and spacing."""
 
 from __future__ import annotations
 

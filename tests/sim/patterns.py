@@ -1,4 +1,4 @@
-"""What a pattern measures."""
+"""Measures of a pattern."""
 
 from __future__ import annotations
 

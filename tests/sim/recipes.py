@@ -1,4 +1,4 @@
-"""Fields and what acts on them, written by hand: the solver without USD."""
+"""Recipes written by hand, for tests of the solver without USD."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes that tests know everything about."""
+"""Meshes with known properties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many affectors on a real capture."""
+"""Tests of many affectors on a real capture."""
 
 from __future__ import annotations
 

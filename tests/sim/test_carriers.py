@@ -1,4 +1,4 @@
-"""Even points on captures, and the same patterns on all of them."""
+"""Tests that carriers are evenly spaced, and that patterns do not depend on a capture's density."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""States on disk and back."""
+"""Tests of saving and loading states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closest points, rays and winding numbers of meshes."""
+"""Tests of closest points, rays and winding numbers of meshes."""
 
 from __future__ import annotations
 

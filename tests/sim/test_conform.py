@@ -1,4 +1,4 @@
-"""Splats on their way to a mesh, and on it."""
+"""Tests of splats that move onto a mesh."""
 
 from __future__ import annotations
 

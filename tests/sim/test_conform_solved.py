@@ -1,4 +1,4 @@
-"""Conforming after other stages: the target gets what they have made of the splats."""
+"""Tests of conforming after other stages."""
 
 from __future__ import annotations
 

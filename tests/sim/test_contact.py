@@ -1,4 +1,4 @@
-"""Splats and solids: who ends where, and how fast."""
+"""Tests of contacts between splats and solids: positions and velocities."""
 
 from __future__ import annotations
 

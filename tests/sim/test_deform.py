@@ -1,4 +1,4 @@
-"""Deformers and their stack."""
+"""Tests of deformers and their stack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dissolving, and coming together."""
+"""Tests of dissolving and assembling."""
 
 from __future__ import annotations
 

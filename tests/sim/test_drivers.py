@@ -1,4 +1,4 @@
-"""Drivers, against their definitions."""
+"""Tests of drivers. Oracle: their definitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far affectors reach."""
+"""Tests of the falloff of affectors."""
 
 from __future__ import annotations
 

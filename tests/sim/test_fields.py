@@ -1,4 +1,4 @@
-"""Distance fields of meshes."""
+"""Tests of distance fields of meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free flight, against closed forms."""
+"""Tests of free flight. Oracle: closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gradients measured from neighbours."""
+"""Tests of gradients measured from neighbours."""
 
 from __future__ import annotations
 

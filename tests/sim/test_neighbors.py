@@ -1,4 +1,4 @@
-"""Lists of neighbours, and for how long they last."""
+"""Tests of neighbour lists, and of how long they stay valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which way splats face."""
+"""Tests of normals of splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Growth, birth and death."""
+"""Tests of growth, births and deaths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Patterns on particles."""
+"""Tests of patterns on particles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Redistribution."""
+"""Tests of redistribution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of a few numbers, column by column."""
+"""Tests of reductions over rows of a few numbers."""
 
 from __future__ import annotations
 

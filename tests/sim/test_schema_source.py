@@ -1,4 +1,4 @@
-"""schema/simulation.usda is what the parameters say."""
+"""Tests that schema/simulation.usda is generated from the current parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a pattern begins."""
+"""Tests of the initial seeds of a pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The way back."""
+"""Tests of settling."""
 
 from __future__ import annotations
 

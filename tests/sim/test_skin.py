@@ -1,4 +1,4 @@
-"""Skinned splats."""
+"""Tests of skinned splats."""
 
 from __future__ import annotations
 

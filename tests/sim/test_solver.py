@@ -1,4 +1,4 @@
-"""The solver's order of things: what follows from closed forms, whichever stage does it."""
+"""Tests of the order of the solver's stages. Oracle: closed forms."""
 
 from __future__ import annotations
 

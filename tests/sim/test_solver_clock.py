@@ -1,4 +1,4 @@
-"""When a simulation begins, rests and ends; how long its seconds are."""
+"""Tests of when a simulation begins, pauses and ends, and of its time step."""
 
 from __future__ import annotations
 

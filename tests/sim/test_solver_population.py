@@ -1,4 +1,4 @@
-"""Everything at once, while splats are born and die: the same bits however it is run."""
+"""Tests of all stages together with births and deaths: the same bits in every kind of run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deformation of splats that were pushed, from where their neighbours went."""
+"""Tests of the deformation of pushed splats, estimated from their neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controller of radii."""
+"""Tests of the control of support radii."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fast solids catch what they strike."""
+"""Tests of continuous collision with fast solids."""
 
 from __future__ import annotations
 

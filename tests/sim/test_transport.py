@@ -1,4 +1,4 @@
-"""Ellipsoids and harmonics under a deformation."""
+"""Tests of ellipsoids and harmonics under a deformation."""
 
 from __future__ import annotations
 

@@ -61,8 +61,10 @@ class Command(Protocol):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command in `argv`, which lacks the program's name. None stands for `sys.argv[1:]`.
 
-    0 for success, 1 if `validate` found errors, 2 for an error that is explained in one line on
-    stderr, 130 after Ctrl-C. Any other exception is a bug and keeps its traceback.
+    Returns:
+        Exit status: 0 for success, 1 if `validate` found errors, 2 for an error that is explained
+        in one line on stderr, 130 after Ctrl-C. Any other exception is a bug and keeps its
+        traceback.
     """
     log = logging.getLogger(
         "usdsplat"

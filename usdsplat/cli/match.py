@@ -45,7 +45,7 @@ class Options:
     reference: Annotated[Path | None, option("PICTURE")] = None
     """plate of the same view; the stage is rendered at its size"""
     reference_space: Annotated[str | None, option("SPACE")] = None
-    """colour space of the plate, such as lin_ap1_scene; default: as the file says"""
+    """colour space of the plate, such as lin_ap1_scene; default: as stated in the file"""
     chart: Annotated[str | None, option("NAME")] = None
     """chart to match instead of a plate, such as classic24"""
     patches: Annotated[str | None, option("REGIONS|FILE")] = None

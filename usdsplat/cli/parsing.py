@@ -57,8 +57,9 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
         text: Description and examples, shown before the arguments.
         arguments: The command line after the command's name.
 
-    An instance, or the exit status if there is nothing to run: 0 after help, 2 after an error,
-    which has been explained in one line on stderr.
+    Returns:
+        An instance, or the exit status if there is nothing to run: 0 after help, 2 after an error,
+        which has been explained in one line on stderr.
     """
     known = list(arguments_of(options))
     try:

@@ -71,7 +71,7 @@ class Options:
     product: Annotated[str | None, option("/PRIM")] = None
     """render only this RenderProduct of the settings; default: all, or with -o the first"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None

@@ -58,7 +58,7 @@ class Options:
     force: Annotated[bool, option()] = False
     """replace an existing bake"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that computes, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None

@@ -35,11 +35,11 @@ def open_stage_or_capture(
     Raises:
         UsageError: If options for stages are given for a capture or vice versa, and see
             `open_stage`.
-        FormatError: If a capture is not what it claims to be.
+        FormatError: If a capture is damaged or of another format.
     """
     if is_usd(path):
         if axes is not None:
-            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
+            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
         return open_stage(path, options, keep=keep)
     check_no_stage_options(path, options)
     return open_capture(path, axes=axes, progress=progress)

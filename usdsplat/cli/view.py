@@ -76,7 +76,7 @@ class Options:
     frame: Annotated[float | None, option("FRAME")] = None
     """first time code; default: the start of the stage's range"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as the file says"""
+    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
     threads: Annotated[int | None, option("N")] = None
@@ -215,7 +215,7 @@ def _check_file(path: Path, options: Options) -> None:
         raise StageError(str(path), "no such file", "a stage or a capture")
     if is_usd(path):
         if options.axes is not None:
-            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
+            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
         if not path.is_file():
             raise StageError(str(path), "no plain file", "a stage or a capture")
         return

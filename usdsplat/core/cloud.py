@@ -25,7 +25,7 @@ class SplatCloud:
     responsibility of the reader.
 
     Raises:
-        ValueError: If an array has another shape or dtype than its field says.
+        ValueError: If an array has another shape or dtype than declared.
     """
 
     positions: F32

@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """A receiver of progress: a terminal bar, a log, a panel."""
+    """A receiver of progress: a progress bar, a log or a panel."""
 
     def step(self, label: str, done: int, total: int) -> None:
         """Report that `done` of `total` units of the task `label` are finished.

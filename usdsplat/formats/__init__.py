@@ -89,13 +89,13 @@ def read(
         progress: Receives the number of splats read.
 
     Raises:
-        FormatError: If the file cannot be opened, or is not what it claims to be.
+        FormatError: If the file cannot be opened, or is damaged or of another format.
         UnknownFormatError: If neither content nor suffix is known.
         UsageError: If the capture does not have the requested level of detail.
     """
     module = find(path)
     if how.lod and not getattr(module, "HAS_LEVELS", False):
-        raise UsageError(f"{path}: level of detail", str(how.lod), "0, it has no others")
+        raise UsageError(f"{path}: level of detail", str(how.lod), "0, the only level")
     return module.read(Path(path), replace(how, progress=progress))
 
 

@@ -46,7 +46,7 @@ class Inflater(ABC):
         """Read exactly `size` bytes; memory grows with the data that arrives, not with `size`.
 
         Raises:
-            FormatError: If the stream is damaged or ends before; `what` says what is missing.
+            FormatError: If the stream is damaged or ends before; `what` names the missing data.
         """
         return b"".join(self.pieces(size, _OUTPUT, what))
 
@@ -54,7 +54,7 @@ class Inflater(ABC):
         """Yield `size` bytes in pieces of `step`, the last one shorter.
 
         Raises:
-            FormatError: If the stream is damaged or ends before; `what` says what is missing.
+            FormatError: If the stream is damaged or ends before; `what` names the missing data.
         """
         for start in range(0, size, step):
             wanted = min(step, size - start)

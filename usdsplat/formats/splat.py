@@ -29,9 +29,9 @@ FRAME = "rdf"
 MAX_DEGREE = 0
 
 ERROR_BOUNDS = {
-    "rotations": "0.9 degrees, or 1.8 where the writer cut fractions off",
-    "opacities": "1/510, or 1/255 where the writer cut fractions off",
-    "sh": "degree 0: 0.007, or 0.014 where the writer cut fractions off, within +-1.77",
+    "rotations": "0.9 degrees, or 1.8 if the writer truncates",
+    "opacities": "1/510, or 1/255 if the writer truncates",
+    "sh": "degree 0: 0.007, or 0.014 if the writer truncates, within +-1.77",
 }
 
 RECORD = np.dtype(
@@ -61,7 +61,9 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
             wanted = (rows.stop - rows.start) * RECORD.itemsize
             data = file.read(wanted)
             if len(data) < wanted:  # the file was truncated in the meantime
-                raise FormatError(source, f"an end after splat {rows.start}", f"{count} splats")
+                raise FormatError(
+                    source, f"the end of the file after splat {rows.start}", f"{count} splats"
+                )
             _decode(builder, rows, np.frombuffer(data, RECORD))
             builder.settle_linear(rows)
             how.progress.step(f"reading {source}", rows.stop, count)

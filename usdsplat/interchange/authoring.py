@@ -25,7 +25,7 @@ IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """Options for reading captures that will be authored: most arrays are then not copied."""
 
 _BLOCK = 1 << 16  # splats transformed at a time
-_UNKNOWN_SIZE = "captures do not say how large they are: one unit is taken for one of the stage's"
+_UNKNOWN_SIZE = "captures do not state a unit of length: one of the stage's units is assumed"
 
 
 def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:
@@ -103,7 +103,7 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
 
 def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
     """Return notes on assumptions that the file does not confirm."""
-    given = [] if frame is None else [f"the axes are {frame!r} because the import was told so"]
+    given = [] if frame is None else [f"the axes are {frame!r} as given to the import"]
     return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
 
 

@@ -115,7 +115,7 @@ def _to_parent(
         _check(turn, UsageError("frame", f"{frame!r}, which is left-handed", "a right-handed one"))
         matrix = matrix @ turn
     where = f"{field.GetPath()}"
-    expected = "one that turns, moves and scales evenly: cameras go along"
+    expected = "a rotation, a translation and a uniform scale, which also apply to cameras"
     _check(matrix, StageError(where, "a transform that mirrors or shears", expected))
     if edited is not None:
         wrong = UsageError("edited", "a matrix that mirrors or shears", "a similarity")

@@ -161,9 +161,9 @@ def _capture(
     notes = unknown_color_spaces(prims)
     if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
         listed = " and ".join(spaces)
-        notes.append(f"colours are numbers in {listed}, which the file does not say")
+        notes.append(f"colours are in {listed}, which the file cannot state")
     if len(modes) > 1:
-        notes.append("fields are rasterised differently; the file says classic for all")
+        notes.append("fields are rasterised differently; the file states classic for all")
     for name in ("ids", "velocities"):
         if getattr(cloud, name) is not None:
             notes.append(f"{name} are not written")

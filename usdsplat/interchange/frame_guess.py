@@ -91,7 +91,7 @@ def guess_frame(cloud: SplatCloud, assumed: str) -> FrameGuess:
     best, second = sorted(scores, key=lambda up: scores[up].total, reverse=True)[:2]
     clear = scores[best].total >= max(_CONVINCING, _AHEAD * scores[second].total)
     if not clear:
-        tie = f"no direction stands out: {best} by a little, then {second}"
+        tie = f"no direction is clearly best: {best} is slightly ahead of {second}"
         return FrameGuess(assumed=assumed, up=None, suggested=None, evidence=(tie,))
     evidence = scores[best].said(best)
     return FrameGuess(assumed=assumed, up=best, suggested=FRAMES[best], evidence=evidence)

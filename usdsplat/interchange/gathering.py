@@ -19,7 +19,7 @@ from usdsplat.formats import Capture, ReadOptions
 from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.editing import bounds_after, edited
 
-_MIXED = "captures are rasterised differently; the result says classic for all"
+_MIXED = "captures are rasterised differently; the result states classic for all"
 _EXACT = "exact"
 
 
@@ -121,7 +121,7 @@ def fitted(capture: Capture, target: Path) -> Capture:
     degree = formats.degree_written(target)
     if capture.cloud.sh_degree <= degree:
         return capture
-    note = f"harmonics above degree {degree} are not written: {target.suffix} has no place for them"
+    note = f"harmonics above degree {degree} are not written: {target.suffix} cannot store them"
     cloud = edit.with_sh_degree(capture.cloud, degree)
     return replace(capture, cloud=cloud, notes=(*capture.notes, note))
 

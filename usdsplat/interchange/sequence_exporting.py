@@ -44,7 +44,7 @@ def export_sequence(
         frames: Time codes; None is every one from the stage's start to its end or, if it has
             neither, those of the fields' samples.
         export: Function that writes a frame, with options other than `export_capture`'s defaults.
-        progress: Told about each frame.
+        progress: Receives the progress of the frames.
 
     Raises:
         StageError: If the source cannot be opened, or there is no field to write.
@@ -84,7 +84,7 @@ def write_frames(
         target: A name with a placeholder for the frame number.
         times: Frames, at least one.
         write: Function that writes the file of a frame.
-        progress: Told about each frame.
+        progress: Receives the progress of the frames.
 
     Raises:
         UsageError: If the placeholder is too small.

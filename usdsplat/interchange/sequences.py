@@ -44,8 +44,8 @@ from usdsplat.schema import Form
 
 _ROW_BITS = 32
 _HELD = (
-    "each frame is held until the next; applications that do not heed ids mix frames that have as "
-    "many splats"
+    "each frame is held until the next; applications that ignore ids interpolate between frames "
+    "with equally many splats"
 )
 
 

@@ -170,7 +170,8 @@ def _store(state, image, top, left, y0, y1, x0, x1):
 def blend_row(state, batch, slopes, touched):
     """Blend the splats of a batch that touch a row of a tile. Return 1 if the row is not saturated.
 
-    The arguments are places: of the row's state, and of the results of `load_batch` and `lay_row`.
+    The arguments are addresses: of the row's state, and of the results of `load_batch` and
+    `lay_row`.
     """
     apart()
     xs, one = ramp(), np.uint64(1)
@@ -203,9 +204,9 @@ def blend(
     Args:
         records, starts, lists, grid: Results of `project` and `bins`.
         paints: Three numbers of each splat from column `column` on; shape (n, >= column + 3) f32.
-        ray_hits: Of the records, shape (n, RAY_HIT) f32; read only where there are surfaces.
+        ray_hits: Ray hits of the records, shape (n, RAY_HIT) f32; read only if there are surfaces.
         occluder_depth: Planar depth of surfaces, +inf where there is none, shape (y1 - y0, x1 - x0)
-            f32; or of no size when there are none at all.
+            f32; empty without surfaces.
         is_parallel: Whether all rays are parallel, as for an orthographic camera.
         image: Receives premultiplied paint and coverage of the band, shape
             (y1 - y0, (x1 - x0) * 4) f32.

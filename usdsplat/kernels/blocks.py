@@ -45,8 +45,8 @@ def is_outside(cam, m, box):
     """Return whether no splat of the block can touch the data window.
 
     Along the screen's x a splat reaches at most `deviations` times sqrt(|J M|² σ² + low-pass), and
-    |J| is at most f / z times sqrt(1 + t²) with t the bound at which the affine map is taken. Times
-    z all is linear, so its least value over the box says it.
+    |J| is at most f / z times sqrt(1 + t²), where t is the clamp of the affine approximation.
+    Multiplied by z, all terms are linear, so their minimum over the box decides.
     """
     if lowest(m, box, 0.0, 0.0, 1.0) > cam.far or lowest(m, box, 0.0, 0.0, -1.0) > -cam.near:
         return True

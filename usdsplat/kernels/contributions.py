@@ -1,10 +1,10 @@
 """Find the contributions to a row of 16 pixels, each pixel's in its own order.
 
-Where pixels are sorted by their ray hits, the list of a tile is taken in the order of the least
-depth at which a ray of the tile may hit each splat. No splat that is still to come is hit in front
-of that depth, so a row of pixels is complete as soon as what lies in front of it has ended all 16
-pixels. Then the keys of the row are sorted, see `lane_keys`: the order is exact, and there is no
-cap on how many contributions wait.
+If pixels are sorted by ray hits, the list of a tile is processed in the order of the least depth at
+which a ray of the tile may hit each splat. No later splat is hit in front of the least depth of the
+next one. A row of pixels is therefore complete as soon as the contributions in front of that depth
+have saturated all 16 pixels. Then the keys of the row are sorted, see `lane_keys`. The order is
+exact, and the number of waiting contributions is not limited.
 
 Source: Radl et al. 2024, "StopThePop", for the order.
 """
@@ -23,11 +23,11 @@ from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, least_hit, row_at
 
 SPLAT = 16
-"""Floats of a splat of a tile: u v a b c ln(opacity), as `batch` has them; its ray hit; the first
-row of the tile that it touches and one past the last; depth of its centre."""
+"""Floats of a splat of a tile: u v a b c ln(opacity), as in `batch`; its ray hit; the first row of
+the tile that it touches, and one past the last; depth of its centre."""
 HIT, FIRST, LAST, MIDDLE = 6, 13, 14, 15
 ENDED = np.float32(0.99) * END
-"""A transmittance that has passed END, however products are rounded."""
+"""Transmittance that is certainly beyond END, for any rounding of products."""
 
 
 # --- 1. mathematics: one splat in one tile ----------------------------------------------
@@ -49,12 +49,12 @@ def least_depth(fields, splat, is_parallel):
 
 @scalar
 def load_tile(records, ray_hits, lists, begin, left, top, fields, batch, rows):
-    """Fetch all splats of a tile.
+    """Load all splats of a tile.
 
     Args:
         lists: The tile's list begins at `begin`.
-        left, top: Of the tile [pixel].
-        fields: Receives SPLAT floats of each, in the order of the list.
+        left, top: First column and row of the tile [pixel].
+        fields: Receives SPLAT floats of each splat, in the order of the list.
         batch, rows: Scratch of `load_batch`.
     """
     n = fields.shape[0] // SPLAT
@@ -76,13 +76,13 @@ def load_tile(records, ray_hits, lists, begin, left, top, fields, batch, rows):
 
 @scalar
 def lay_out(fields, order, spans):
-    """Write the rows that splats touch, in the order in which they are taken.
+    """Write the rows that splats touch, in the order of processing.
 
     Args:
-        fields: What `load_tile` made.
-        order: Places in the list, shape (n,).
-        spans: Receives first rows, then those past the last, each padded to whole lanes with rows
-            that nothing touches.
+        fields: Result of `load_tile`.
+        order: Indices in the list, shape (n,).
+        spans: Receives first rows, then rows past the last, each padded to whole lanes with empty
+            ranges.
     """
     n, padded = order.shape[0], spans.shape[0] // 2
     for k in range(padded):
@@ -94,17 +94,18 @@ def lay_out(fields, order, spans):
 
 @scalar
 def is_complete(settled, count, places, depths, alphas, bound, product):
-    """Take what lies in front of `bound` into the transmittance of a row of pixels.
+    """Multiply the contributions in front of `bound` into the transmittance of a row of pixels.
 
     Args:
-        settled: How many rows of `depths` were in front of it before.
-        count: How many rows there are.
-        places, depths, alphas: As `gather_row` has them.
-        bound: Nothing that is still to come is in front of this depth.
+        settled: Number of rows of `depths` that were in front of earlier bounds.
+        count: Number of rows.
+        places, depths, alphas: See `gather_row`.
+        bound: Depth in front of which no later splat is hit.
         product: Transmittance of the first `settled` rows.
 
     Returns:
-        How many rows are in front now, their transmittance, and that of all contributions in front.
+        Number of rows that are now in front, their transmittance, and that of all contributions in
+        front.
     """
     whole = product
     for k in range(settled, count):
@@ -121,23 +122,23 @@ def gather_row(
     y, fields, order, spans, least, stop, near, is_parallel, sorts, inside, places, depths, alphas,
     keys,
 ):  # fmt: skip
-    """Evaluate the splats of a tile at a row of 16 pixels, until the pixels have ended.
+    """Evaluate the splats of a tile at a row of 16 pixels, until the pixels are saturated.
 
     Args:
         y: Row of the tile.
-        fields, order, spans: What `load_tile` and `lay_out` made.
+        fields, order, spans: Results of `load_tile` and `lay_out`.
         least: `least_depth` of each splat, if `sorts`.
-        stop: Depths of surfaces in the row, +inf where there are none, or of no size.
+        stop: Depths of surfaces in the row, +inf where there are none, or empty.
         near: Depth of the near plane.
         sorts: Whether pixels are sorted by their ray hits.
         inside: Mask of the pixels that are drawn.
-        places: Receives the place in the list of each row of `depths`.
+        places: Receives the index in the list for each row of `depths`.
         depths: Receives 16 depths, -FAR where a splat does not contribute, if `sorts`.
-        alphas: Receives 16 contributions for each place in the list.
-        keys: Receives 16 keys; depths are FAR where a splat does not contribute.
+        alphas: Receives 16 contributions for each index in the list.
+        keys: Receives 16 keys for each row; depths are FAR where a splat does not contribute.
 
     Returns:
-        How many rows of keys there are.
+        Number of rows of keys.
     """
     zero, one = np.float32(0), np.uint64(1)
     xs, count, padded = ramp(), 0, spans.shape[0] // 2
@@ -198,16 +199,16 @@ def gather_row(
 
 @scalar
 def pass_row(keys, count, alphas, inside, sorts, weights):
-    """Let light pass through the contributions to a row of 16 pixels, in the order of the keys.
+    """Compute the weights of the contributions to a row of 16 pixels, in the order of the keys.
 
     Args:
-        keys, alphas: What `gather_row` made; `count` rows.
-        sorts: Whether keys are sorted, those that do not contribute at the end.
+        keys, alphas: Results of `gather_row`; `count` rows.
+        sorts: Whether keys are sorted, with those that do not contribute at the end.
         inside: Mask of the pixels that are drawn.
-        weights: Receives what each contribution weighs, 0 from the end of a pixel on.
+        weights: Receives the weight of each contribution, 0 after a pixel is saturated.
 
     Returns:
-        How many rows of weights there are, and the transmittance of all.
+        Number of rows of weights, and the transmittance of all contributions.
     """
     zero = np.float32(0)
     through = choose(inside, np.float32(1), -np.float32(1))

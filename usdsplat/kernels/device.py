@@ -21,7 +21,7 @@ from usdsplat.kernels.launch import Kernel, chunk_of
 
 _WORKQUEUE_LOCK = threading.Lock()
 """Numba's own `workqueue` layer aborts the process when two threads launch at once; TBB and OpenMP,
-which Numba prefers where they exist, do not. A property of the process, hence a module's lock."""
+which Numba prefers where they exist, do not. All devices of a process share this lock."""
 
 CHUNK = 8
 """Loop items that a thread takes at a time. The number is small, so that other threads can take

@@ -41,8 +41,14 @@ def put(out, y, x, color):
 
 @kernel(over="depth", writes=("out",), axes=2)
 def depths(y, x, depth, white, per_unit, ramp, background, square, out):
-    """Colour depths, shape (h, w) f32, by a ramp of shape (n, 3) u8 that begins where depths are
-    `white` less 1 / `per_unit` of the whole; infinite ones are nothing."""
+    """Colour depths by a ramp; infinite depths are empty.
+
+    Args:
+        depth: Shape (h, w) f32.
+        white: Depth at the end of the ramp.
+        per_unit: 1 / range of depths of the ramp, which begins at `white` + 1 / `per_unit`.
+        ramp: Colours, shape (n, 3) u8.
+    """
     last = np.float32(ramp.shape[0] - 1)
     z = depth[y, x]
     if abs(z) < np.float32(np.inf):
@@ -55,8 +61,14 @@ def depths(y, x, depth, white, per_unit, ramp, background, square, out):
 
 @kernel(over="vector", writes=("out",), axes=2)
 def vectors(y, x, vector, low, per_unit, background, square, out):
-    """Colour vectors, shape (h, w, 3) f32: each component from `low` on, shape (3,) f32, times
-    `per_unit`, shape (3,) f32, is a code value in 0..1; vectors of no length are nothing."""
+    """Colour vectors; those of length 0 are empty.
+
+    A component becomes the code value (v - `low`) * `per_unit`, clamped to 0..1.
+
+    Args:
+        vector: Shape (h, w, 3) f32.
+        low, per_unit: One number for each component, shape (3,) f32.
+    """
     zero = np.float32(0)
     a, b, c = vector[y, x, 0], vector[y, x, 1], vector[y, x, 2]
     if a == zero and b == zero and c == zero:
@@ -69,8 +81,14 @@ def vectors(y, x, vector, low, per_unit, background, square, out):
 
 @kernel(over="motion", writes=("out",), axes=2)
 def motions(y, x, motion, depth, per_pixel, hues, background, square, out):
-    """Colour motion, shape (h, w, 2) f32: hue by angle from a wheel of shape (n, 3) f32 [0..1],
-    value by length times `per_pixel`; nothing is where depths are infinite."""
+    """Colour motion: hue by direction, value by length; pixels of infinite depth are empty.
+
+    Args:
+        motion: Shape (h, w, 2) f32.
+        depth: Shape (h, w) f32.
+        per_pixel: Value of a motion by one pixel.
+        hues: Colour wheel, shape (n, 3) f32 [0..1].
+    """
     count = hues.shape[0]
     turns = np.float32(count / (2 * math.pi))
     if not depth[y, x] < np.float32(np.inf):
@@ -85,8 +103,13 @@ def motions(y, x, motion, depth, per_pixel, hues, background, square, out):
 
 @kernel(over="ids", writes=("out",), axes=2)
 def hashed(y, x, ids, shift, colors, background, square, out):
-    """Colour ids, shape (h, w) i32, by the high bits of their hashes, `shift` bits left out, from
-    colors of shape (2**n, 3) u8; ids below 0 are nothing."""
+    """Colour ids by the high bits of their hashes; ids below 0 are empty.
+
+    Args:
+        ids: Shape (h, w) i32.
+        shift: Number of low bits of a hash that are dropped.
+        colors: Shape (2**n, 3) u8.
+    """
     if ids[y, x] < 0:
         put(out, y, x, background[y // square & 1, x])
     else:
@@ -95,7 +118,12 @@ def hashed(y, x, ids, shift, colors, background, square, out):
 
 @kernel(over="ids", writes=("out",), axes=2)
 def counted(y, x, ids, colors, background, square, out):
-    """Colour numbers, shape (h, w) i32, by colors of shape (n, 3) u8; those below 0 are nothing."""
+    """Colour integers by a table; those outside the table are empty.
+
+    Args:
+        ids: Shape (h, w) i32.
+        colors: Shape (n, 3) u8.
+    """
     if 0 <= ids[y, x] < colors.shape[0]:
         put(out, y, x, colors[ids[y, x]])
     else:
@@ -104,8 +132,13 @@ def counted(y, x, ids, colors, background, square, out):
 
 @kernel(over="matte", writes=("out",), axes=2)
 def mattes(y, x, matte, shift, colors, background, square, out):
-    """Colour Cryptomatte, shape (h, w, ranks, 2) f32, pairs of hash bits and coverage: the mean of
-    the hashes' colours, and of the background where nothing covers."""
+    """Colour Cryptomatte: the mean of the hashes' colours and the background, weighted by coverage.
+
+    Args:
+        matte: Pairs of hash bits and coverage, shape (h, w, ranks, 2) f32.
+        shift: Number of low bits of a hash that are dropped.
+        colors: Shape (2**n, 3) u8.
+    """
     left = np.float32(1)
     red, green, blue = np.float32(0), np.float32(0), np.float32(0)
     bits = matte[y, x].view(np.uint32)

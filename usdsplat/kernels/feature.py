@@ -60,11 +60,11 @@ def features(
     """Write the normals and depths of the visible splats of all instances of one field.
 
     Args:
-        matrices, inverses, positions, rotations, scales, block, base, sources, found: As `ray_hits`
-            takes them.
-        is_parallel: Whether rays are: the camera is orthographic.
-        records: What `project` made.
-        out: Receives FEATURES floats for each used slot, but for the albedo.
+        matrices, inverses, positions, rotations, scales, block, base, sources, found: See
+            `ray_hit.ray_hits`.
+        is_parallel: Whether rays are parallel, as for an orthographic camera.
+        records: Result of `project.project`.
+        out: Receives FEATURES floats for each used slot; the albedo is not written.
     """
     blocks = (positions.shape[0] + block - 1) // block
     m, inverse = matrices[item // blocks], inverses[item // blocks]
@@ -82,8 +82,8 @@ def labels(k, order, first_slots, numbers, out):
     """Write a number of the appearance of the splat of rank k.
 
     Args:
-        order: Slots by depth; first_slots: first slot of each appearance, ascending.
-        numbers: One for each appearance, any dtype.
+        order: Slots in order of depth. first_slots: First slot of each appearance, ascending.
+        numbers: One number for each appearance, any dtype.
         out: Receives one number for each rank.
     """
     out[k] = numbers[np.searchsorted(first_slots, order[k], side="right") - 1]
@@ -91,12 +91,12 @@ def labels(k, order, first_slots, numbers, out):
 
 @kernel(over="image", writes=("image", "out"), axes=2)
 def unit(y, x, image, surface, left, out):
-    """Normalise summed normals, a surface's behind them included.
+    """Normalise summed normals, including the normal of a surface behind the splats.
 
     Args:
         image: Sums and coverage, shape (h, w, 4) f32.
         surface: Normal of a surface, shape (h, w, 3) f32.
-        left: Transmittance of the splats to it, (h, w) f32; empty without surfaces.
+        left: Transmittance of the splats to the surface, (h, w) f32; empty without surfaces.
         out: Receives unit normals, 0 where nothing is visible, (h, w, 3) f32.
     """
     a, b, c = image[y, x, 0], image[y, x, 1], image[y, x, 2]
@@ -111,8 +111,8 @@ def unit(y, x, image, surface, left, out):
 
 @kernel(over="image", writes=("image", "out"), axes=2)
 def expected(y, x, image, left, depth, out):
-    """Write the mean of all depths, with a surface behind them included; +inf where nothing is
-    visible.
+    """Write the mean of all depths, including that of a surface behind the splats; +inf where
+    nothing is visible.
 
     Args:
         image: Sums of depths, two unused, and coverage, shape (h, w, 4) f32.

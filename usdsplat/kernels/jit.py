@@ -80,7 +80,7 @@ class KernelCache:
             store.save(self._key(signature, made.library.codegen), dumps(made._reduce()))
 
     def enable(self) -> None:
-        """Part of Numba's interface; this cache is always enabled."""
+        """Do nothing: Numba's interface requires this method, and this cache is always enabled."""
 
     disable = flush = enable
 

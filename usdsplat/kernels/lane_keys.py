@@ -1,11 +1,11 @@
-"""Sort keys of sixteen pixels at once: rows of 16 int64, each a depth and what is at that depth.
+"""Sort keys of sixteen pixels at once. A row is 16 int64 keys, each a depth and a place.
 
-A key holds the bits of a float64 that has the value of a float32 depth; of its fraction, the lowest
-29 bits are free then, and hold a place: of the splat in the list of its tile. Keys of a pixel are
-different numbers, and those of equal depths are in the order of their places. Depths are
-finite: FAR stands for none.
+A key has the bits of a float64 with the value of a float32 depth. The lowest 29 bits of its
+fraction are free, and hold the place: the index of the splat in its tile's list. Keys of a pixel
+are therefore distinct, and keys of equal depth are in the order of their places. Depths are finite;
+FAR means none.
 
-Where nothing is compiled (NUMBA_DISABLE_JIT), rows are NumPy slices. See `lanes` for the rest.
+Without compilation (NUMBA_DISABLE_JIT), rows are NumPy slices. For the rest see `lanes`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _INTS, _LONGS = ir.VectorType(_INT, WIDTH), ir.VectorType(_LONG, WIDTH)
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 FAR = np.float32(3e38)
-"""Depth behind all that there is."""
+"""Depth behind everything."""
 PLACE = (1 << 29) - 1
-"""Bits of the place. Those of negative depths are turned over, so that they sort likewise."""
+"""Bits of the place. For negative depths they are inverted, so that keys sort by place, too."""
 LINE = 64
-"""[byte] Of the cache."""
+"""Size of a cache line [byte]."""
 _ALIGNMENT = 8
-"""[byte] Of what is loaded and stored: any int64."""
+"""Alignment of loads and stores, that of an int64 [byte]."""
 
 
 def _all(number: int, kind: Any = _LONGS) -> Any:
@@ -53,7 +53,7 @@ def _spread(builder: Any, number: Any) -> Any:
 
 
 def _flipped(builder: Any, key: Any) -> Any:
-    """Return keys with the places of negative depths turned over."""
+    """Return keys with the places of negative depths inverted."""
     sign = builder.ashr(key, _all(63))
     return builder.xor(key, builder.and_(sign, _all(PLACE)))
 
@@ -73,7 +73,8 @@ def store_keys(typing: Any, keys: Any, at: Any, depths: Any, place: Any) -> Any:
 
 @intrinsic
 def order_rows(typing: Any, keys: Any, first: Any, second: Any) -> Any:
-    """Put the lower of each two keys of the rows at `first` and `second` into the first row."""
+    """Write the lower of each two keys of the rows at `first` and `second` to the first row, and
+    the higher to the second."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         one = _row(context, builder, sig.args[0], args[0], args[1])
@@ -171,9 +172,11 @@ if config.DISABLE_JIT:
 
 @scalar
 def aligned(array, count):
-    """Return `count` numbers of an array of LINE bytes more, from where a line of the cache begins.
+    """Return a view of `count` numbers that begins at a cache line, of an array that is LINE bytes
+    longer.
 
-    A row of keys that lies across two lines takes twice as long to load, and longer to store.
+    Loading a row of keys that crosses two cache lines takes twice as long, and storing takes
+    longer, too.
     """
     first = (-array.ctypes.data % LINE) // array.itemsize
     return array[first : first + count]
@@ -189,7 +192,8 @@ def place_of(key):
 def sort_rows(keys, count):
     """Sort each of 16 columns of the first `count` rows of keys.
 
-    Every two rows are compared whatever they hold, so that 16 columns are sorted at a time.
+    The sequence of comparisons does not depend on the keys, so that 16 columns are sorted at a
+    time.
 
     Source: Knuth, TAOCP vol. 3, 5.2.2, algorithm M (Batcher's merge exchange).
     """

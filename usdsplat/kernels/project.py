@@ -57,11 +57,13 @@ the modes."""
 
 @scalar
 def screen_rows(cam, x, y, z, m, q, s):
-    """Return the rows of J·M·R·S, where J is the Jacobian of the projection: their products are the
-    screen covariance, before the low-pass.
+    """Return the rows of J·M·R·S, where J is the Jacobian of the projection.
+
+    Their products are the screen covariance, before the low-pass. The result is p0 p1 p2 g0 g1 g2
+    [pixel].
 
     (x, y, z) is the centre in camera space, m the 3x4 local-to-camera matrix, q the quaternion, s
-    the standard deviations. Return p0 p1 p2 g0 g1 g2 [pixel].
+    the standard deviations.
     """
     one = np.float32(1)
     two = np.float32(2)

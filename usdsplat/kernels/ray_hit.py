@@ -132,7 +132,7 @@ def least_hit(u, v, most, gx, gy, hx, hy, hz, center, reach, is_parallel):
     """Return a depth in front of which no ray of a square of pixels hits a splat.
 
     Args:
-        u, v: The splat's place relative to the square's first pixel [pixel].
+        u, v: The splat's position relative to the first pixel of the square [pixel].
         most: Last column and row of the square.
         gx, gy, hx, hy, hz, center, reach: The splat's ray hit.
     """
@@ -144,7 +144,7 @@ def least_hit(u, v, most, gx, gy, hx, hy, hz, center, reach, is_parallel):
     ay0, ay1 = hx * y0, hx * y1
     bx0, bx1 = gy * x0, gy * x1
     by0, by1 = hy * y0, hy * y1
-    # d = (a, b, c) is linear in a pixel's place: its extremes are at corners of the square
+    # d = (a, b, c) is linear in the pixel's position: its extremes are at corners of the square
     low = np.float32(1) + min(ax0, ax1) + min(ay0, ay1)
     high = np.float32(1) + max(ax0, ax1) + max(ay0, ay1)
     b = max(abs(min(bx0, bx1) + min(by0, by1)), abs(max(bx0, bx1) + max(by0, by1)))
@@ -155,9 +155,9 @@ def least_hit(u, v, most, gx, gy, hx, hy, hz, center, reach, is_parallel):
     if is_parallel:
         found = center + (np.float32(1) - high) - slack
     elif low > zero:
-        rest = b * b + c * c  # a / (a² + rest) falls with rest, and rises and falls with a
+        rest = b * b + c * c  # a / (a² + rest) falls with rest; in a it rises, then falls
         found = center * min(low / (low * low + rest), high / (high * high + rest)) - slack
-    found = min(found, center + reach)  # within which depths are held
+    found = min(found, center + reach)  # depths of ray hits are clamped to this
     return found if found > base else base
 
 

@@ -80,8 +80,8 @@ def nearest(y, x, depth, ids, occluder_depth, covered, surface_ids):
     """Write depth and ids of surfaces where no splat is, in place.
 
     Args:
-        depth, ids: Those of splats, +inf and -1 where none is, (h, w) f32 and (4, h, w) i32.
-        occluder_depth, covered: Those of surfaces, (h, w).
+        depth, ids: Values of splats, +inf and -1 where there is none, (h, w) f32 and (4, h, w) i32.
+        occluder_depth, covered: Values of surfaces, (h, w).
         surface_ids: (prim, instance, face) of surfaces, (3, h, w).
     """
     if covered[y, x] == DRAWN and ids[0, y, x] < 0:

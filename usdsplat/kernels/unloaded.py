@@ -31,7 +31,10 @@ class _Library(JITCodeLibrary):
     """A library that generates machine code only when it is stored."""
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return a null pointer: nothing is loaded. Numba asks after each compilation."""
+        """Return a null pointer, because nothing is loaded.
+
+        Numba calls it after each compilation.
+        """
         self._ensure_finalized()
         return 0
 

@@ -1,7 +1,7 @@
-"""Weigh the prims that contribute to each pixel, in the order of centres: what Cryptomatte ranks.
+"""Weigh the prims that contribute to each pixel, in the order of centres, for Cryptomatte.
 
-`walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
-time, and each row of a tile has one row of weights for each prim that is in the tile's list.
+`walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are processed at a
+time, and each row of a tile has one row of weights for each prim in the tile's list.
 
 Source: Friedman & Jones 2015, "Fully automatic ID mattes with support for motion blur and
 transparency".
@@ -29,12 +29,13 @@ NONE = np.int32(-1)
 
 @scalar
 def strongest(table, first, count, names, ids, weights, row, column):
-    """Write the prims that weigh most in one pixel, the heaviest first, and clear their weights.
+    """Write the prims with the largest weights in one pixel, in descending order, and clear their
+    weights.
 
     Args:
         table: Weights; those of the pixel are at `first`, `first` + TILE, and so on.
-        count: How many prims there are.
-        names: The number of each prim.
+        count: Number of prims.
+        names: Number of each prim.
         ids, weights: Receive RANKS prims of the pixel in `row` and `column`.
     """
     for rank in range(RANKS):
@@ -54,14 +55,14 @@ def strongest(table, first, count, names, ids, weights, row, column):
 
 @scalar
 def number_prims(labels, lists, begin, n, known, local, names):
-    """Number the prims of a tile in the order of its list; returns how many there are.
+    """Number the prims of a tile in the order of its list. Return how many there are.
 
     Args:
         labels: Number of each splat's prim.
         lists: The tile's list is its `n` entries from `begin` on.
-        known: All NONE, one for each prim of the scene.
+        known: Initially NONE, one entry for each prim of the scene.
         local: Receives the number of each entry's prim within the tile.
-        names: Receives the prim that each of these numbers stands for.
+        names: Receives the prim of each of these numbers.
     """
     prims = 0
     for k in range(n):
@@ -80,11 +81,11 @@ def weigh(
     """Find the prims that contribute most to each pixel of a band.
 
     Args:
-        records, starts, lists, grid, ray_hits, occluder_depth, is_parallel: As `blend` takes them.
+        records, starts, lists, grid, ray_hits, occluder_depth, is_parallel: See `blend.blend`.
         labels: Number of each splat's prim, shape (n,) i32.
-        prims: How many prims there are.
-        ids, weights: Receive the heaviest prims and their weights, shape (h, w, RANKS) i32 and
-            f32; NONE and 0 where there are fewer.
+        prims: Number of prims.
+        ids, weights: Receive the prims with the largest weights, and these weights, shape (h, w,
+            RANKS) i32 and f32; NONE and 0 if there are fewer.
     """
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]

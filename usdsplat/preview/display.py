@@ -64,7 +64,7 @@ class Display:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._ways = DisplayTransforms()
+        self._transforms = DisplayTransforms()
         self._ranges: dict[str, tuple[float, float]] = {}
 
     def image(
@@ -124,12 +124,15 @@ class Display:
     # --- private ---------------------------------------------------------------------------
 
     def _color(self, look: Look, image: F32, display: DisplaySettings, scale: float) -> Image:
-        way = self._ways.of(look.settings, exposure=display.exposure, gamma=display.gamma)
+        transform = self._transforms.of(
+            look.settings, exposure=display.exposure, gamma=display.gamma
+        )
         out = np.empty((*image.shape[:2], 3), np.uint8)
         rows, square = _rows(image.shape[1], display, scale)
         self._device.run(
-            show.show, np.ascontiguousarray(image), way.matrix, way.shaper,
-            np.float32(1.0 / way.shaper_top), way.cube, way.table, np.float32(1.0 / way.top),
+            show.show, np.ascontiguousarray(image),
+            transform.matrix, transform.shaper, np.float32(1.0 / transform.shaper_top),
+            transform.cube, transform.table, np.float32(1.0 / transform.top),
             CHANNELS[display.channel], rows, square, out,
         )  # fmt: skip
         return _grey_of(out) if display.channel == "luminance" else out

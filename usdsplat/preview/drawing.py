@@ -1,10 +1,12 @@
-"""From what a viewport shall show to its next picture.
+"""Draw the pictures of a viewport from its state.
 
-under the lock    time, purposes, sync; cameras, boxes and what else is read from scene or stage
-without           the engine draws, unless a picture shows other times than its own
-then              both sides of a comparison are made visible and put beside each other
+1. With the lock: set time and purposes, sync the engine, read cameras, boxes and everything else
+that comes from scene or stage.
+2. Without the lock: the engine draws. Pictures that need other times than the current one keep the
+lock.
+3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
-What was drawn is kept, so that exposure, a wipe or another channel cost no new drawing.
+AOVs are cached, so that a change of exposure, wipe or channel needs no new drawing.
 """
 
 from __future__ import annotations
@@ -35,45 +37,45 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
-"""Stages of a picture that are done once for each splat, whatever the resolution."""
+"""Stages whose time does not depend on the resolution."""
 
 Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Side:
-    """What one side of a picture was made of."""
+    """Inputs and results of drawing one side of a picture."""
 
     scene: Scene
     view: View
-    """What the engine drew."""
+    """View that the engine drew."""
     arrays: Mapping[str, Pixels]
     """Hydra's name of an AOV -> its pixels, read-only."""
 
     @property
     def look(self) -> Look:
-        """What is seen."""
+        """Look of this side."""
         return self.scene.look
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Shown:
-    """What the last picture was made of."""
+    """The last picture, and what it was made from."""
 
     picture: Picture
     quality: Quality
     sides: tuple[Side, ...]
-    """One, or the left and the right one of a comparison."""
+    """One side, or the left and the right one of a comparison."""
 
     def side_at(self, x: float) -> Side:
-        """The side that is seen at a column of the viewport [pixel]."""
+        """Return the side that is visible at a column of the viewport [pixel]."""
         state = self.picture.state
         return self.sides[-1 if x >= cut_of(state) else 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Job:
-    """One side that is to be drawn."""
+    """One side to draw."""
 
     scene: Scene
     view: View
@@ -82,12 +84,12 @@ class _Job:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Equal for sides that are drawn alike, but for what is asked of them."""
+        """Cache key, equal for sides that differ only in their AOVs."""
         return self.scene.place, self.view, self.settings
 
     @property
     def reads_stage(self) -> bool:
-        """Whether it shows other times than its own."""
+        """Whether drawing reads the stage at other times than the current one."""
         return depends_on_time(self.settings, self.view.camera, self.aovs)
 
 
@@ -98,7 +100,7 @@ class _Drawn:
 
 
 class Drawing:
-    """All pictures of one viewport of one stage."""
+    """Drawing of all pictures of one viewport of one stage."""
 
     def __init__(self, scenes: Scenes, display: Display) -> None:
         self._scenes = scenes
@@ -109,27 +111,28 @@ class Drawing:
         self._wanted: tuple[Any, ...] | None = None
         self._is_warm = False
         self.shown: Shown | None = None
-        """What the last picture was made of."""
+        """The last picture, and what it was made from."""
 
     def close(self) -> None:
-        """Let go of pictures."""
+        """Release all pictures."""
         self._drawn.clear()
         self.shown = self._wanted = None
 
     def forget(self) -> None:
-        """Have the next picture made in any case: nobody has seen the last one."""
+        """Make the next call of `draw` return a picture in any case, as the last one was not
+        displayed."""
         self._wanted = None
 
     def draw(self, state: ViewState, lock: threading.RLock, outlines: Outlines) -> Picture | None:
-        """Return the next picture; None if the last one is as good.
+        """Return the next picture; None if the last one is still valid and of the same quality.
 
         Args:
-            state: What shall be seen.
+            state: State of the viewport.
             lock: Held while the stage is read.
-            outlines: Where the prims of some paths are.
+            outlines: Function that returns the boxes of the prims at some paths.
 
         Raises:
-            UsdSplatError: If the state asks for what cannot be drawn.
+            UsdSplatError: If something that the state requests cannot be drawn.
         """
         began = time.perf_counter()
         with ExitStack() as holding:
@@ -190,14 +193,14 @@ class Drawing:
     # --- private ---------------------------------------------------------------------------
 
     def _forget_closed(self) -> None:
-        """Nobody shall read what was shown with an engine that has been closed since."""
+        """Drop the last picture if its engine has been closed."""
         if self.shown and not all(self._scenes.has(side.scene) for side in self.shown.sides):
             self.shown = None
 
     def _quality(
         self, state: ViewState, wanted: tuple[Any, ...], scenes: tuple[Scene, ...]
     ) -> Quality:
-        """How to draw the next picture."""
+        """Return the quality of the next picture."""
         load = _load(state, scenes)
         if state.is_moving:
             return self._pacer.moving(time.perf_counter(), load)
@@ -205,13 +208,16 @@ class Drawing:
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
     def _is_shown(self, state: ViewState, quality: Quality) -> bool:
-        """Whether the last picture is as good; at rest, none of a movement is: its ranges lag."""
+        """Return whether the last picture has this quality.
+
+        A picture of a movement is never reused at rest, as its value ranges may be out of date.
+        """
         if self.shown is None or (self.shown.picture.state.is_moving and not state.is_moving):
             return False
         return self.shown.quality.is_at_least(quality)
 
     def _render(self, jobs: list[_Job]) -> list[FrameStats]:
-        """Draw what is not drawn yet; what that took."""
+        """Draw the sides that are not cached, and return the statistics of these drawings."""
         asked: dict[tuple[Any, ...], tuple[_Job, tuple[str, ...]]] = {}
         for job in jobs:
             before = asked[job.key][1] if job.key in asked else ()
@@ -229,7 +235,7 @@ class Drawing:
         return new
 
     def _composed(self, state: ViewState, sides: list[Side], quality: Quality) -> Image:
-        """Both sides of a comparison beside each other, or the only one."""
+        """Return the image of the only side, or both sides of a comparison, divided at the wipe."""
         images = [
             self._display.image(
                 side.look,
@@ -250,7 +256,8 @@ class Drawing:
     def _learn(
         self, quality: Quality, milliseconds: Mapping[str, float], display: float, load: Load
     ) -> None:
-        """Tell the pacer; not of the first picture, which loads the kernels."""
+        """Report times to the pacer, except those of the first picture, which includes loading
+        kernels."""
         if self._is_warm:
             fixed = sum(milliseconds.get(name, 0.0) for name in FIXED)
             rest = sum(milliseconds.values()) - fixed + display
@@ -259,13 +266,16 @@ class Drawing:
 
 
 def cut_of(state: ViewState) -> int:
-    """First column of the viewport that shows the right side of a comparison [pixel]."""
+    """Return the first column of the viewport that shows the right side of a comparison [pixel]."""
     width = state.size[0]
     return width if state.other is None else round(min(max(state.wipe, 0.0), 1.0) * width)
 
 
 def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
-    """Return what is drawn for a viewport: exactly the same part of the aperture at each scale."""
+    """Return the view to draw for a viewport.
+
+    Every scale shows exactly the same part of the aperture.
+    """
     full = Framing(resolution=size)
     if scale == 1.0:
         return View(camera=scene.camera, framing=full)
@@ -296,12 +306,12 @@ def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:
 
 
 def _budgeted(scene: Scene) -> int:
-    """Splats that a look has in full quality."""
+    """Return the number of splats that a look draws in full quality."""
     return min(scene.splats, scene.look.settings.splat_budget or scene.splats)
 
 
 def _added(books: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Times of several pictures, by stage."""
+    """Return the sums of the times of several pictures, by stage."""
     total: dict[str, float] = {}
     for book in books:
         for stage, spent in book.items():

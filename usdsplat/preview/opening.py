@@ -1,4 +1,4 @@
-"""Open a stage or a capture to be looked at, and read it again when its files have changed."""
+"""Open a stage or a capture for the preview, and reload it when its files have changed."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from usdsplat.preview.values import Busy, Event, Problem
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageLoading:
-    """What of a stage is composed and loaded."""
+    """Options for composing and loading a stage."""
 
     variants: tuple[str, ...] = ()
-    """Selections, each "/Prim:set=name"."""
+    """Variant selections, each "/Prim:set=name"."""
     mute: tuple[str, ...] = ()
-    """Regular expressions; layers in whose identifier one is found are left out."""
+    """Regular expressions; layers whose identifier matches one are muted."""
     mask: tuple[str, ...] = ()
-    """Paths of the prims to load, and nothing else; none for all."""
+    """Paths of the prims to load; empty for all."""
     session_layer: Path | None = None
-    """A layer of opinions stronger than the stage's own, weaker than a user's."""
+    """A layer of opinions stronger than the stage's own and weaker than the user's edits."""
 
 
 class _Telling:
-    """A progress that says what is going on, once for each piece of work."""
+    """Progress receiver that publishes the name of each new task."""
 
     def __init__(self, publish: Callable[[Event], None]) -> None:
         self._publish = publish
@@ -55,22 +55,23 @@ def open_document(
     loading: StageLoading = StageLoading(),
     axes: str | None = None,
 ) -> Document:
-    """Open a stage, or any capture onto a stage in memory; no file is ever written.
+    """Open a stage, or a capture as a stage in memory. No file is ever written.
 
-    A user's edits go to a session layer that is the document's own. What a stage could not be
-    composed of is published as a `Problem`, a sentence each.
+    The user's edits go to a session layer of the document. Everything that could not be composed is
+    published as a `Problem`, one sentence each.
 
     Args:
-        path: Of a file that USD reads, or of a capture.
-        publish: Told what happens to the document, first how its reading goes.
-        device, threads: As `Engine` takes them.
-        loading: What of a stage is composed; a capture takes the default only.
-        axes: Where x, y and z of a capture point; None believes the file.
+        path: A file that USD reads, or a capture.
+        publish: Receives the document's events, first the progress of reading.
+        device, threads: See `Engine`.
+        loading: Options for composing a stage; not allowed for a capture.
+        axes: Directions of a capture's x, y and z; None takes those of the file.
 
     Raises:
-        UsageError: If an option cannot be understood, or is not for such a file.
-        StageError: If USD cannot read it, or has no prim, variant or layer of a given name.
-        FormatError: If a capture is not what it claims to be.
+        UsageError: If an option is invalid, or does not apply to such a file.
+        StageError: If USD cannot read the file, or it has no prim, variant or layer of a given
+            name.
+        FormatError: If a capture is damaged or of another format.
         BackendError: If the device is not usable here.
     """
     path = Path(path)
@@ -81,7 +82,7 @@ def open_document(
         stage = _import(path, axes, publish)
     else:
         if axes is not None:
-            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
+            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
         stage = opening.open_as_asked(
             path,
             variants=loading.variants,
@@ -105,12 +106,12 @@ def document_of(
     device: str = "auto",
     threads: int | None = None,
 ) -> Document:
-    """Return a document of a stage that is open already, with what simulates it.
+    """Return a document of an open stage, with a runner for its simulations.
 
     Args:
-        stage: Stays whosever it is.
-        path: Where it came from, if from a file.
-        publish, device, threads: As in `open_document`.
+        stage: The stage; the caller keeps its ownership.
+        path: File of the stage, if it has one.
+        publish, device, threads: See `open_document`.
 
     Raises:
         BackendError: If the device is not usable here.
@@ -121,13 +122,13 @@ def document_of(
 
 
 def reload(document: Document) -> tuple[str, ...]:
-    """Read again what has changed on disk; a user's edits stay. Returns the names of the files.
+    """Reload files that have changed on disk, and return their names. The user's edits stay.
 
-    A capture is imported anew onto the same stage. A camera that frames everything frames anew.
+    A capture is imported again onto the same stage. A camera that frames everything is updated.
 
     Raises:
-        UsageError: If a simulation is being recorded, which reads the same layers.
-        UsdSplatError: If a file cannot be read; everything stays as it was.
+        UsageError: If a simulation is being recorded, as it reads the same layers.
+        UsdSplatError: If a file cannot be read; then nothing changes.
     """
     if document.simulation is not None and document.simulation.is_recording:
         raise UsageError("reload", "a simulation that is being recorded", "its end, or a Reset")
@@ -150,7 +151,7 @@ def reload(document: Document) -> tuple[str, ...]:
 
 
 def changed_files(document: Document) -> tuple[str, ...]:
-    """Names of the files that are other on disk than when they were read, or gone."""
+    """Return the names of the files that were changed or deleted on disk since they were read."""
     return tuple(path.name for path in _changed(document))
 
 
@@ -159,12 +160,12 @@ def _changed(document: Document) -> tuple[Path, ...]:
     if sources is None:
         return ()
     if not sources.is_capture:
-        sources.note(layer_files(document.stage))  # others may be in use by now
+        sources.note(layer_files(document.stage))  # the stage may use other files by now
     return sources.changed()
 
 
 def _import(path: Path, axes: str | None, publish: Callable[[Event], None]) -> opening.Stage:
-    """A stage in memory that holds a capture."""
+    """Return a stage in memory with a capture."""
     telling = _Telling(publish)
     try:
         return opening.open_capture(path, axes=axes, progress=telling)
@@ -173,7 +174,7 @@ def _import(path: Path, axes: str | None, publish: Callable[[Event], None]) -> o
 
 
 def _check_loading(path: Path, loading: StageLoading) -> None:
-    """Refuse what does nothing for a capture."""
+    """Reject options that have no effect on a capture."""
     for item in fields(loading):
         if getattr(loading, item.name):
             flag = f"--{item.name.removesuffix('s').replace('_', '-')}"

@@ -23,7 +23,7 @@ TURBO = (
     (251, 185, 56), (245, 105, 24), (201, 41, 3), (122, 4, 3),
 )  # fmt: skip
 """Ten steps of a rainbow whose lightness rises and falls without bands, after Mikhailov 2019,
-"Turbo, an improved rainbow colormap"; what lies between is interpolated."""
+"Turbo, an improved rainbow colormap"; values between them are interpolated."""
 
 
 def _colors() -> Bytes:

@@ -1,7 +1,8 @@
-"""Save what a viewport shows: one picture, one for each frame, or a movie.
+"""Save what a viewport shows: one picture, one picture for each frame, or a movie.
 
-All is drawn in full at the viewport's size. PNG, JPEG and movies hold what the screen shows, with
-exposure, channel, wipe and background; an EXR is what `usdsplat render` writes of the same view.
+Pictures are drawn in full quality at the viewport's size. PNG, JPEG and movies contain the
+displayed image, with exposure, channel, wipe and background. An EXR contains what `usdsplat render`
+writes for the same view.
 """
 
 from __future__ import annotations
@@ -32,16 +33,16 @@ from usdsplat.products.request import PicturePlan
 
 
 def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
-    """Draw what a viewport shows in full, and write it; a task for a session.
+    """Draw the state of a viewport in full quality, and write it; a task for a session.
 
     Args:
-        document: Drawn with.
-        state: What is seen; of a comparison an EXR gets the left side.
-        path: Of a PNG or JPEG, or an EXR of the AOV that is looked at, colour besides.
+        document: Document that draws.
+        state: State of the viewport; of a comparison, an EXR contains the left side.
+        path: A PNG or JPEG, or an EXR, which contains the displayed AOV and colour.
 
     Raises:
-        UnknownFormatError: If the suffix is another.
-        OutputError: If the file cannot be written, or is one that the stage reads.
+        UnknownFormatError: If the suffix is another one.
+        OutputError: If the file cannot be written, or is read by the stage.
         UsdSplatError: If the state cannot be drawn.
     """
     path = Path(path)
@@ -52,16 +53,16 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
 
 
 def targets(path: Path, frames: Sequence[float]) -> tuple[Path, ...]:
-    """The files that a flipbook writes.
+    """Return the files that a flipbook writes.
 
     Raises:
-        UsageError: If the name has no place for the frames.
+        UsageError: If the name has no placeholder for the frame.
     """
     return (path,) if path.suffix.lower() in movie.SUFFIXES else frame_paths(path, frames)
 
 
 class Flipbook:
-    """A picture of each frame, or one movie of them, drawn in full, one frame at a turn.
+    """Writer of a picture for each frame, or of one movie, in full quality, one frame per call.
 
     Each turn is a task for a session, so that other tasks can run in between. A movie that is not
     finished when the last reference to the flipbook is dropped is not written.
@@ -69,8 +70,8 @@ class Flipbook:
     Args:
         state: What to draw, except for the time.
         frames: Time codes, in their order.
-        path: With a place for the frame, such as a.####.png, .jpg or .exr, or a movie, .mp4 or
-            .mov, which plays at the stage's rate.
+        path: Name with a placeholder for the frame, such as a.####.png, .jpg or .exr; or a movie,
+            .mp4 or .mov, which plays at the stage's rate.
         progress: Receives the number of finished frames.
         cancel: Ends the work; finished pictures remain, but nothing of a movie.
     """
@@ -85,7 +86,7 @@ class Flipbook:
         cancel: CancelToken | None = None,
     ) -> None:
         self.files: tuple[Path, ...] = ()
-        """That were written."""
+        """Written files."""
         self._state, self._frames, self._path = state, frames, Path(path)
         self._progress, self._cancel = progress, cancel or CancelToken()
         self._turns: Iterator[None] | None = None
@@ -96,11 +97,11 @@ class Flipbook:
         The document's listeners do not get the frame.
 
         Args:
-            document: The same one each time.
+            document: The same document in each call.
 
         Raises:
             UnknownFormatError: If the path has another suffix.
-            UsageError: If there are no frames, or the name has no place for them.
+            UsageError: If there are no frames, or the name has no placeholder for the frame.
             OutputError: If a file cannot be written, or a movie is requested without ffmpeg.
             UsdSplatError: If a frame cannot be drawn.
         """
@@ -144,7 +145,7 @@ class Flipbook:
 
 
 def _check_not_read(document: Document, files: Sequence[Path]) -> None:
-    """Refuse to replace the layers of the stage, or the capture that it is of."""
+    """Reject targets that are layers of the stage, or the capture itself."""
     read = layer_files(document.stage)
     if document.sources is not None and document.sources.is_capture:
         read += files_of_capture(document.sources.path)
@@ -153,12 +154,12 @@ def _check_not_read(document: Document, files: Sequence[Path]) -> None:
 
 
 def _at(state: ViewState, frame: float) -> ViewState:
-    """Return the same at another time; a look with a time of its own keeps it."""
+    """Return the state at another time; a look with its own time keeps it."""
     return replace(state, time=frame)
 
 
 def _save(document: Document, state: ViewState, path: Path, *, cancel: CancelToken) -> None:
-    """Draw a state in full and write it, as the suffix says."""
+    """Draw a state in full quality and write it in the format of the suffix."""
     shown = document.still(state)
     if path.suffix.lower() != ".exr":
         metadata = _display_header(document, state, shown)
@@ -174,7 +175,8 @@ def _save(document: Document, state: ViewState, path: Path, *, cancel: CancelTok
 
 
 def _display_header(document: Document, state: ViewState, shown: Shown) -> Metadata:
-    """Return the header of a picture as the screen shows it; of a comparison, the left side's."""
+    """Return the header of a picture of the displayed image; of a comparison, that of the left
+    side."""
     side = shown.sides[0]
     plan = _plan(state, side, aovs=("color",), color_mode="display")
     origin = replace(_origin(document, state, side), shown=_adjustments(state))
@@ -185,7 +187,7 @@ def _display_header(document: Document, state: ViewState, shown: Shown) -> Metad
 def _plan(
     state: ViewState, side: Side, *, aovs: tuple[str, ...], color_mode: ColorMode
 ) -> PicturePlan:
-    """Return the plan of one side; `color_mode` is what "auto" means for its file."""
+    """Return the plan of one side; `color_mode` replaces "auto"."""
     settings = side.look.settings
     if settings.color_mode == "auto":
         settings = replace(settings, color_mode=color_mode)
@@ -200,7 +202,7 @@ def _plan(
 
 
 def _origin(document: Document, state: ViewState, side: Side) -> Origin:
-    """Return what the header of a side says about stage, frame and camera."""
+    """Return stage, frame and camera of a side for the header."""
     layer = document.stage.GetRootLayer()
     name = document.path or layer.realPath or layer.GetDisplayName()
     if isinstance(state.camera, FreeCamera):
@@ -209,7 +211,7 @@ def _origin(document: Document, state: ViewState, side: Side) -> Origin:
 
 
 def _adjustments(state: ViewState) -> dict[str, str | float]:
-    """Return the adjustments of the screen that differ from their defaults."""
+    """Return the display adjustments that differ from their defaults."""
     usual, settings = DisplaySettings(), state.display
     values = {item.name: getattr(settings, item.name) for item in fields(settings)}
     found = {

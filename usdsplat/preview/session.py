@@ -248,7 +248,7 @@ class Session:
             try:
                 listener(event)
             except Exception:  # other listeners and the session continue
-                LOG.exception("a bug in who listens to the preview")
+                LOG.exception("a bug in a listener of the preview")
 
 
 def _bug() -> UsdSplatError:

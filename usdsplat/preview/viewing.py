@@ -51,7 +51,7 @@ class DisplayTransforms:
 
     def __init__(self) -> None:
         self._key: tuple[RenderSettings, float, float] | None = None
-        self._way = DisplayTransform()
+        self._transform = DisplayTransform()
         self._sampled: tuple[ViewTransform, F32] | None = None
 
     def of(self, settings: RenderSettings, *, exposure: float, gamma: float) -> DisplayTransform:
@@ -62,9 +62,9 @@ class DisplayTransforms:
         """
         key = settings, exposure, gamma
         if key != self._key:
-            self._way = self._made(*key)
+            self._transform = self._made(*key)
             self._key = key
-        return self._way
+        return self._transform
 
     def _made(self, settings: RenderSettings, exposure: float, gamma: float) -> DisplayTransform:
         gain = 2.0**exposure

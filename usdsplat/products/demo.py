@@ -70,7 +70,7 @@ def make_demo(request: DemoRequest, *, progress: Progress, tell: Tell) -> Path:
     Raises:
         UsageError: If a number is out of range.
         OutputError: If a file cannot be written.
-        FormatError: If the capture is not what it claims to be.
+        FormatError: If the capture is damaged or of another format.
     """
     if not (1 <= request.frames <= 10_000 and 1_000 <= request.splats <= 20_000_000):
         found = f"{request.splats} splats, {request.frames} frames"

@@ -42,7 +42,7 @@ def make_stage(
     name = cast(PresetName, preset)
     if is_usd(source):
         if axes is not None:
-            raise UsageError("--axes", "a stage, which says where its axes point", "a capture")
+            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
         author_preset(name, open_stage(source), target)
         return [target]
     capture = target.with_name(f"{target.stem}_capture.usdc")

@@ -20,8 +20,9 @@ def inside(crops: Iterable[CropSpec], points: npt.NDArray[np.floating]) -> Mask:
         crops: Volumes of one field. The surface of a volume belongs to it.
         points: World positions [scene unit], shape (n, 3).
 
-    Shape (n,). A kept point is inside at least one including volume, if there is any, and inside no
-    excluding volume. A point that is not finite is inside no volume.
+    Returns:
+        Shape (n,). A kept point is inside at least one including volume, if there is any, and
+        inside no excluding volume. A point that is not finite is inside no volume.
     """
     crops = tuple(crops)
     kept = np.full(len(points), not any(crop.keeps for crop in crops))

@@ -77,7 +77,7 @@ class ColorPicture:
 
     def _group(self, group: Group, degree: int) -> Any:
         keep, cloud = self._device.keep, group.cloud
-        laid = group.field.laying.of(self._device, cloud)
+        laid = group.field.spatial_order.of(self._device, cloud)
         packed = group.field.spec.packed if group.rows is None else None
         arrays: tuple[Any, ...]
         if packed is None:

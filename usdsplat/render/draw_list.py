@@ -123,7 +123,7 @@ def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
         return {}
     kept = shares(sizes, budget)
     return {
-        key: field.thinned(count) for (key, field), count in zip(fields.items(), kept, strict=True)
+        key: field.subset(count) for (key, field), count in zip(fields.items(), kept, strict=True)
     }
 
 

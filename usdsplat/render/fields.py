@@ -34,20 +34,20 @@ class Field:
     """Conservative bounds in local space; computed on first use."""
     subject: Box | None = None
     """Bounds of the centres without outliers; computed on first use."""
-    thinning: SplatBudget | None = None
+    splat_budget: SplatBudget | None = None
     """Subsets for splat budgets; created on first use."""
-    laying: SpatialOrder = field(default_factory=SpatialOrder)
+    spatial_order: SpatialOrder = field(default_factory=SpatialOrder)
     """Spatial order of the splats in memory."""
     shapes: object = field(default_factory=object)
     """Token that is replaced whenever geometry or opacity changes."""
     radiance: object = field(default_factory=object)
     """Token that is replaced whenever harmonics change."""
 
-    def thinned(self, count: int) -> SplatSubset:
+    def subset(self, count: int) -> SplatSubset:
         """Return the `count` most conspicuous splats of the field."""
-        if self.thinning is None:
-            self.thinning = SplatBudget(self.spec.cloud)
-        return self.thinning.part(count)
+        if self.splat_budget is None:
+            self.splat_budget = SplatBudget(self.spec.cloud)
+        return self.splat_budget.part(count)
 
     def replace(self, spec: FieldSpec) -> None:
         """Replace the splats.
@@ -60,12 +60,12 @@ class Field:
             name: _equal(getattr(before, name), getattr(now, name)) for name in (*SHAPES, "sh")
         }
         kept = {name: getattr(before, name) for name, same in equal.items() if same}
-        self.spec, self.thinning = replace(spec, cloud=replace(now, **kept)), None
+        self.spec, self.splat_budget = replace(spec, cloud=replace(now, **kept)), None
         if not equal["sh"]:
             self.radiance = object()
         if not all(equal[name] for name in SHAPES):
             self.local, self.subject, self.shapes = None, None, object()
-            self.laying.forget()
+            self.spatial_order.forget()
 
     @property
     def is_drawn(self) -> bool:

@@ -33,8 +33,9 @@ def conform(window: Window, framing: Framing) -> tuple[Window, float]:
         window: The aperture, offsets included.
         framing: The image; its data window is not used.
 
-    The camera window that the display window shows, and the pixels' width over height. The policy
-    adjusts one of the two; the other is as given.
+    Returns:
+        The camera window that the display window shows, and the pixels' width over height. The
+        policy adjusts one of the two; the other is as given.
 
     Raises:
         UsageError: If the policy is unknown or the window or the image has no area.
@@ -75,8 +76,9 @@ def data_window(ndc: Window, resolution: tuple[int, int]) -> PixelWindow | None:
             its top right; it may reach outside.
         resolution: Columns and rows of the display window [pixel].
 
-    The pixels whose centres are inside the window. Its left and bottom edges are included, its
-    right and top edges are not. None if that is the display window.
+    Returns:
+        The pixels whose centres are inside the window. Its left and bottom edges are included, its
+        right and top edges are not. None if that is the display window.
 
     Raises:
         UsageError: If no pixel is inside.

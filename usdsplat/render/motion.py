@@ -137,7 +137,7 @@ class Motion:
 
 
 def _frame_motion(here: _Pose, other: _Pose, screen: Screen) -> _FrameMotion:
-    """Return the motion from `here` to `other`. What is missing in `other` stands still."""
+    """Return the motion from `here` to `other`. Appearances that `other` lacks do not move."""
     n = len(here.things)
     moves, turns = np.empty((n, 3, 4)), np.empty((n, 3, 3))
     first = np.full(n, position.STILL, np.int64)

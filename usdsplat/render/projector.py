@@ -254,7 +254,7 @@ class Projector:
 
     def _project(self, group: Group, out: Any, found: I32) -> None:
         keep, run = self._device.keep, self._device.run
-        laid = group.field.laying.of(self._device, group.cloud)
+        laid = group.field.spatial_order.of(self._device, group.cloud)
         record, matrices = self.record(group), self.matrices(group)
         shapes, crops = volumes(group.field.crops, group.transforms)
         closed = self._buffers.closed(len(matrices) * len(laid.boxes))
@@ -333,7 +333,7 @@ class Projector:
         histogram = buffers.histogram(4 * threads)
         half = run(sort.depth_order, visible, total, keys, 4 * threads, work, histogram)
         order: I32 = work[1][half]
-        if any(group.field.laying.is_made for group in self.layout.groups):
+        if any(group.field.spatial_order.is_made for group in self.layout.groups):
             first_slots = self._device.keep(self.layout.first_slots)
             ties = buffers.ties(total)
             run(sort.settle, work[0][half], order, total, sources, first_slots, ties)

@@ -84,7 +84,7 @@ class RenderSettings:
         """Return the settings with auto values resolved from the scene.
 
         Args:
-            hints: The sorting modes that the visible fields ask for. If all are equal, `auto` is
+            hints: The sorting modes authored on the visible fields. If all are equal, `auto` is
                 that mode, otherwise zDepth.
         """
         sorting, color_mode = self.sorting, self.color_mode

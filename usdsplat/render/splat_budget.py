@@ -68,7 +68,8 @@ def shares(fields: Sequence[tuple[int, int]], budget: int) -> list[int]:
         fields: Number of splats and of instances of each field.
         budget: Maximum number of splats of all instances together.
 
-    The number of splats that each field keeps.
+    Returns:
+        The number of splats that each field keeps.
     """
     kept = [0] * len(fields)
     left = sum(count * instances for count, instances in fields)

@@ -68,8 +68,8 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
 
     Args:
         prim: Of the packed type.
-        code: As `attributes.time_code` gives it for `time`.
-        time: As the caller asked: velocities lead on to it.
+        code: Result of `attributes.time_code` for `time`.
+        time: Requested time, to which velocities extrapolate the centres.
 
     Raises:
         StageError: If the layout is not one we know, or an array is missing or too short.

@@ -37,7 +37,7 @@ def register() -> None:
 
 
 def is_available() -> bool:
-    """Return whether USD knows our types. Builds the schema registry if it does not exist."""
+    """Return whether USD has our types. This builds its schema registry if it does not exist."""
     return Usd.SchemaRegistry().FindConcretePrimDefinition(PACKED_TYPE) is not None
 
 

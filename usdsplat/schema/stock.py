@@ -55,7 +55,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
 
     Args:
         prim: Of the stock type.
-        cloud: What to write.
+        cloud: The splats.
         half: Write everything but the centres as half: 124 bytes a splat instead of 236 at degree
             3. Half centres cost up to 27 dB, so they stay float.
         code: Default, or the time code of a sample.
@@ -102,8 +102,8 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
 
     Args:
         prim: Of the stock type.
-        code: As `attributes.time_code` gives it for `time`.
-        time: As the caller asked: velocities lead on to it.
+        code: Result of `attributes.time_code` for `time`.
+        time: Requested time, to which velocities extrapolate the centres.
 
     Returns:
         The cloud, with quaternions normalised and degrees above 4 truncated to 4. Other values are

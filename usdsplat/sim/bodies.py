@@ -17,7 +17,7 @@ from usdsplat.sim.specs import Affector, Solid
 
 KINDS = {"sphere": ROUND, "capsule": ROUND, "box": BOX, "plane": PLANE, "mesh": MESH}
 STICKS = 1e30
-"""Friction coefficient that stands for no slip at all."""
+"""Friction coefficient that means no slip at all."""
 THINNEST = 1e-6
 """Least thickness of a solid, as a fraction of its radius."""
 

@@ -119,7 +119,7 @@ class Carriers:
             distance: Distance of neighbours [unit]; larger where there would be more than `most`.
                 Negative takes the median distance of the capture's splats.
             seed: Seed of the random numbers.
-            target: Neighbours wanted for each carrier.
+            target: Target number of neighbours of each carrier.
             most: Largest number of carriers.
         """
         rows = np.flatnonzero(_is_surface(cloud))

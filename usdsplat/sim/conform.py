@@ -32,7 +32,7 @@ SWEEPS = 240
 all."""
 
 _OWN, _ROWS = "own:", ("rest", "ids", "select", "axes", "flats")
-"""Keys of what is kept of splats at rest, because children are not in the capture."""
+"""Keys of the rest data of splats, which is stored because children are not in the capture."""
 
 UNBOUND, HOPELESS = -1, -2
 """Values in place of a face: not bound yet, and cannot be bound because the position is not

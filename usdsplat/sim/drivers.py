@@ -61,7 +61,8 @@ def drive(
         drawn: The same splats as drawn without the driver. The array that `changes` names is
             changed in place; it must not be the state's.
         driver: Source, ramp and output.
-        crowding: Neighbours over those wanted, shape (n,); may be empty for other sources.
+        crowding: Number of neighbours relative to the target, shape (n,); may be empty for other
+            sources.
         normals: Normals of the splats as drawn, shape (n, 3); may be empty unless the output is
             displacement.
         now: Time since the simulation's start [s].

@@ -53,12 +53,13 @@ class FrameEvaluator:
 
         Args:
             state: Its rotations, scales, opacities and harmonics are updated.
-            moment: What the stage says at the time.
+            moment: Values of the stage at the time.
             wanted: Target positions [unit], shape (n, 3).
             gradient: Gradient of the deformation from rest to there, shape (n, 3, 3); None without
                 any.
             normals: Normals at rest, shape (n, 3).
-            crowding: Neighbours over those wanted, shape (n,); empty if no driver needs it.
+            crowding: Number of neighbours relative to the target, shape (n,); empty if no driver
+                needs it.
             fades: Factors of opacities and sizes.
             seconds: Time since the simulation's start [s].
         """

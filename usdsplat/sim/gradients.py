@@ -60,9 +60,9 @@ class LocalGradients:
         """Measure the gradient of the deformation from rest to now, by moving least squares.
 
         It is exact for linear deformations where neighbours span space. On sheets the normal
-        rotates with the sheet and the thickness stays; along a line, or alone, a splat keeps what
-        cannot be measured. A splat whose neighbours all moved with it gets the identity bit for
-        bit.
+        rotates with the sheet and the thickness stays. With neighbours on a line, or none, the
+        directions that cannot be measured keep the identity. A splat whose neighbours all moved
+        with it gets the identity bit for bit.
 
         Where neighbours move apart in a way that is far from linear, the stretch in F is reduced,
         starting at a tenth of the rest distances, and then the rotation too.

@@ -1,7 +1,7 @@
 """Pattern and local density of a field, on which births and sizes depend.
 
 Both are evaluated on splats at rest, where growth has moved them: bending a surface does not change
-its pattern. What belongs to splats is in the state's memory, so that children inherit it.
+its pattern. Data of splats is in the state's memory, so that children inherit it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from usdsplat.sim.uses import Uses
 NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
     f"pattern:{name}" for name in ("normals", "near", "weights", "crowding", "support")
 )
-"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and their weights,
-(n, 8); neighbours over those wanted, and the radius of the neighbourhood at the beginning, (n,)."""
+"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and their weights, (n,
+8); number of neighbours relative to the target, and initial radius of the neighbourhood, (n,)."""
 UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
 """In `State.globals`: u and v of the carriers; dimension and usual support; automatic parameters;
 neighbour lists."""
@@ -45,7 +45,7 @@ class Pattern:
         device: Runs the kernels.
         rest: The capture.
         uses: What the simulation needs.
-        first: The first moment.
+        first: The values of the stage at the first frame.
     """
 
     def __init__(self, device: Device, rest: SplatCloud, uses: Uses, first: Moment) -> None:
@@ -129,7 +129,8 @@ class Pattern:
         return np.zeros((len(state), 3), np.float32) if found is None else found
 
     def crowding(self, state: State) -> F32:
-        """Return neighbours over those wanted, shape (n,); empty if nothing needs it."""
+        """Return the number of neighbours relative to the target, shape (n,); empty if nothing
+        needs it."""
         found: F32 | None = state.memory.get(CROWDING)
         return np.empty(0, np.float32) if found is None else found
 

@@ -22,8 +22,9 @@ from usdsplat.sim.timeline import Step
 PROGRESS, SPLIT, HUNGRY, DYING_SINCE = (
     f"growth:{name}" for name in ("progress", "split", "hungry", "dying")
 )
-"""In `State.memory`, all float32: probability of a child accumulated so far, below 0 before it
-starts; time of the last child [s]; how long a splat has starved [s]; when it began to die [s]."""
+"""In `State.memory`, all float32: accumulated probability of a child, below 0 before the
+accumulation starts; time of the last child [s]; how long a splat has starved [s]; when it began to
+die [s]."""
 
 NEVER = np.float32(-np.inf)
 

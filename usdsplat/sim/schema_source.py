@@ -43,69 +43,69 @@ AFFECTOR_TYPES = ("Sphere", "Capsule", "Capsule_1", "Cube", "Plane", "Mesh", "Sk
 
 SIMULATION = SchemaClass(
     name="SplatSim",
-    doc="A simulation of splat fields, done by 'usdsplat simulate' and never by a renderer: its "
-    "result is a layer of opinions over the fields. The collection 'splats' holds the fields, all "
-    "of the stage's where it holds nothing; the collection 'affectors' the prims that act on them, "
-    "all that SplatAffectorAPI is applied to where it holds nothing. What is simulated besides is "
-    "said by the API schemas that are applied to this prim; lengths are in the units of the space "
-    "that it takes place in.",
+    doc="A simulation of splat fields. It is run by 'usdsplat simulate', never by a renderer. Its "
+    "result is a layer of opinions over the fields. The collection 'splats' contains the fields; "
+    "if it is empty, all fields of the stage are simulated. The collection 'affectors' contains "
+    "the prims that act on them; if it is empty, these are all prims with SplatAffectorAPI. The "
+    "API schemas applied to this prim select what is simulated. Lengths are in units of the "
+    "simulation's space.",
     groups=("sim", "neighbors"),
 )
 
 SINGLE = (
     SchemaClass(
         name="SplatSimGrowthAPI",
-        doc="A pattern that grows on the splats, and what grows with it.",
+        doc="A pattern on the splats, and growth, births and deaths that depend on it.",
         groups=("rd", "relax", "growth"),
         relationships=(
-            ("relax:surface", "Mesh that splats are kept on while they are spread evenly."),
+            ("relax:surface", "Mesh that splats stay on while they are redistributed evenly."),
         ),
     ),
     SchemaClass(
         name="SplatSimSettleAPI",
-        doc="How splats come back from where they were pushed.",
+        doc="Return of splats to their target positions after a push.",
         groups=("settle",),
     ),
     SchemaClass(
         name="SplatSimConformAPI",
-        doc="Splats that move onto another shape.",
+        doc="Motion of splats onto another shape.",
         groups=("conform",),
-        relationships=(("conform:target", "Mesh that splats move onto; it may move itself."),),
+        relationships=(("conform:target", "Mesh that splats move onto; it may be animated."),),
     ),
     SchemaClass(
         name="SplatSimDeformAPI",
-        doc="Splats that follow a skeleton. Deformers are instances of SplatDeformerAPI.",
+        doc="Skinning of splats by a skeleton. Deformers are instances of SplatDeformerAPI.",
         groups=("skin",),
         relationships=(
             ("skin:skeleton", "Skeleton that splats follow."),
             (
                 "skin:mesh",
-                "Mesh bound to the skeleton, from which splats take their joint weights or on "
-                "whose triangles they ride. Without it the field itself must have the primvars "
+                "Mesh bound to the skeleton, from which splats take their joint weights, or "
+                "whose triangles they follow. Without it the field itself must have the primvars "
                 "skel:jointIndices and skel:jointWeights.",
             ),
         ),
     ),
     SchemaClass(
         name="SplatSimParticlesAPI",
-        doc="Splats that fly.",
+        doc="Free flight of splats.",
         groups=("particles", "dissolve"),
     ),
     SchemaClass(
         name="SplatSimAppearanceAPI",
-        doc="How the splats' shapes and colours follow. What the simulation drives besides is "
-        "said by instances of SplatDriverAPI.",
+        doc="How shapes and colours of splats follow a deformation. Other changes of appearance "
+        "are instances of SplatDriverAPI.",
         groups=("appearance",),
     ),
     SchemaClass(
         name="SplatSimBakeAPI",
-        doc="How the layer of results is written.",
+        doc="Contents of the layer of results.",
         groups=("bake",),
     ),
     SchemaClass(
         name="SplatAffectorAPI",
-        doc="A shape that acts on splats: it pushes them out, or changes what is simulated in and "
-        "around it. It acts whether it is visible or not.",
+        doc="A shape that acts on splats: it pushes them out, or changes the simulation inside and "
+        "around it. Its visibility has no effect.",
         groups=("affector",),
         applies_to=AFFECTOR_TYPES,
     ),
@@ -114,15 +114,15 @@ SINGLE = (
 MULTIPLE = (
     SchemaClass(
         name="SplatDeformerAPI",
-        doc="One deformer of a simulation's stack, by name.",
+        doc="A named deformer of a simulation's stack.",
         groups=("deform",),
         relationships=(
-            ("frame", "Prim in whose space it acts; without it that is the field's own."),
+            ("frame", "Prim in whose space it acts; without it, the field's own space."),
         ),
     ),
     SchemaClass(
         name="SplatDriverAPI",
-        doc="What the simulation knows drives what one sees, by name.",
+        doc="A named driver: controls an output by a value of the simulation.",
         groups=("driver",),
     ),
 )

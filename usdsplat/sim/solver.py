@@ -84,7 +84,7 @@ class Solver:
         self._last_on = -1
         """Last step at which the simulation was enabled; -1 before the first."""
         self._moment = first
-        """What the stage says at that step, or at the first frame."""
+        """Values of the stage at that step, or at the first frame."""
         if state is None:
             self._target_pose.begin(self.state, first, changes=uses.has_births)
             self._pattern.begin(self.state, first)

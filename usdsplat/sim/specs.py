@@ -109,7 +109,7 @@ class SkinPose:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Moment:
-    """Everything that the stage says at one time."""
+    """Everything that a simulation reads from the stage at one time."""
 
     time: float
     """Time [time code]."""
@@ -153,4 +153,4 @@ class Recipe(Protocol):
         """Time codes in a second."""
 
     def at(self, time: float) -> Moment:
-        """Return what the stage says at a time code, whole or fractional."""
+        """Return the values of the stage at a time code, whole or fractional."""

@@ -1,4 +1,4 @@
-"""Adapt radii so that each splat has about the wanted number of neighbours."""
+"""Adapt radii so that each splat has about the target number of neighbours."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Neighborhood:
     normals: F32
     """Unit normals at rest, 0 where there is no surface, shape (n, 3)."""
     crowding: F32
-    """Neighbours over those wanted, shape (n,)."""
+    """Number of neighbours relative to the target, shape (n,)."""
     dimension: int
     """2 on surfaces, 3 in volumes."""
     target: float
-    """Neighbours wanted."""
+    """Target number of neighbours."""
     usual_support: float
     """Median radius of a neighbourhood at the beginning [unit]."""
 
@@ -68,7 +68,7 @@ def corrected(neighbors: Neighbors, support: F32, count: F32, dimension: int) ->
 
 
 def fits(neighbors: Neighbors, support: F32, count: F32) -> bool:
-    """Return whether nearly all splats whose radius is not at a limit have about the wanted number
+    """Return whether nearly all splats whose radius is not at a limit have about the target number
     of neighbours."""
     least, most = (np.float32(each) for each in neighbors.limits)
     clamped = neighbors.clamped(support)

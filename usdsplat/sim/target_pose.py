@@ -28,7 +28,7 @@ class TargetPose:
     Args:
         device: Runs the kernels.
         recipe: The field.
-        first: What the stage says at the first frame.
+        first: Values of the stage at the first frame.
     """
 
     def __init__(self, device: Device, recipe: Recipe, first: Moment) -> None:
@@ -56,7 +56,7 @@ class TargetPose:
 
         Args:
             state: The capture's splats.
-            first: What the stage says at the first frame.
+            first: Values of the stage at the first frame.
             changes: Whether splats are born or die.
         """
         if changes and any(each.mask is not None for each in first.deformers):
@@ -69,7 +69,7 @@ class TargetPose:
 
         Args:
             state: The splats; only rest positions and parents matter.
-            moment: What the stage says at the time.
+            moment: Values of the stage at the time.
             seconds: Time since the simulation's start [s].
             gradient: Whether to compute the deformation gradient too.
 

@@ -52,7 +52,7 @@ def transport(
         rotations: Unit quaternions of the last frame (of rest at first), replaced by those of which
             none is more than a right angle from its predecessor in four dimensions, shape (n, 4).
         scales: Receives [unit], shape (n, 3).
-        appearance: `covariance` selects what splats take of F: all of it; its rotation R of F = R
+        appearance: `covariance` selects how splats follow F: all of it; its rotation R of F = R
             U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.
             `keep_opacity` selects whether areas are returned.
 

@@ -1,4 +1,4 @@
-"""Small meshes that the tests of surfaces share."""
+"""Small meshes for the tests of surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies on a surface, at the corners of its triangles."""
+"""Tests of values at the corners of a surface's triangles."""
 
 from __future__ import annotations
 

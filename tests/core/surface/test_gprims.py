@@ -1,4 +1,4 @@
-"""USD's geometric primitives as triangles."""
+"""Tests of the triangulation of USD's geometric primitives."""
 
 from __future__ import annotations
 

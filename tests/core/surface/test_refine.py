@@ -1,4 +1,4 @@
-"""Refinement of subdivision surfaces."""
+"""Tests of the refinement of subdivision surfaces."""
 
 from __future__ import annotations
 

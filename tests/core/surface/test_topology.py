@@ -1,4 +1,4 @@
-"""What a mesh has to be like, and what is let pass."""
+"""Tests of the validation of mesh topology."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Polygons made into triangles."""
+"""Tests of the triangulation of polygons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edit makes the delegate read again, and what it does not."""
+"""Tests of which edits make the delegate read data again."""
 
 from __future__ import annotations
 

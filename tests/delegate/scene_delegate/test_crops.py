@@ -1,4 +1,4 @@
-"""Garbage mattes on the stage: what splats are cropped by."""
+"""Tests of garbage mattes on the stage."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def test_what_is_no_volume_is_said_and_crops_nothing(stage):
         assert [spec.shape for spec in crops(engine)] == ["sphere"]
         (sentence,) = engine.warnings
         assert sentence == (
-            "/World/A collection:cropInclude: found Mesh /Mattes/Mesh, which crops nothing, "
+            "/World/A collection:cropInclude: found Mesh /Mattes/Mesh, which cannot crop, "
             "expected one of Sphere, Cube, Cylinder, Cone, Capsule, Plane"
         )
         stage.RemovePrim("/Mattes/Mesh")

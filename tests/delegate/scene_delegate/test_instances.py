@@ -1,4 +1,4 @@
-"""Native instances and point instancers, against what USD itself computes."""
+"""Tests of native instances and point instancers, compared with USD's own computations."""
 
 from __future__ import annotations
 

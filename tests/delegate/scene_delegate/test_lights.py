@@ -1,4 +1,4 @@
-"""UsdLux lights, as the renderer takes them."""
+"""Tests of UsdLux lights in the renderer's form."""
 
 from __future__ import annotations
 

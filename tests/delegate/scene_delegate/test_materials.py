@@ -1,4 +1,4 @@
-"""Bound materials and UsdPreviewSurface networks, as the renderer takes them."""
+"""Tests of bound materials and UsdPreviewSurface networks in the renderer's form."""
 
 from __future__ import annotations
 

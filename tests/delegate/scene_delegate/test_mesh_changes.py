@@ -1,4 +1,4 @@
-"""What an edit makes the delegate read again of a mesh, and what it does not."""
+"""Tests of which edits make the delegate read data of meshes again."""
 
 from __future__ import annotations
 

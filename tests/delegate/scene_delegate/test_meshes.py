@@ -1,4 +1,4 @@
-"""UsdGeom meshes and shapes, as the renderer takes them, and what edits make of them."""
+"""Tests of UsdGeom meshes and shapes in the renderer's form, and of edits of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Transforms, visibility and purpose, against what USD computes."""
+"""Tests of transforms, visibility and purpose, compared with USD's own computations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a new walk of the stage does to the index, with populations made by hand."""
+"""Tests of how a new traversal of the stage updates the index, with populations made by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""UsdRender prims, against the rules of its documentation worked out by hand."""
+"""Tests of UsdRender prims. Oracle: the rules of its documentation, applied by hand."""
 
 from __future__ import annotations
 

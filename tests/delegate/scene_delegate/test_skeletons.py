@@ -1,4 +1,4 @@
-"""UsdSkel: skinned points against published bakes, and what moves them."""
+"""Tests of UsdSkel: skinned points compared with published bakes, and their dependencies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Textures are kept as long as somebody shows them."""
+"""Tests of the cache of textures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light baked into harmonics."""
+"""Tests of baking light into harmonics."""
 
 from __future__ import annotations
 

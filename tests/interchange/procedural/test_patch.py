@@ -1,4 +1,4 @@
-"""Splats on surfaces and along curves."""
+"""Tests of splats on surfaces and along curves."""
 
 from __future__ import annotations
 

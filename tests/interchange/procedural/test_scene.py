@@ -1,4 +1,4 @@
-"""The procedural capture as a whole."""
+"""Tests of the whole procedural capture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sun and sky with something in the way."""
+"""Tests of sun and sky with occluders."""
 
 from __future__ import annotations
 

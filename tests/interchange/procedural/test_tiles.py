@@ -1,4 +1,4 @@
-"""The pavement."""
+"""Tests of the pavement."""
 
 from __future__ import annotations
 

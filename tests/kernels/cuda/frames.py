@@ -1,4 +1,4 @@
-"""What a picture of the GPU must be, whatever runs its kernels: a GPU, or the simulator."""
+"""Checks of pictures from CUDA kernels, for tests on a GPU and on the simulator."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""What kernels are launched with: the tables of `usdsplat.kernels.signatures`, made and read.
+"""Record and read the argument types of all launched kernels, the tables of
+`usdsplat.kernels.signatures`.
 
-As a plug-in of pytest this notes what the kernels of either device were compiled with or loaded
-for, and holds those of the CPU to what they are said to write. Then the tables are made of the
-notes, which may come from runs on several machines:
+As a plug-in of pytest, this module records the types for which kernels of either device were
+compiled or loaded, and checks that kernels of the CPU write only their declared arguments. Then the
+tables are made from the records, which may come from runs on several machines:
 
     pytest -p tests.kernels.cuda.launches --launches notes tests
     python -m tests.kernels.cuda.launches [--add] notes

@@ -1,7 +1,7 @@
-"""A GPU on paper: a launch is assembled to machine code, with the types that it really has, and not
-run.
+"""A GPU replacement that assembles each launch to machine code, with its actual types, and does not
+run it.
 
-It needs numba-cuda and NVIDIA's compiler and assembler, and neither GPU nor driver.
+It needs numba-cuda and NVIDIA's compiler and assembler, but neither GPU nor driver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a simulated lane does alone: bits, its own memory, atomics; and sorting and summing."""
+"""Operations of a single simulated lane: bits, local memory, atomics; and sorting and summing."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""A simulated GPU that knows warps: CUDA kernels run as Python, lane after lane.
+"""Simulated GPU with warps: CUDA kernels run as Python code, lane after lane.
 
-Numba's own simulator has no warp primitives, starts a Python thread for each CUDA thread, and lets
-a kernel pass whose threads wait at different barriers. Here a lane is a greenlet that runs until it
-has to wait for others, so that a launch is serial, repeatable and an error where lanes would wait
-for ever. What a GPU leaves undefined is poisoned: shared and local arrays hold rubbish at first.
+Numba's own simulator has no warp primitives, starts a Python thread for each CUDA thread, and does
+not detect threads that wait at different barriers. Here a lane is a greenlet that runs until it has
+to wait for others. A launch is therefore serial and repeatable, and a deadlock is an error. Shared
+and local arrays are initialized with invalid values, because they are undefined on a GPU.
 
-Numbers are NumPy's: float32 times a Python float stays float32, and whole numbers keep their width,
-where Numba would widen. Compiling, in `test_compiling`, is what checks types.
+Numbers are NumPy's: float32 times a Python float stays float32, and integers keep their width,
+whereas Numba widens them. Types are checked by compiling, see `test_compiling`.
 
-A module of tests that runs here is named to pytest in a process of its own, see `run_simulated`:
+Modules of tests run here in a separate pytest process, see `run_simulated`:
 
     NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest -p tests.kernels.cuda.simulator <module>
 """

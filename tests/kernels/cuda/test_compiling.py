@@ -1,4 +1,4 @@
-"""Kernels are valid for CUDA with the types that they are launched with."""
+"""Tests that kernels are valid for CUDA with the types with which they are launched."""
 
 from __future__ import annotations
 

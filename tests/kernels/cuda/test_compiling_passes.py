@@ -1,4 +1,4 @@
-"""All that the delegate launches can be assembled for CUDA, with the types that it really has, and
+"""Tests that everything the delegate launches can be assembled for CUDA with its actual types, and
 is in the table of launches."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kernels that are exact are not contracted on a GPU."""
+"""Tests that exact kernels are not contracted on a GPU."""
 
 from __future__ import annotations
 

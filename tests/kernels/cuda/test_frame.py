@@ -1,4 +1,4 @@
-"""Pictures of the GPU, on one."""
+"""Tests of fused pictures on a GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Launches and arrays of a GPU, where there is one."""
+"""Tests of launches and arrays on a GPU, if there is one."""
 
 from __future__ import annotations
 

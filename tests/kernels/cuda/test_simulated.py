@@ -1,4 +1,4 @@
-"""The logic of CUDA kernels where there is no GPU: each module of `simulated` passes."""
+"""Tests of the logic of CUDA kernels without a GPU: run each module of `simulated`."""
 
 from __future__ import annotations
 

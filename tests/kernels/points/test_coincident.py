@@ -1,4 +1,4 @@
-"""Points at one place."""
+"""Tests of coincident points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nearest points."""
+"""Tests of nearest points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The grid: order of cells."""
+"""Tests of the uniform grid: order of cells."""
 
 from __future__ import annotations
 

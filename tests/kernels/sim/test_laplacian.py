@@ -1,4 +1,4 @@
-"""Weights of the Laplacian."""
+"""Tests of the weights of the Laplacian."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Polar and singular value decomposition."""
+"""Tests of polar and singular value decomposition."""
 
 from __future__ import annotations
 

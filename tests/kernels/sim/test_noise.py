@@ -1,4 +1,4 @@
-"""Gradient noise and the whirls made of it."""
+"""Tests of gradient noise and curl noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random numbers by counter."""
+"""Tests of counter-based random numbers."""
 
 from __future__ import annotations
 

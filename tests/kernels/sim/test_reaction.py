@@ -1,4 +1,4 @@
-"""One step of Gray and Scott's reaction."""
+"""Tests of one step of the Gray-Scott reaction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances from solids, and their gradients."""
+"""Tests of distances from solids and their gradients."""
 
 from __future__ import annotations
 

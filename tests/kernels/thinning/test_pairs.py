@@ -1,4 +1,4 @@
-"""Pairs of splats: what they cost, and what becomes of them."""
+"""Tests of merging pairs of splats: costs and results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A viewport before a session that remembers what it was told, and a hand for it."""
+"""A viewport with a session that records requests, and functions that send mouse and key events."""
 
 from __future__ import annotations
 

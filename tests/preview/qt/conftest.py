@@ -1,4 +1,4 @@
-"""What tests of windows share: an application without a screen, and patience."""
+"""Fixtures for tests of windows: an application without a display, and waiting for conditions."""
 
 from __future__ import annotations
 

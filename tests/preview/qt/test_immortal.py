@@ -1,4 +1,4 @@
-"""Qt can be called as often as one likes."""
+"""Tests that Qt can be called any number of times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of keys, against itself."""
+"""Tests that the table of keys is consistent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Panels built from editors, driven by mouse and keys."""
+"""Tests of panels built from editors, with mouse and key events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all panels of a session share."""
+"""Tests of the shared state of a session's panels."""
 
 from __future__ import annotations
 

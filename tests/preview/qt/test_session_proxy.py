@@ -1,4 +1,5 @@
-"""News of a session arrive in the window's thread, the latest picture alone, and none too late."""
+"""Tests that events of a session arrive in the window's thread, only the latest picture, and none
+after closing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulation in a window: run, pause, step, turn a parameter, take it back, record, reset."""
+"""Tests of a simulation in a window: run, pause, step, edit a parameter, undo, record, reset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stays readable: a strip with little room, and sentences that are no longer true."""
+"""Tests of the view strip with little space, and of messages that become obsolete."""
 
 from __future__ import annotations
 

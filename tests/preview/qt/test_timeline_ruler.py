@@ -1,4 +1,4 @@
-"""The ruler of the timeline: where times lie, and what a drag on it says."""
+"""Tests of the timeline ruler: positions of times, and dragging."""
 
 from __future__ import annotations
 

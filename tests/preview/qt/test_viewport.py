@@ -1,4 +1,4 @@
-"""The viewport is driven as a person would, before a session that remembers what it was told."""
+"""Tests of the viewport with mouse and key events, and a session that records requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a viewport paints: pictures to the pixel, boxes, numbers and words."""
+"""Tests of what a viewport paints: pictures to the pixel, boxes, numbers and text."""
 
 from __future__ import annotations
 

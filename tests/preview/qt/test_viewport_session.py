@@ -1,4 +1,4 @@
-"""A viewport before a real session: what a person does comes back as pictures and edits."""
+"""Tests of a viewport with a real session: user input leads to pictures and edits."""
 
 from __future__ import annotations
 

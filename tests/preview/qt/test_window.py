@@ -1,4 +1,4 @@
-"""A window on a stage, driven by mouse and keys as a person would."""
+"""Tests of a window with a stage, with mouse and key events."""
 
 from __future__ import annotations
 

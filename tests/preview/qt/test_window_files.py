@@ -1,4 +1,4 @@
-"""What a window saves, opens and reads again, driven by mouse and keys as a person would."""
+"""Tests of saving, opening and reloading in a window, with mouse and key events."""
 
 from __future__ import annotations
 

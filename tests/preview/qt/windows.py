@@ -1,4 +1,4 @@
-"""Windows on small stages, as tests want them."""
+"""Windows with small stages, for tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A document as a runner needs it, and how tests wait for what it does."""
+"""A document for tests of a runner, and functions that wait for its events."""
 
 from __future__ import annotations
 

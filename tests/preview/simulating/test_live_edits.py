@@ -1,4 +1,4 @@
-"""What users change while a simulation runs: seen at the next frame, or told of."""
+"""Tests of edits during a simulation: they take effect at the next frame, or are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulation has to say reaches a window through the session."""
+"""Tests that events of a simulation reach a window through the session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is recorded in a preview is what the command bakes."""
+"""Tests that recording in the preview gives the same bake as the command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulations that run under a document: from the first frame to the last, and back."""
+"""Tests of simulations under a document: run, pause, step, reset."""
 
 from __future__ import annotations
 

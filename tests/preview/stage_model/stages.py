@@ -1,4 +1,4 @@
-"""Small stages to look into and to edit."""
+"""Small stages to inspect and to edit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras that are saved see what was seen, whatever is above them."""
+"""Tests that saved cameras have the same view, below any parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits of the session layer: what they author, what they refuse, and the way back."""
+"""Tests of edits of the session layer: opinions, errors, undo and redo."""
 
 from __future__ import annotations
 

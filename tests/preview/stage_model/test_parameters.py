@@ -1,4 +1,4 @@
-"""Parameters of simulations and affectors, in a panel."""
+"""Tests of the parameters of simulations and affectors in a panel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prims that a user moves: where they are put, and how they go on from there."""
+"""Tests of moving prims, including animated ones."""
 
 from __future__ import annotations
 

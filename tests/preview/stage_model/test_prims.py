@@ -1,4 +1,4 @@
-"""Rows of a tree, and what is found in it."""
+"""Tests of the rows of the prim tree, and of its search."""
 
 from __future__ import annotations
 

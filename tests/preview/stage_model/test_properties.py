@@ -1,4 +1,4 @@
-"""Rows of a prim's properties, metadata and composition."""
+"""Tests of the rows of a prim's properties, metadata and composition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user made, in files; and never over the stage's own."""
+"""Tests of saving a user's edits to files, never over the stage's own."""
 
 from __future__ import annotations
 

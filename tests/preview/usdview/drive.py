@@ -1,8 +1,9 @@
-"""Opens our docks in the stand-in for usdview, as a person would, and writes down what happens.
+"""Open our docks in the replacement for usdview, drive them as a user would, and record the
+results.
 
-python -m tests.preview.usdview.drive FOLDER      # facts.json, and pictures to look at
+    python -m tests.preview.usdview.drive FOLDER      # facts.json, and pictures
 
-A process of its own, because USD's registries do not forget the stand-in once they know it.
+This runs in a separate process, because USD's registries keep the replacement for usdview.
 """
 
 from __future__ import annotations

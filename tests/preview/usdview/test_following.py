@@ -1,4 +1,4 @@
-"""What usdview shows reaches a viewer, and what is picked in ours reaches usdview."""
+"""Tests that our viewer follows usdview, and that usdview follows our picks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Our plug-in in a usdview: one run of `drive`, and what a person saw in it."""
+"""Tests of our plug-in in usdview, with the results of one run of `drive`."""
 
 from __future__ import annotations
 

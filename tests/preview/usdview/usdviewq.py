@@ -1,11 +1,11 @@
-"""A stand-in for pxr.Usdviewq, as far as its plug-in tutorial and its API's help describe it.
+"""Replacement for pxr.Usdviewq, as documented by its plug-in tutorial and the help of its API.
 
     install()                       # before plug-ins are loaded
     usdview = Usdview(stage)        # a main window with one menu, a frame, a selection, a camera
     usdview.load_plugins()
 
-usdview itself comes with full builds of OpenUSD only, so what is tested here is our side: that
-Plug finds the container, and that it keeps to what is documented.
+usdview is part of full builds of OpenUSD only. These tests therefore cover our side: that Plug
+finds the container, and that the container uses only documented functions.
 """
 
 from __future__ import annotations

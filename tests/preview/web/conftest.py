@@ -1,4 +1,4 @@
-"""Chromium, where there is one; one for each module of tests."""
+"""Fixture with Chromium, if it is installed; one per test module."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A document that draws nothing, for tests of what is between it and a page."""
+"""A document that draws nothing, for tests of the layers between document and page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures that nobody drew."""
+"""Artificial pictures, without a renderer."""
 
 from __future__ import annotations
 

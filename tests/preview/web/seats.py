@@ -1,4 +1,4 @@
-"""A person before a browser that looks at a small stage."""
+"""A browser that shows a small stage, and functions that drive it as a user would."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pages say and are told, by a socket without a browser."""
+"""Tests of messages to and from pages, through a socket without a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures on their way to a page."""
+"""Tests of encoding pictures for a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who the web view lets in."""
+"""Tests of the access control of the web view."""
 
 from __future__ import annotations
 

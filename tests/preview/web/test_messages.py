@@ -1,4 +1,4 @@
-"""What a page may say."""
+"""Tests of the messages that a page may send."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What waits for a page."""
+"""Tests of the queue of messages for a page."""
 
 from __future__ import annotations
 

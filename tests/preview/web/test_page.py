@@ -1,4 +1,4 @@
-"""The web view as a person uses it, in a browser without a window."""
+"""Tests of the web view in a headless browser, driven as by a user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulation in the web view, as a person runs it, in a browser without a window."""
+"""Tests of a simulation in the web view, in a headless browser."""
 
 from __future__ import annotations
 

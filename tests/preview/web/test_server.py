@@ -1,4 +1,4 @@
-"""Whom the web view's server answers, and where it listens."""
+"""Tests of which requests the web view's server answers, and where it listens."""
 
 from __future__ import annotations
 

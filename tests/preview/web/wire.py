@@ -1,4 +1,4 @@
-"""The web view's server, by its own wire: raw HTTP, and a socket without a browser."""
+"""Raw HTTP and a socket to the web view's server, without a browser."""
 
 from __future__ import annotations
 

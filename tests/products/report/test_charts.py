@@ -1,4 +1,4 @@
-"""Histograms of a report."""
+"""Tests of the histograms of a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a stage from three sides."""
+"""Tests of pictures of a stage from three sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The checks as validators of UsdValidation, in this process and in one that never imported us."""
+"""Tests of the checks as validators of UsdValidation, also in a process that did not import our
+package."""
 
 from __future__ import annotations
 

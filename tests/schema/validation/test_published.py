@@ -1,4 +1,4 @@
-"""Rules that others published for splats, told from faults that are our own business."""
+"""Tests of mapping findings to published rules."""
 
 from __future__ import annotations
 

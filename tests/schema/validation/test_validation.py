@@ -1,4 +1,4 @@
-"""Findings: every fault is found, named, and comes with a cure; a sound stage has none."""
+"""Tests that every fault has a finding with a cure, and that a valid stage has none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings on attributes that layers gave another type than the schema's."""
+"""Tests of findings on attributes with another type than the schema's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A solver that is a function of its own state, and stages to bake it over."""
+"""A solver that is a function of its own state, and stages for its bakes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages in files on which much happens at once."""
+"""Stages in files that use many features at once."""
 
 from __future__ import annotations
 

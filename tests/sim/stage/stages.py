@@ -1,4 +1,4 @@
-"""Small stages with a field, a simulation and what acts on it."""
+"""Small stages with a field, a simulation and affectors."""
 
 from __future__ import annotations
 

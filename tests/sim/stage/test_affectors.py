@@ -1,4 +1,4 @@
-"""Affectors as solid bodies."""
+"""Tests of affectors as solid bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters written on prims."""
+"""Tests of authoring parameters on prims."""
 
 from __future__ import annotations
 

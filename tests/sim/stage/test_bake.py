@@ -1,4 +1,4 @@
-"""What was simulated is what is read, at every sample and between them."""
+"""Tests that a bake contains the simulated values, at every sample and between samples."""
 
 from __future__ import annotations
 

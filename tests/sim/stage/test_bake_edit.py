@@ -1,4 +1,4 @@
-"""Results as edits of the capture."""
+"""Tests of bakes as array edits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results as our compact type."""
+"""Tests of bakes of the packed type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What binds a field to a skeleton."""
+"""Tests of binding a field to a skeleton."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Skeletons as capsules."""
+"""Tests of skeletons as capsules."""
 
 from __future__ import annotations
 

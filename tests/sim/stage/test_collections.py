@@ -1,4 +1,4 @@
-"""Who is in a simulation."""
+"""Tests of the members of a simulation."""
 
 from __future__ import annotations
 

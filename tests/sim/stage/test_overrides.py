@@ -1,4 +1,4 @@
-"""Values typed on a command line."""
+"""Tests of parameter values from a command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters as prims have them."""
+"""Tests of reading parameters from prims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulations that are ready to run."""
+"""Tests of the preset simulations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a bake was made of."""
+"""Tests of the provenance of a bake."""
 
 from __future__ import annotations
 

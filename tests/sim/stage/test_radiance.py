@@ -1,4 +1,4 @@
-"""When harmonics are written."""
+"""Tests of when harmonics are written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stage says of its simulations."""
+"""Tests of reading simulations from a stage."""
 
 from __future__ import annotations
 

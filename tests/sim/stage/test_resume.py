@@ -1,4 +1,4 @@
-"""A bake that is killed, and goes on."""
+"""Tests of bakes that are killed and resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a stage to a layer: the real solver under the real bake."""
+"""Tests from a stage to a layer, with the real solver and the real bake."""
 
 from __future__ import annotations
 

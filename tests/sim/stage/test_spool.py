@@ -1,4 +1,4 @@
-"""Rows of splats from frame to frame."""
+"""Tests of matching rows of splats from frame to frame."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def shutter_problem(prim: Usd.Prim, time: Usd.TimeCode) -> StageError | None:
     if opens <= closes and math.isfinite(closes - opens):
         return None
     found = f"({opens:g}, {closes:g})"
-    expected = "one that closes after it opens; it is taken for (0, 0)"
+    expected = "one that closes after it opens; (0, 0) is used"
     return StageError(f"{prim.GetPath()} shutter:open and shutter:close", found, expected)
 
 

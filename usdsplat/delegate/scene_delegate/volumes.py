@@ -69,12 +69,12 @@ def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
             if member.GetTypeName() in SHAPES:
                 volumes.append(Volume(prim=member, keeps=keeps))
             elif not _is_group(member) and problem is None:
-                found = f"{member.GetTypeName()} {member.GetPath()}, which crops nothing"
+                found = f"{member.GetTypeName()} {member.GetPath()}, which cannot crop"
                 expected = f"one of {', '.join(SHAPES)}"
                 problem = StageError(f"{prim.GetPath()} collection:{name}", found, expected)
     if volumes and carried and problem is None:
         found = "crop volumes of a field that a point instancer carries"
-        expected = "none; they stay where they are authored"
+        expected = "none: such volumes do not move with the instances"
         problem = StageError(str(prim.GetPath()), found, expected)
     signature = [(each.prim.GetPath(), each.prim.GetTypeName(), each.keeps) for each in volumes]
     return Crop(volumes=tuple(volumes), problem=problem, signature=(str(problem), *signature))

@@ -1,8 +1,8 @@
 """Encode and decode the numbers of a compressed PLY.
 
-This module maps arrays to arrays; `compressed_ply` knows the file. Arrays of splats start at the
-first splat of a chunk. Nine components of a splat are quantised within bounds: position, logarithm
-of the scale and colour, three each. All nine go through each step together, which makes it fast.
+This module converts arrays only; `compressed_ply` reads and writes the file. Arrays of splats start
+at the first splat of a chunk. Nine components of a splat are quantised within bounds: position,
+logarithm of the scale and colour, three each. Each step processes all nine together, which is fast.
 
 Source: splat-transform and SuperSplat, which use the constants below.
 """

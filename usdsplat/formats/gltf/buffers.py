@@ -74,7 +74,7 @@ class Buffers:
             self._opened[index] = self._open(where, spec)
         present = self._opened[index].size
         if spec.size > present:
-            raise FormatError(where, f"{present} bytes", f"{spec.size}, as it says")
+            raise FormatError(where, f"{present} bytes", f"{spec.size}, as declared")
         return spec.size
 
     def read(self, index: int, offset: int, size: int) -> bytes:

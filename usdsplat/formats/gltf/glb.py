@@ -76,7 +76,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         if magic != MAGIC or version != 2:
             raise FormatError(source, f"{magic!r}, version {version}", f"{MAGIC!r}, version 2")
         if length > present:
-            raise FormatError(source, f"{present} bytes", f"{length}, as its header says")
+            raise FormatError(source, f"{present} bytes", f"{length}, as declared by its header")
         size, kind = _CHUNK.unpack_from(head, _HEADER.size)
         if kind != b"JSON" or size > min(TEXT_LIMIT, length - len(head)):
             found = f"a chunk {kind!r} of {size} bytes where {length - len(head)} are left"
@@ -245,4 +245,4 @@ def _check(cloud: SplatCloud, path: Path, how: WriteOptions) -> None:
         expected = f"at most {MAX_DEGREE} in glTF: cut the harmonics first"
         raise UsageError(where, f"harmonics of degree {cloud.sh_degree}", expected)
     if not len(cloud):
-        raise UsageError(where, "no splats", "at least one: nothing in glTF may be empty")
+        raise UsageError(where, "no splats", "at least one: glTF allows no empty arrays")

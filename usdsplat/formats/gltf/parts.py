@@ -81,7 +81,7 @@ def open_part(primitive: Primitive, buffers: Buffers) -> Part:
 
     Raises:
         FormatError: If attributes are missing or have a wrong count or type, or if the buffers are
-            shorter than the document says.
+            shorter than the document declares.
     """
     if primitive.spz is not None:
         return _Packed(primitive.where, primitive.spz, buffers)
@@ -121,7 +121,7 @@ class _Attributes(Part):
             for first in range(0, self.count, BLOCK)
         )
         if self._logarithms:
-            said = "primitives whose scales are taken for logarithms, because some are negative"
+            said = "primitives whose scales are assumed to be logarithms, because some are negative"
             self.notes[said] += 1
 
     def fill(self, builder: CloudBuilder, start: int, matrix: F64, told: Told) -> None:

@@ -81,7 +81,9 @@ def _records(source: str, file: BinaryIO, section: Section, rows: slice) -> npt.
     count = rows.stop - rows.start
     data = file.read(count * section.record.itemsize)
     if len(data) < count * section.record.itemsize:  # the file was truncated in the meantime
-        raise FormatError(source, f"an end before splat {rows.stop}", f"{section.count} splats")
+        raise FormatError(
+            source, f"the end of the file before splat {rows.stop}", f"{section.count} splats"
+        )
     return np.frombuffer(data, section.record)
 
 

@@ -138,7 +138,7 @@ def read_sections(
         sections.append(section)
     count = sum(section.count for section in sections)
     if count != header.count:
-        raise FormatError(source, f"{count} splats in its sections", f"{header.count}, as it says")
+        raise FormatError(source, f"{count} splats in its sections", f"{header.count}, as declared")
     return tuple(sections)
 
 
@@ -186,7 +186,7 @@ def _buckets(where: str, file: BinaryIO, row: np.void, start: int) -> Buckets:
     centres = np.frombuffer(file.read(_CENTRE_BYTES * count), "<f4")
     splats = full * int(row["bucket"]) + int(lengths.sum())
     if splats != row["splats"]:
-        raise FormatError(where, f"{splats} splats in its buckets", f"{row['splats']}, as it says")
+        raise FormatError(where, f"{splats} splats in its buckets", f"{row['splats']}, as declared")
     top = int(row["top"]) or _DEFAULT_TOP
     return Buckets(
         centres=centres.astype(np.float32).reshape(-1, 3),

@@ -14,7 +14,7 @@ from usdsplat.core.errors import FormatError
 
 HEADER_LIMIT = 1 << 16
 """Maximum length of a header [byte]: degree 4 needs 3000, a corrupt one may have no end."""
-# Of a count: a file offset has 63 bits.
+# Digits of the largest count: a file offset has 63 bits.
 _MAX_DIGITS = 18
 _ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">", b"ascii": ""}
 _TYPES = {

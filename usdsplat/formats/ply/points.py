@@ -59,8 +59,8 @@ def read_points(path: Path, header: Header, table: Table, how: ReadOptions) -> C
     cloud, dropped = builder.cloud()
     cloud.scales[:] = (0.5 * neighbour_distances(cloud.positions))[:, None]
     note = (
-        "plain points: each is an opaque ball half as wide as the way to its neighbour, "
-        "and their axes are a guess"
+        "plain points: each becomes an opaque ball, with half the distance to its nearest "
+        "neighbour as standard deviation; the axes are assumed"
     )
     return Capture(
         cloud=cloud,

@@ -107,7 +107,7 @@ class Table(ABC):
             told(rows.stop)
 
     def remarks(self) -> tuple[str, ...]:
-        """Return a note if the file is longer than its header says, else nothing."""
+        """Return a note if the file is longer than its header declares, else nothing."""
         total = self._header.size
         for element in self._header.elements:
             if element.has_list or not self._header.byte_order:

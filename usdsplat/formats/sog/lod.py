@@ -129,5 +129,5 @@ def _remarks(meta: LodMeta, level: int) -> list[str]:
         others = ", ".join(str(count) for count in meta.counts)
         notes.append(f"level {level} of {len(meta.counts)}, which have {others} splats")
     if meta.environment is not None:
-        notes.append(f"its surroundings, {meta.environment}, are a capture of their own")
+        notes.append(f"its environment, {meta.environment}, is a separate capture")
     return notes

@@ -67,7 +67,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
 
     Raises:
         FormatError: If the header is invalid, data is missing, damaged or longer than the header
-            says, or a half-precision position is not finite.
+            declares, or a half-precision position is not finite.
     """
     with path.open("rb") as file:
         return replace(unpack(str(path), file, path.stat().st_size, how), files=(path,))

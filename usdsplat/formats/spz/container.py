@@ -86,7 +86,7 @@ class SpzContainer(ABC):
         """Yield the bytes of an attribute, `rows` splats at a time.
 
         Raises:
-            FormatError: If there are fewer or more than the header says, or they are damaged.
+            FormatError: If there are fewer or more than the header declares, or they are damaged.
         """
 
     @abstractmethod

@@ -37,11 +37,11 @@ def write_gzip(
     """Write one gzip member whose pieces are deflated in threads.
 
     Args:
-        file: Takes it.
-        header: Of version 3 at most.
+        file: File to write to.
+        header: Header of version 3 or lower.
         planes: Codes of every attribute, in order.
-        extensions: Records, or none.
-        tick: Is told of progress.
+        extensions: Extension records; may be empty.
+        tick: Receives the progress.
     """
     data = [plane.data.cast("B") for plane in planes if plane.size]
     pieces = [plane[at : at + _PIECE] for plane in data for at in range(0, len(plane), _PIECE)]
@@ -64,11 +64,11 @@ def write_frames(
     """Write version 4: a plain header, a table of contents, and a zstd frame for each attribute.
 
     Args:
-        file: Takes it.
-        header: Of version 4; the number of streams is filled in.
+        file: File to write to.
+        header: Header of version 4; the number of streams is filled in.
         planes: Codes of every attribute, in order.
-        extensions: Records, or none.
-        tick: Is told of progress.
+        extensions: Extension records; may be empty.
+        tick: Receives the progress.
     """
     import zstandard
 

@@ -6,7 +6,7 @@
 - A kernel over tiles, or in steps, names the function that a GPU runs in its place:
   `parallel(writes=..., gpu="blend.blend")` in `kernels.blend` is `kernels.cuda.blend.blend`. It is
   called with the device and the kernel's arguments.
-- Anything else is serial and done once. The CPU runs it, on copies.
+- Any other kernel is serial. The CPU runs it, on copies of the arrays.
 
 `frame` draws a whole colour picture without returning to the host in between.
 """

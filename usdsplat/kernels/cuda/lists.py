@@ -37,15 +37,16 @@ def make_lists(
     tiles: int,
     touch: Callable[[bool, Any, Any, Any], None],
 ) -> tuple[Any, Any, int]:
-    """Make the lists for any kind of item. The result is as in `bins.tile_lists`.
+    """Make the lists for any kind of item. The result is that of `bins.tile_lists`.
 
     Args:
-        get: Makes buffers by name, shape and dtype; name: theirs.
-        things, tiles: How many there are.
-        touch: Launches a kernel with (writes, places, tiles of pairs, things of pairs). If it does
-            not write, places[k] receives how many tiles thing k < `things` touches, and the last
-            one 0; else thing k writes its pairs from places[k] on and before places[k + 1], and
-            what it has fewer of are of the tile after the last.
+        get: Makes buffers by name, shape and dtype.
+        name: Prefix of the buffers' names.
+        things, tiles: Numbers of items and tiles.
+        touch: Launches a kernel with (writes, places, tiles of pairs, items of pairs). If `writes`
+            is false, it sets places[k] to the number of tiles that item k < `things` touches, and
+            the last entry to 0. Otherwise item k writes its pairs from places[k] to before places[k
+            + 1]; missing pairs are written with the tile after the last one.
     """
     narrow = np.uint16 if tiles < 1 << 16 else np.uint32
     starts = get(f"{name} starts", (tiles + 1,), np.int64)

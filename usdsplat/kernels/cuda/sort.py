@@ -64,7 +64,7 @@ def depth_order(
     work: Any,
     _histogram: Any,
 ) -> int:
-    """Sort slots by key, see `kernels.sort.depth_order`, with 32 bits at once."""
+    """Sort slots by key, see `kernels.sort.depth_order`, with all 32 bits in one sort."""
     bits, slots = work
     if count > 0:
         raw = keys.view(np.uint32)

@@ -44,12 +44,13 @@ def comes_before(a, b, depths, names):
 
 @cuda.jit(device=True)
 def place_in_run(k, n, keys, order, depths, names, total, firsts):
-    """Return the position of item order[k]; k itself if its run is long, which is then listed.
+    """Return the position of item order[k]. If its run is long, return k and list the run.
 
     Args:
-        keys, order: As sorted, of which n count.
-        depths, names: As `comes_before` takes them.
-        total, firsts: How many runs are listed, (1,) i32, and where each begins, in any order.
+        keys, order: Sorted keys and items; the first n entries are used.
+        depths, names: See `comes_before`.
+        total, firsts: Receive the number of long runs, (1,) i32, and the first index of each, in
+            any order.
     """
     key = keys[k]
     if not ((k > 0 and keys[k - 1] == key) or (k + 1 < n and keys[k + 1] == key)):
@@ -70,8 +71,8 @@ def place_in_run(k, n, keys, order, depths, names, total, firsts):
 def merge_run(first, end, source, target, depths, names):
     """Sort source[first:end] with all threads of a block; `target` is scratch there.
 
-    Runs of one item are merged to runs of two, and so on: each item counts who comes before it in
-    the other half.
+    Runs of one item are merged to runs of two, and so on: each item counts the items of the other
+    half that come before it.
     """
     length = end - first
     width = int32(1)

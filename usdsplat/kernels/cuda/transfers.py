@@ -151,7 +151,7 @@ class Constants:
         return _copied(array, array, self._block, first, self._stream)
 
     def clear(self) -> None:
-        """Release them; those that somebody holds stay."""
+        """Release the cached arrays; those still in use are freed later."""
         with self._adding:
             self._known, self._block = {}, None
 
@@ -171,7 +171,7 @@ class Rings:
         return self._of[thread].put(array)
 
     def clear(self) -> None:
-        """Release them."""
+        """Release all rings."""
         self._of.clear()
 
 

@@ -25,7 +25,7 @@ class Cells:
     inverse: float
     """1 / edge of a cell [1/unit]."""
     bits: tuple[int, int, int]
-    """Of the table along x, y, z."""
+    """Bits of the table along x, y and z."""
     start: Any
     """First slot of each cell and, last, n, int32 (2^bits + 1,)."""
     order: Any
@@ -36,9 +36,9 @@ def into_cells(device: Device, positions: Any, edge: float) -> Cells:
     """Sort points by cell; equal cells keep the order of rows.
 
     Args:
-        device: Where to.
-        positions: [unit], float32 (n, 3), of the host or the device's own.
-        edge: Of a cell [unit], > 0.
+        device: Runs the kernels and holds the result.
+        positions: [unit], float32 (n, 3), on the host or the device.
+        edge: Edge of a cell [unit], > 0.
     """
     n = positions.shape[0]
     inverse = 1.0 / edge
@@ -57,7 +57,7 @@ def extent(device: Device, positions: Any) -> F64:
     """Return the size of the box around the finite points [unit], shape (3,); zeros if there are
     none.
 
-    positions: float32 (n, 3), of the host or the device's own.
+    positions: float32 (n, 3), on the host or the device.
     """
     blocks = math.ceil(positions.shape[0] / grid.BLOCK)
     lower, upper = device.empty((blocks, 3), np.float64), device.empty((blocks, 3), np.float64)

@@ -16,10 +16,10 @@ def coincident(points: F32) -> tuple[I64, I64]:
         points: Finite, shape (n, 3).
 
     Returns:
-        Rows in that order, those at one place ascending, and how many at its place are before each,
-        both of shape (n,).
+        Rows in that order, ascending among coincident points; and for each point the number of
+        coincident points before it. Both have shape (n,).
     """
-    sound = points + np.float32(0)  # -0 is where 0 is
+    sound = points + np.float32(0)  # maps -0 to 0
     bits = np.ascontiguousarray(sound).view(np.uint32).astype(np.uint64)
     key = ((bits[:, 0] * _FACTOR + bits[:, 1]) * _FACTOR + bits[:, 2]) * _FACTOR
     order = np.argsort(key, kind="stable")

@@ -19,14 +19,15 @@ def nearest(device: Device, points: F32, queries: F32, k: int) -> tuple[I32, F32
     """Return the k points nearest to each query; of equally near ones, those with the lowest index.
 
     Args:
-        device: Where to.
-        points: [unit], shape (n, 3), however unevenly spread; those not finite are never found.
+        device: Runs the kernels.
+        points: [unit], shape (n, 3), with any distribution; points that are not finite are never
+            found.
         queries: [unit], shape (m, 3). A query that is one of the points finds itself first.
-        k: How many, >= 1.
+        k: Number of points to find for each query, >= 1.
 
     Returns:
         Rows of `points`, nearest first, shape (m, k), and distances [unit], shape (m, k); -1 and
-        inf where there are no more, or where the query is not finite.
+        inf if there are fewer points, or if the query is not finite.
     """
     index = np.flatnonzero(np.isfinite(points).all(axis=1)).astype(np.int32)
     tree = np.ascontiguousarray(points[index], dtype=np.float32)

@@ -1,1 +1,4 @@
-"""The simulation in Numba: arrays in, arrays out, the same bits on any number of threads."""
+"""Numba kernels of the simulation: arrays in, arrays out.
+
+Results do not depend on the number of threads.
+"""

@@ -1,8 +1,8 @@
-"""The union of solids that move, smoothly joined, and what its surface does at a point.
+"""Smooth union of moving solids: its distance, gradient, velocity and contact response at a point.
 
-Solids are joined in the order of their table by the quadratic smooth minimum, each by its own
-blending distance. The first solid is what the union begins with: a large number instead would
-cancel all digits of what is joined to it.
+Solids are joined in the order of their table by the quadratic smooth minimum, each with its own
+blending distance. The union starts with the first solid: starting with a large number would cancel
+all digits of the distances joined to it.
 
 Source: I. Quilez 2013, "Smooth minimum".
 """
@@ -19,10 +19,10 @@ from usdsplat.kernels.sim.solids import HALF, ONE, ROUND, ZERO, round_distance, 
 
 BLOCK = 1024
 NOTHING = 1e30
-"""Distance [unit] where there is no solid."""
+"""Distance [unit] if there is no solid."""
 TINY = np.float32(1e-30)
 RIDGE = 0.3
-"""Length of the joined gradient below which it says little about the way out."""
+"""Length of the blended gradient under which it is not used for the outward direction."""
 
 (
     KIND,
@@ -40,27 +40,29 @@ RIDGE = 0.3
 CENTRE, SIZE, SIZE_BEFORE, LOW, HIGH = 11, 14, 18, 22, 25
 TURN, PLACE, TURN_BEFORE, PLACE_BEFORE, SLIP, SHIFT = 28, 37, 40, 49, 52, 61
 COLUMNS = 64
-"""Columns of the table of solids, float64, all at the end of a substep but where said.
+"""Columns of the table of solids, float64. Values are those at the end of a substep, if not stated
+otherwise.
 
-KIND of solids.py; FIELD, FIELD_BEFORE: its distance field; BLEND [unit], CLEARANCE [sigma];
-FRICTION: coefficient; RESTITUTION; SWEPT: whether it is to catch what it passes; THIN: motion
-[unit] from which it may pass; RESHAPES: whether its shape is another at the start; BOUND: radius
-[unit] about CENTRE (3, simulation's space). SIZE, SIZE_BEFORE (4): as `solid` wants them.
-LOW, HIGH (3): its box in its own frame. TURN (9, row-major), PLACE (3): own frame to the
-simulation's; likewise at the start. SLIP (9), SHIFT (3): velocity [unit/s] of its matter at x is
-SLIP x + SHIFT."""
+KIND: see solids.py. FIELD, FIELD_BEFORE: index of the distance field at the end and at the start.
+BLEND [unit]. CLEARANCE [sigma]. FRICTION: coefficient. RESTITUTION. SWEPT: whether splats are
+swept, see sweep.py. THIN: motion [unit] above which the solid may pass a splat unnoticed. RESHAPES:
+whether its shape at the start differs. BOUND: radius [unit] of a bounding sphere about CENTRE (3,
+simulation space). SIZE, SIZE_BEFORE (4): arguments a to d of `solid`. LOW, HIGH (3): bounding box
+in the solid's frame. TURN (9, row-major), PLACE (3): transformation from the solid's frame to
+simulation space; TURN_BEFORE, PLACE_BEFORE: the same at the start. SLIP (9), SHIFT (3): the
+velocity [unit/s] of its material at x is SLIP x + SHIFT."""
 
 
 @scalar
 def join(d, e, blend):
-    """How much of e, 0 to 1, is in the smooth minimum of d and e, and that minimum."""
+    """Return the weight of e, 0 to 1, in the smooth minimum of d and e, and that minimum."""
     part = min(max(HALF + HALF * (d - e) / max(blend, TINY), ZERO), ONE)
     return part, d + (e - d) * part - blend * part * (ONE - part)
 
 
 @scalar
 def into(bodies, j, turn, place, x, y, z):
-    """A point of the simulation's space in the frame of solid j."""
+    """Transform a point from simulation space to the frame of solid j."""
     x, y, z = x - bodies[j, place], y - bodies[j, place + 1], z - bodies[j, place + 2]
     return (
         bodies[j, turn] * x + bodies[j, turn + 3] * y + bodies[j, turn + 6] * z,
@@ -71,7 +73,7 @@ def into(bodies, j, turn, place, x, y, z):
 
 @scalar
 def times(bodies, j, first, x, y, z):
-    """A vector by one of the matrices of solid j."""
+    """Multiply a vector by one of the matrices of solid j."""
     return (
         bodies[j, first] * x + bodies[j, first + 1] * y + bodies[j, first + 2] * z,
         bodies[j, first + 3] * x + bodies[j, first + 4] * y + bodies[j, first + 5] * z,
@@ -81,7 +83,7 @@ def times(bodies, j, first, x, y, z):
 
 @serial
 def local_solid(bodies, j, size, field, fields, voxels, x, y, z):
-    """Distance and gradient of solid j at a point of its own frame."""
+    """Return distance and gradient of solid j at a point in its own frame."""
     return solid(
         int(bodies[j, KIND]), x, y, z,
         bodies[j, size], bodies[j, size + 1], bodies[j, size + 2], bodies[j, size + 3],
@@ -91,7 +93,7 @@ def local_solid(bodies, j, size, field, fields, voxels, x, y, z):
 
 @scalar
 def is_far(bodies, j, reach, x, y, z):
-    """Whether solid j is certain to be further than `reach` [unit]."""
+    """Return whether solid j is certainly further than `reach` [unit]."""
     x, y, z = x - bodies[j, CENTRE], y - bodies[j, CENTRE + 1], z - bodies[j, CENTRE + 2]
     limit = bodies[j, BOUND] + reach
     return x * x + y * y + z * z > limit * limit
@@ -99,19 +101,20 @@ def is_far(bodies, j, reach, x, y, z):
 
 @serial
 def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
-    """What is left of the clearance at a point, and which way is out.
+    """Return the distance to the union less the clearance, and the outward direction.
 
     Args:
-        bodies: Shape (k, COLUMNS) f64.
-        rows: Of the solids that are joined, ascending, the first `count` of i32.
-        fields, voxels: As `field_solid` wants them.
-        x, y, z: In the simulation's space [unit], float64.
-        sigma: Largest deviation of the splat [unit].
-        reach: Solids further than this [unit] are left out; at least three times the largest
-            blend and the clearance keeps every result that is below zero as it is.
+        bodies: Table of solids, shape (k, COLUMNS) f64.
+        rows: Solids to join, ascending: the first `count` entries, i32.
+        fields, voxels: See `field_solid`.
+        x, y, z: Point in simulation space [unit], float64.
+        sigma: Largest standard deviation of the splat [unit].
+        reach: Solids further than this [unit] are skipped. With at least three times the largest
+            blending distance plus the clearance, negative results do not change.
 
     Returns:
-        distance less clearance [unit], its gradient (3), direction out of the deepest solid (3).
+        distance less clearance [unit], its gradient (3), outward direction of the solid in which
+        the point is deepest (3).
     """
     d, gx, gy, gz = NOTHING, 0.0, 0.0, 0.0
     least, nx, ny, nz = NOTHING, 0.0, 0.0, 1.0
@@ -121,7 +124,7 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
             continue
         u, v, w = into(bodies, j, TURN, PLACE, x, y, z)
         if bodies[j, KIND] == ROUND and d != NOTHING:
-            # Most solids change nothing, which their distance alone tells.
+            # Most solids do not change the union. Their distance alone is enough to test it.
             e = round_distance(
                 u, v, w,
                 bodies[j, SIZE], bodies[j, SIZE + 1], bodies[j, SIZE + 2], bodies[j, SIZE + 3],
@@ -148,7 +151,8 @@ def union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach):
 
 @scalar
 def outward(gx, gy, gz, nx, ny, nz):
-    """Unit way out by what `union` returned, and the slope that it has in that direction."""
+    """Return the outward unit vector for the results of `union`, and the slope of the distance
+    along it."""
     length = math.sqrt(gx * gx + gy * gy + gz * gz)
     if length < RIDGE:
         return nx, ny, nz, 1.0
@@ -157,8 +161,8 @@ def outward(gx, gy, gz, nx, ny, nz):
 
 @serial
 def surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z):
-    """Velocity [unit/s] of the surface of solid j at x: of its matter, mean over the substep, and
-    of its shape, where that changes.
+    """Return the velocity [unit/s] of the surface of solid j at x: the mean velocity of its
+    material over the substep plus that of its change of shape, if any.
 
     per_dt: 1 / duration of the substep [1/s].
     """
@@ -176,7 +180,9 @@ def surface_velocity(bodies, j, fields, voxels, per_dt, x, y, z):
 
 @serial
 def touch(bodies, rows, count, fields, voxels, per_dt, x, y, z, sigma, reach):
-    """What the joined surface does at a point, joined as `union` joins distances.
+    """Return velocity and contact coefficients of the joined surface at a point.
+
+    They are blended like distances in `union`.
 
     Returns:
         velocity (3) [unit/s], coefficient of friction, restitution.
@@ -203,8 +209,8 @@ def touch(bodies, rows, count, fields, voxels, per_dt, x, y, z, sigma, reach):
 
 @scalar
 def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
-    """Velocity after contact with a surface of normal n that moves with velocity s: no slower
-    outwards than the surface, and tangentially slowed after Coulomb."""
+    """Return the velocity after contact with a surface of normal n and velocity s: outwards at
+    least as fast as the surface, with Coulomb friction along it."""
     vx, vy, vz = vx - sx, vy - sy, vz - sz
     out = vx * nx + vy * ny + vz * nz
     if out >= 0.0:
@@ -219,8 +225,10 @@ def respond(vx, vy, vz, sx, sy, sz, nx, ny, nz, friction, restitution):
 
 @kernel(over="positions", writes=("out",))
 def union_distances(i, bodies, rows, fields, voxels, positions, out):
-    """Distance [unit] of every point from the union of all `rows`, out (n,) f32; positions (n, 3)
-    f32."""
+    """Compute the distance [unit] of every point from the union of all `rows`.
+
+    positions: (n, 3) f32. out: (n,) f32.
+    """
     out[i] = union(
         bodies, rows, rows.shape[0], fields, voxels,
         np.float64(positions[i, 0]), np.float64(positions[i, 1]),

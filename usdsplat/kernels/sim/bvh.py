@@ -1,15 +1,16 @@
-"""A tree of boxes about triangles: which is closest to a point, which does a ray hit first.
+"""Bounding volume hierarchy of triangles: closest point queries and ray casts.
 
-The tree is complete and lies in one array, the root in row 1 and the children of row i in 2i and
-2i + 1. Level d splits the ordered triangles into 2^d runs of equal length, so a node's run follows
-from its row, and a mesh that moves needs its boxes again but not its order. The way back is kept in
-the bits of one number instead of a stack.
+The tree is complete and stored in one array, the root in row 1 and the children of row i in 2i and
+2i + 1. Level d splits the ordered triangles into 2^d runs of equal length, so the run of a node
+follows from its row. For a mesh that moves, the boxes are computed again but the order is kept.
+Traversal has no stack: the bits of one integer store the path.
 
-Data are float32, decisions float64 and without contraction, so that every loop makes the same ones.
+Data are float32. Decisions are made in float64 without contraction, so that they are the same on
+all devices.
 
 Sources: Ericson 2005, "Real-Time Collision Detection" (distances); Áfra & Szirmay-Kalos 2014,
-"Stackless Multi-BVH Traversal" (the way back); Woop et al. 2013, "Watertight Ray/Triangle
-Intersection" (edges that belong to both sides).
+"Stackless Multi-BVH Traversal" (traversal); Woop et al. 2013, "Watertight Ray/Triangle
+Intersection" (edges count for both triangles).
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ from ..jit import exact, serial
 from ..launch import kernel
 
 LEAF = 4
-"""Most triangles in a leaf."""
+"""Largest number of triangles in a leaf."""
 
 _SLACK = 1.0 - 1e-12
-"""Boxes this much nearer are looked at too: rounding must not hide a triangle of the same
-distance."""
+"""Factor on distances of boxes.
+
+Boxes that are this much too far are visited too, as rounding could hide a triangle at equal
+distance.
+"""
 
 
 # --- 1. mathematics: one triangle, one box ----------------------------------------------
@@ -32,9 +36,9 @@ distance."""
 
 @exact
 def closest_on_segment(ax, ay, az, bx, by, bz):
-    """(distance², part of the way) of the point of a segment that is closest to the origin.
+    """Return (distance², parameter 0 to 1) of the point of a segment that is closest to the origin.
 
-    The ends are put in order first, so an edge has the same bits for both its triangles.
+    The ends are sorted first, so that an edge gives the same bits for both its triangles.
     """
     swap = ax > bx or (ax == bx and (ay > by or (ay == by and az > bz)))
     if swap:
@@ -55,12 +59,13 @@ def closest_on_segment(ax, ay, az, bx, by, bz):
 
 @exact
 def closest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
-    """(distance², weight of b, weight of c) of the point of a triangle closest to the origin."""
+    """Return (distance², weight of b, weight of c) of the point of a triangle closest to the
+    origin."""
     e0x, e0y, e0z = bx - ax, by - ay, bz - az
     e1x, e1y, e1z = cx - ax, cy - ay, cz - az
     nx, ny, nz = e0y * e1z - e0z * e1y, e0z * e1x - e0x * e1z, e0x * e1y - e0y * e1x
     area = nx * nx + ny * ny + nz * nz
-    # Weights of the foot of the perpendicular: areas of what it makes with the edges.
+    # Barycentric weights of the perpendicular's foot: areas of its triangles with the edges.
     v = nx * (az * e1y - ay * e1z) + ny * (ax * e1z - az * e1x) + nz * (ay * e1x - ax * e1y)
     w = nx * (ay * e0z - az * e0y) + ny * (az * e0x - ax * e0z) + nz * (ax * e0y - ay * e0x)
     is_flat = not area > 0.0
@@ -68,7 +73,7 @@ def closest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     if not (by_ab or by_bc or by_ca):
         height = ax * nx + ay * ny + az * nz
         return height * height / area, v / area, w / area
-    best, v, w = np.inf, 0.0, 0.0  # only edges that the foot is beyond can be closest
+    best, v, w = np.inf, 0.0, 0.0  # only edges with the foot on their outer side can be closest
     if by_ab:
         best, v = closest_on_segment(ax, ay, az, bx, by, bz)
     if by_bc:
@@ -84,8 +89,11 @@ def closest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
 
 @exact
 def hit_triangle(dx, dy, dz, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """(way, weight of b, weight of c) of a ray from the origin; way is in lengths of its direction,
-    -1 where it misses. Either side counts, and so do edges."""
+    """Return (distance, weight of b, weight of c) for a ray from the origin.
+
+    The distance is in lengths of the direction, -1 if the ray misses. Both sides and the edges
+    count as hits.
+    """
     u = dx * (cy * bz - cz * by) + dy * (cz * bx - cx * bz) + dz * (cx * by - cy * bx)
     v = dx * (ay * cz - az * cy) + dy * (az * cx - ax * cz) + dz * (ax * cy - ay * cx)
     w = dx * (by * az - bz * ay) + dy * (bz * ax - bx * az) + dz * (bx * ay - by * ax)
@@ -106,7 +114,7 @@ def _beyond(x, low, high):
 
 @exact
 def distance_to_box(x, y, z, boxes, row):
-    """Distance² of a point from a box, 0 inside."""
+    """Return the distance² of a point from a box, 0 inside."""
     dx = _beyond(x, np.float64(boxes[row, 0]), np.float64(boxes[row, 3]))
     dy = _beyond(y, np.float64(boxes[row, 1]), np.float64(boxes[row, 4]))
     dz = _beyond(z, np.float64(boxes[row, 2]), np.float64(boxes[row, 5]))
@@ -115,7 +123,7 @@ def distance_to_box(x, y, z, boxes, row):
 
 @exact
 def _clip(x, direction, low, high, near, far):
-    """The part (near, far) of a ray between two planes; near > far where there is none."""
+    """Return the part (near, far) of a ray between two planes; near > far if there is none."""
     if direction == 0.0:
         return (near, far) if low <= x <= high else (1.0, 0.0)
     first, last = (low - x) / direction, (high - x) / direction
@@ -126,7 +134,7 @@ def _clip(x, direction, low, high, near, far):
 
 @exact
 def way_to_box(x, y, z, dx, dy, dz, boxes, row):
-    """Where a ray enters a box, 0 from inside, inf where it misses."""
+    """Return the distance at which a ray enters a box: 0 from inside, inf if it misses."""
     near, far = 0.0, np.inf
     near, far = _clip(x, dx, np.float64(boxes[row, 0]), np.float64(boxes[row, 3]), near, far)
     near, far = _clip(y, dy, np.float64(boxes[row, 1]), np.float64(boxes[row, 4]), near, far)
@@ -139,12 +147,12 @@ def way_to_box(x, y, z, dx, dy, dz, boxes, row):
 
 @serial(writes=("order",))
 def build_order(centres, order, depth):
-    """Order triangles so that every node's run is split at the median of its longest axis.
+    """Order triangles so that the run of each node is split at the median of its longest axis.
 
     Args:
-        centres: Of the triangles, shape (t, 3) f32.
-        order: Changed in place, the numbers 0 to t - 1, shape (t,) i32.
-        depth: Levels of splits.
+        centres: Centres of the triangles, shape (t, 3) f32.
+        order: The numbers 0 to t - 1, reordered in place, shape (t,) i32.
+        depth: Number of levels of splits.
     """
     t = order.shape[0]
     for level in range(depth):
@@ -159,7 +167,7 @@ def build_order(centres, order, depth):
                 if high - low > widest:
                     axis, widest = a, high - low
             low, high = first, end - 1
-            while low < high:  # Hoare's selection; equal centres are ordered by their number
+            while low < high:  # Hoare; equal centres are sorted by number
                 pivot = order[(low + high) >> 1]
                 at = centres[pivot, axis]
                 a, b = low, high
@@ -186,11 +194,11 @@ def build_order(centres, order, depth):
 
 @serial(writes=("boxes",))
 def fit_boxes(corners, boxes):
-    """Fit boxes about triangles.
+    """Compute the bounding boxes of all nodes.
 
     Args:
-        corners: Of the triangles in the tree's order, shape (t, 9) f32.
-        boxes: Receives (low, high), shape (2 * leaves, 6) f32; row 0 is not used.
+        corners: Corners of the triangles in the tree's order, shape (t, 9) f32.
+        boxes: Receives (low, high) of each node, shape (2 * leaves, 6) f32; row 0 is not used.
     """
     leaves, t = boxes.shape[0] // 2, corners.shape[0]
     for leaf in range(leaves):
@@ -208,15 +216,15 @@ def fit_boxes(corners, boxes):
 
 @kernel(over="points", writes=("out",), exact=True)
 def find_closest(i, points, limit, corners, faces, boxes, out):
-    """Find the triangle closest to each point; of equally close ones that of the lowest number.
+    """Find the triangle closest to each point; among equally close ones, that of the lowest number.
 
     Args:
         points: Shape (n, 3) f32.
-        limit: Distance² beyond which nothing is looked for.
-        corners, boxes: As `fit_boxes` has them.
+        limit: Distance² of the search.
+        corners, boxes: See `fit_boxes`.
         faces: Numbers of the triangles in the tree's order, shape (t,) i32.
-        out: Receives (faces (n,) i32, -1 where none is within `limit`; weights of the three
-            corners (n, 3) f32; distance² (n,) f32, inf; points (n, 3) f32).
+        out: Receives (faces (n,) i32, -1 if there is none within `limit`; weights of the three
+            corners (n, 3) f32; distance² (n,) f32, inf if none; closest points (n, 3) f32).
     """
     t, leaves = corners.shape[0], boxes.shape[0] // 2
     out_faces, out_weights, out_squared, out_points = out
@@ -265,13 +273,13 @@ def find_closest(i, points, limit, corners, faces, boxes, out):
 
 @kernel(over="origins", writes=("out",), exact=True)
 def find_hits(i, origins, directions, corners, faces, boxes, out):
-    """Find the triangle that each ray hits first.
+    """Find the first triangle that each ray hits.
 
     Args:
-        origins, directions: Shape (n, 3) f32; a direction of no length hits nothing.
-        corners, faces, boxes: As `find_closest` takes them.
-        out: Receives (faces (n,) i32, -1 where nothing is hit; weights (n, 3) f32; distance²
-            (n,) f32, inf; points (n, 3) f32).
+        origins, directions: Shape (n, 3) f32; a ray with a direction of length 0 hits nothing.
+        corners, faces, boxes: See `find_closest`.
+        out: Receives (faces (n,) i32, -1 without a hit; weights (n, 3) f32; distance² (n,) f32, inf
+            without a hit; points (n, 3) f32).
     """
     t, leaves = corners.shape[0], boxes.shape[0] // 2
     out_faces, out_weights, out_squared, out_points = out

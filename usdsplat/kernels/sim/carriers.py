@@ -1,6 +1,6 @@
-"""Points that are nowhere closer than a distance, and a pattern read between them.
+"""Carriers: points with a minimum distance between them, and interpolation of a pattern from them.
 
-Sources: Lagae & Dutre 2008 on Poisson disks by dart throwing.
+Source: Lagae & Dutre 2008 on Poisson disks by dart throwing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TURN = np.float32(2 * math.pi)
 
 @scalar
 def bucket(x, y, z, mask):
-    """Which list of a table the cell (x, y, z) is in; several cells may share one."""
+    """Return the hash table entry of cell (x, y, z); several cells may share one."""
     mixed = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
     return (mixed ^ (mixed >> 15)) & mask
 
@@ -34,12 +34,12 @@ def bucket(x, y, z, mask):
 
 @kernel(over="ids", writes=("out", "priority"))
 def scatter(i, centres, long, short, ids, first, seed, out, priority):
-    """Points spread evenly over ellipses, the first of each in its centre.
+    """Draw points evenly over ellipses, the first point of each at its centre.
 
-    centres, long, short: float32 (n, 3), of each ellipse and its half axes. ids: int64 (n,).
-    first: int64 (n + 1,), rows of `out` that each has, at least one.
-    out: float32 (first[n], 3), written. priority: float32 (first[n],), written: random numbers,
-    those of centres in [0, 1), those of others in [1, 2).
+    centres, long, short: float32 (n, 3), centres and half axes of the ellipses. ids: int64 (n,).
+    first: int64 (n + 1,), first row of `out` of each ellipse; each has at least one row.
+    out: float32 (first[n], 3), receives points. priority: float32 (first[n],), receives random
+    numbers, in [0, 1) for centres and in [1, 2) for other points.
     """
     for e in range(first[i], first[i + 1]):
         a, b, c, _ = uniforms(seed, CARRIERS, ids[i], 0, e - first[i])
@@ -53,11 +53,12 @@ def scatter(i, centres, long, short, ids, first, seed, out, priority):
 
 @serial(writes=("head", "following", "kept"))
 def throw(positions, order, distance, head, following, kept):
-    """Keep each point, in this order, that is at least `distance` from all kept before.
+    """Keep, in the given order, each point that is at least `distance` from all points kept before.
 
-    positions: float32 (n, 3); order: int64 (n,), a permutation or a part of one.
-    head: int32 (2^b,), -1, and following: int32 (n,): room for lists of who is kept in which cell.
-    kept: bool (n,), False, written.
+    positions: float32 (n, 3). order: int64 (n,), a permutation or a part of one.
+    head: int32 (2^b,), initially -1, and following: int32 (n,): scratch, linked lists of the kept
+    points of each cell.
+    kept: bool (n,), initially False, receives the result.
     """
     mask = len(head) - 1
     size = 1.0 / np.float64(distance)
@@ -86,12 +87,13 @@ def throw(positions, order, distance, head, following, kept):
 
 @kernel(over="near", writes=("weights",))
 def bind(i, points, positions, near, reach, widen, weights):
-    """How much each of the nearest of `positions` counts at `points`: K, rows sum to 1.
+    """Compute the interpolation weights of the nearest `positions` for each of `points`. Weights
+    are values of the kernel K; rows sum to 1.
 
-    points: float32 (n, 3). positions: float32 (c, 3). near: int32 (n, m), rows of `positions`,
-    ascending by distance, -1 after the last.
-    reach: distance of the first from where none counts. widen: the radius of K, in distances of
-    the last. weights: float32 (n, m), written; rows of points beyond reach are zero.
+    points: float32 (n, 3). positions: float32 (c, 3). near: int32 (n, m), rows of `positions`, by
+    ascending distance, -1 after the last.
+    reach: distance of the nearest position from which all weights are zero. widen: radius of K as a
+    multiple of the distance of the last position. weights: float32 (n, m), receives weights.
     """
     m = near.shape[1]
     first, last = np.float32(np.inf), ZERO
@@ -120,9 +122,10 @@ def bind(i, points, positions, near, reach, widen, weights):
 
 @kernel(over="near", writes=("out",))
 def read(i, near, weights, uv, out):
-    """u and v at points, (1, 0) where no carrier counts.
+    """Interpolate u and v at points; (1, 0) if all weights are zero.
 
-    near: int32 (n, m); weights: float32 (n, m); uv: float32 (c, 2); out: float32 (n, 2), written.
+    near: int32 (n, m). weights: float32 (n, m). uv: float32 (c, 2). out: float32 (n, 2), receives u
+    and v.
     """
     m = near.shape[1]
     u, v = ONE, ZERO

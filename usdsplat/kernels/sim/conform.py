@@ -1,7 +1,7 @@
-"""The way of splats onto a surface: when, along what, and how they lie there.
+"""Motion of splats onto a surface: timing, path, and orientation on the surface.
 
-The target of a splat is a triangle, a place on it, a height over it and a turn against it, so it
-rides the mesh wherever that moves.
+The target of a splat is a triangle, a position on it, a height over it and a rotation relative to
+it, so the splat follows a mesh that moves.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .facets import unit
 from .philox import STAGGER, uniforms
 
 PRESERVE, DENSITY, FLATTEN = range(3)
-"""What becomes of sizes."""
+"""Policies for the sizes of splats."""
 
 
 # --- 1. mathematics: one splat ----------------------------------------------------------
@@ -24,7 +24,7 @@ PRESERVE, DENSITY, FLATTEN = range(3)
 
 @scalar
 def progress(now, rank, start, duration, stagger):
-    """How far on its way a splat is, 0..1, with speed and acceleration 0 at both ends.
+    """Return how far a splat is on its path, 0 to 1, with speed and acceleration 0 at both ends.
 
     Source: Perlin 2002, "Improving Noise" (the smootherstep polynomial).
     """
@@ -37,7 +37,7 @@ def progress(now, rank, start, duration, stagger):
 
 @exact
 def rotate(w, x, y, z, vx, vy, vz):
-    """A vector turned by a unit quaternion."""
+    """Rotate a vector by a unit quaternion."""
     tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
     return (
         vx + w * tx + y * tz - z * ty,
@@ -48,7 +48,7 @@ def rotate(w, x, y, z, vx, vy, vz):
 
 @exact
 def multiply(aw, ax, ay, az, bw, bx, by, bz):
-    """Turn by b, then by a."""
+    """Return the product of quaternions a and b: the rotation by b, then by a."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
         aw * bx + ax * bw + ay * bz - az * by,
@@ -59,7 +59,8 @@ def multiply(aw, ax, ay, az, bw, bx, by, bz):
 
 @exact
 def shortest_arc(ax, ay, az, bx, by, bz):
-    """The least turn of the line along unit vector a into that along b, a quarter at most."""
+    """Return the smallest rotation of the line along unit vector a to the line along b, at most 90
+    degrees."""
     cosine = ax * bx + ay * by + az * bz
     if cosine < 0.0:
         bx, by, bz, cosine = -bx, -by, -bz, -cosine
@@ -70,7 +71,7 @@ def shortest_arc(ax, ay, az, bx, by, bz):
 
 @exact
 def part_of_turn(w, x, y, z, part):
-    """A turn by a part of its angle: slerp from none."""
+    """Return the rotation by a fraction of the angle (slerp from the identity)."""
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
@@ -81,7 +82,7 @@ def part_of_turn(w, x, y, z, part):
 
 @scalar
 def on_face(values, weights, i, a):
-    """Component `a` of what three corners have, at the place of splat i."""
+    """Interpolate component `a` of the values of three corners at the position of splat i."""
     u, v, w = weights[i, 0], weights[i, 1], weights[i, 2]
     return (
         u * np.float64(values[0, a]) + v * np.float64(values[1, a]) + w * np.float64(values[2, a])
@@ -90,7 +91,7 @@ def on_face(values, weights, i, a):
 
 @scalar
 def place(points, triangles, face, weights, i, a):
-    """Coordinate `a` of the place of splat i."""
+    """Return coordinate `a` of the position of splat i on its triangle."""
     u, v, w = weights[i, 0], weights[i, 1], weights[i, 2]
     return (
         u * np.float64(points[triangles[face, 0], a])
@@ -101,7 +102,7 @@ def place(points, triangles, face, weights, i, a):
 
 @scalar
 def lying(g, axes, i):
-    """The flat splat's normal: that of its captured plane, moved as planes are, by cofactors."""
+    """Return the normal of the flat splat: that of its captured plane, transformed by cofactors."""
     x, y, z = np.float64(axes[i, 0]), np.float64(axes[i, 1]), np.float64(axes[i, 2])
     if g.shape[0] > 0:
         a, b, c = np.float64(g[i, 0, 0]), np.float64(g[i, 0, 1]), np.float64(g[i, 0, 2])
@@ -120,18 +121,19 @@ def lying(g, axes, i):
 
 @kernel(over="ids", writes=("out",))
 def draw_ranks(i, seed, ids, out):
-    """A number in [0, 1) for each identity, shape (n,) i64 to f32: who sets off when."""
+    """Draw a number in [0, 1) for each id, (n,) i64 to (n,) f32: the order in which splats
+    start."""
     first, _, _, _ = uniforms(seed, STAGGER, ids[i], 0, 0)
     out[i] = first
 
 
 @kernel(over="axes", writes=("out",))
 def look(i, gradient, axes, out):
-    """Normals of splats as they lie now.
+    """Compute the current normals of splats.
 
     Args:
-        gradient: Shape (n, 3, 3) f32; or of no size.
-        axes: The smallest axis of each as captured, unit, shape (n, 3) f32.
+        gradient: Deformation gradients, shape (n, 3, 3), or empty.
+        axes: Smallest axis of each splat as captured, unit, shape (n, 3) f32.
         out: Receives unit vectors, shape (n, 3) f32.
     """
     out[i, 0], out[i, 1], out[i, 2] = lying(gradient, axes, i)
@@ -139,14 +141,17 @@ def look(i, gradient, axes, out):
 
 @kernel(over="rows", writes=("turns", "ups"))
 def attach(k, rows, axes, faces, places, normals, frames, turns, ups):
-    """Take down how splats will lie against their triangles.
+    """Compute the rotations that splats will have relative to their triangles.
 
     Args:
-        rows: Of the splats, shape (m,) i64.
-        axes: Normals of splats now, shape (n, 3) f32.
-        faces, places: What they are bound to, shape (n,) i32, (n, 3) f32.
-        normals, frames: Of the mesh now: of its corners, shape (t, 3, 3), (t, 4) f32.
-        turns: Receives the least turn onto the mesh, in the triangle's frame, shape (n, 4) f32.
+        rows: Rows of the splats, shape (m,) i64.
+        axes: Current normals of splats, shape (n, 3) f32.
+        faces, places: Triangle that each splat is bound to, shape (n,) i32, and barycentric weights
+            on it, (n, 3) f32.
+        normals, frames: Of the mesh now: normals of its corners, shape (t, 3, 3), frames of its
+            triangles, (t, 4) f32.
+        turns: Receives the smallest rotation onto the mesh, in the triangle's frame, shape (n, 4)
+            f32.
         ups: Receives the mesh's unit normals, shape (n, 3) f32.
     """
     i = rows[k]
@@ -168,14 +173,14 @@ def attach(k, rows, axes, faces, places, normals, frames, turns, ups):
 
 @kernel(over="points", writes=("out",))
 def approach(i, points, faces, places, mesh, way, out):
-    """Where splats are on straight lines to their places on the mesh.
+    """Compute the positions of splats on straight lines to their positions on the mesh.
 
     Args:
-        points: Shape (n, 3) f32.
-        faces, places: What they are bound to.
+        points: Start positions, shape (n, 3) f32.
+        faces, places: Triangles and barycentric weights, see `attach`.
         mesh: (points (p, 3) f32, triangles (t, 3) i32).
-        way: How far, 0..1, shape (n,) f32.
-        out: Receives points, shape (n, 3) f32.
+        way: Progress 0 to 1, shape (n,) f32.
+        out: Receives positions, shape (n, 3) f32.
     """
     mesh_points, triangles = mesh
     for a in range(3):
@@ -186,14 +191,14 @@ def approach(i, points, faces, places, mesh, way, out):
 
 @kernel(over="ranks", writes=("out",))
 def advance(i, now, timing, ranks, select, out):
-    """How far splats have gone, 0..1.
+    """Compute the progress of splats, 0 to 1.
 
     Args:
-        now: [s] after the simulation's start.
+        now: Time [s] since the simulation's start.
         timing: (weight, start, duration, stagger).
-        ranks: Who sets off when, 0..1, shape (n,) f32.
-        select: Weight of each, shape (n,) f32.
-        out: Shape (n,) f32.
+        ranks: Order of starting, 0 to 1, shape (n,) f32.
+        select: Weight of each splat, shape (n,) f32.
+        out: Receives the progress, shape (n,) f32.
     """
     weight, start, duration, stagger = timing
     eased = progress(now, np.float64(ranks[i]), start, duration, stagger)
@@ -206,21 +211,21 @@ def advance(i, now, timing, ranks, select, out):
     scratch=(BlockArray(shape=12, dtype=np.float64),),
 )
 def move(first, last, own, points, gradient, way, bound, mesh, splats, how, slide):
-    """Move, turn and stretch splats a part of the way to their targets.
+    """Move, rotate and stretch splats by their progress towards their targets.
 
     Args:
         points: Changed in place, shape (n, 3) f32.
-        gradient: Changed in place, shape (n, 3, 3) f32; or of no size.
-        way: How far, 0..1, shape (n,) f32; at 0 nothing is changed.
-        bound: (faces (n,) i32, places (n, 3), turns (n, 4), heights (n,), spreads (n,) f32: by how
-            much spacing grew, sizes (n,) f32: of the faces when they were bound).
-        mesh: (points, triangles, normals (t, 3, 3), frames (t, 4), sizes (t,) f32) now.
-        splats: (axes (n, 3): as captured, flats (n,): what the smallest size is multiplied by to be
-            flat, f32).
+        gradient: Deformation gradients, changed in place, shape (n, 3, 3) f32, or empty.
+        way: Progress 0 to 1, shape (n,) f32; splats at 0 are not changed.
+        bound: (faces (n,) i32, places (n, 3), turns (n, 4), heights (n,), spreads (n,): growth
+            factors of the spacing, sizes (n,): sizes of the faces when splats were bound; f32).
+        mesh: Mesh now: (points, triangles, normals (t, 3, 3), frames (t, 4), sizes (t,) f32).
+        splats: (axes (n, 3): smallest axes as captured, flats (n,): factor on the smallest size
+            that makes a splat flat, f32).
         how: (orient, keep_thickness, PRESERVE, DENSITY or FLATTEN).
-        slide: (faces (n,) i32, places (n, 3), from (n, 3), heights (n,) f32): the closest places to
-            points on straight lines, those points, and heights over the mesh at the beginning; of
-            no size for straight ways.
+        slide: (faces (n,) i32, places (n, 3), from (n, 3), heights (n,) f32): closest points of the
+            mesh to points on straight lines, these points, and heights over the mesh at the
+            beginning; empty for straight paths.
     """
     faces, places, turns, heights, spreads, sizes = bound
     mesh_points, triangles, normals, frames, mesh_sizes = mesh
@@ -283,7 +288,7 @@ def move(first, last, own, points, gradient, way, bound, mesh, splats, how, slid
             elif scale_mode == FLATTEN:
                 flat += c * (np.float64(flats[i]) - 1.0)
             bx, by, bz = rotate(w, x, y, z, ax, ay, az)
-            # R (wide I + (flat - wide) a aT): the turn of each column, then the rest along b
+            # R (wide I + (flat - wide) a aT): first wide R by columns, then the part along b = R a
             f[0], f[3], f[6] = rotate(w, x, y, z, wide, 0.0, 0.0)
             f[1], f[4], f[7] = rotate(w, x, y, z, 0.0, wide, 0.0)
             f[2], f[5], f[8] = rotate(w, x, y, z, 0.0, 0.0, wide)

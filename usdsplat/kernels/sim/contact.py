@@ -1,9 +1,8 @@
-"""Push splats out of the union of solids, rub them on it, and let their velocity know.
+"""Move splats out of the union of solids, apply friction, and update their velocities.
 
-Blocks of rows are tested against boxes first; the splats of the blocks that remain are tested
-against the near solids in float32, and only those that seem to touch are resolved, in float64 and
-against all solids. A splat that is left outside by a row of this kernel is outside by float64
-arithmetic on its float32 position.
+Blocks of rows are tested against boxes first. The splats of the remaining blocks are tested against
+the near solids in float32. Those that may touch are resolved in float64 against all solids. A splat
+that this kernel leaves outside is outside in float64 arithmetic on its float32 position.
 
 Source: Macklin et al. 2014, "Unified particle physics", for friction by positions.
 """
@@ -46,14 +45,14 @@ from usdsplat.kernels.sim.solids import (
 
 NEWTON, MARCH = 4, 256
 ROUNDING = 2.0**-23
-"""Of a float32 coordinate: twice what rounding can move it by, relative."""
+"""Bound of the relative rounding error of a float32 coordinate, doubled."""
 MARGIN = np.float32(2e-6)
-"""By which contacts are sought further than they are, of the coordinates: errors of float32."""
+"""Extra search distance for contacts, relative to coordinates, for float32 errors."""
 GROWTH = 1.05
-"""Of the least step of a march, from one to the next."""
+"""Growth of the smallest step of a march, from one step to the next."""
 TOUCHED, MARCHED, TRAPPED, COUNTS = 0, 1, 2, 3
-"""What is counted for each block: contacts, those that Newton did not solve, and those that are
-inside still."""
+"""Columns of the counts of each block: contacts, those that Newton's method did not solve, and
+splats that remain inside."""
 PINNED_OR_DEAD = 3  # bits ALIVE and PINNED of State.flags
 ALIVE_ONLY = 1
 
@@ -64,15 +63,16 @@ ALIVE_ONLY = 1
 def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     """Move a point out of the union, if it is inside.
 
-    At most NEWTON steps along the gradient, then at most MARCH along the first of its directions:
-    a constant direction leaves every bounded union.
+    Makes at most NEWTON steps along the gradient, then at most MARCH steps along the first
+    direction. A march in a constant direction leaves every bounded union.
 
     Args:
-        least: Distance outside at which it is put [unit], beside what float32 rounds away.
+        least: Smallest distance outside [unit] after the move, in addition to a margin for float32
+            rounding.
 
     Returns:
-        where (3), the way out there (3), depth before [unit], 0 where it was outside already, and
-        whether it marched and whether it is inside still.
+        position (3), outward direction there (3), depth before [unit], 0 if the point was outside,
+        whether it marched, and whether it is still inside.
     """
     d, gx, gy, gz, nx, ny, nz = union(bodies, rows, count, fields, voxels, x, y, z, sigma, reach)
     px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
@@ -83,7 +83,7 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     for k in range(NEWTON + MARCH):
         gap = ROUNDING * (abs(x) + abs(y) + abs(z)) + least
         if k < NEWTON:
-            # Deep inside, joined gradients are short only there: the first step must not overshoot.
+            # Blended gradients are short deep inside only. A full first step could overshoot.
             step = (gap - d) / (slope if k > 0 else 1.0)
             floor = 4.0 * gap
         else:
@@ -118,8 +118,10 @@ def contact_row(
     reach,
     rubs,
 ):
-    """Resolve splat i, first against the near solids, then against all, rubbed or not; returns
-    whether it touched, marched and is trapped."""
+    """Resolve splat i, first against the near solids, then against all, with friction if `rubs`.
+
+    Return whether it touched, marched and is trapped.
+    """
     total = everyone.shape[0]
     x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     x, y, z, nx, ny, nz, depth, marched, trapped = push_out(
@@ -156,7 +158,7 @@ def contact_row(
 
 @scalar
 def is_near(bodies, j, turn, place, middle, half, reach):
-    """Whether a box of the simulation's space may come within reach of the box of solid j."""
+    """Return whether a box in simulation space may come within reach of the box of solid j."""
     x, y, z = into(bodies, j, turn, place, middle[0], middle[1], middle[2])
     centre = (x, y, z)
     for axis in range(3):
@@ -174,7 +176,7 @@ def is_near(bodies, j, turn, place, middle, half, reach):
 
 @serial
 def gaps_to(bodies, j, fields, voxels, m, xs, ys, zs, out):
-    """Distances of m points from solid j, float32."""
+    """Compute the distances of m points from solid j, float32."""
     kind, field = int(bodies[j, KIND]), int(bodies[j, FIELD])
     r00, r01, r02 = bodies[j, TURN], bodies[j, TURN + 1], bodies[j, TURN + 2]
     r10, r11, r12 = bodies[j, TURN + 3], bodies[j, TURN + 4], bodies[j, TURN + 5]
@@ -219,7 +221,7 @@ def contact_block(
     block, bodies, everyone, fields, voxels, dt, blend, clearance, least, started, flags, scales,
     positions, velocities, since, struck, near, counts,
 ):  # fmt: skip
-    """Resolve the contacts of one block; the arguments are those of `contact`."""
+    """Resolve the contacts of one block; for the arguments see `contact`."""
     n = positions.shape[0]
     start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
     m = end - start
@@ -236,7 +238,7 @@ def contact_block(
     reach = 3.0 * blend + clearance * largest
     middle = (0.5 * (lx + hx), 0.5 * (ly + hy), 0.5 * (lz + hz))
     half = (0.5 * (hx - lx), 0.5 * (hy - ly), 0.5 * (hz - lz))
-    found = np.int64(0)  # a plain 0 would be a type of its own
+    found = np.int64(0)  # a plain 0 would have another type
     for j in range(bodies.shape[0]):
         if is_near(bodies, j, TURN, PLACE, middle, half, reach + 1e-5 * far):
             near[block, found] = j
@@ -287,20 +289,21 @@ def contact(
     """Resolve all contacts at the end of a substep.
 
     Args:
-        bodies: Shape (k, COLUMNS) f64; everyone: the numbers 0 to k - 1, i32.
-        fields, voxels: As `field_solid` wants them.
+        bodies: Table of solids, shape (k, COLUMNS) f64. everyone: The numbers 0 to k - 1, i32.
+        fields, voxels: See `field_solid`.
         dt: Duration of the substep [s].
-        blend: Largest of the solids' [unit]; clearance: likewise [sigma].
-        least: Distance outside at which splats are put [unit].
+        blend: Largest blending distance of the solids [unit]. clearance: Largest clearance [sigma].
+        least: Smallest distance outside [unit] after a contact.
         started: Positions at the start of the substep [unit], shape (n, 3) f32.
-        flags: Those of State, shape (n,) u32.
+        flags: Flags of State, shape (n,) u32.
         scales: Shape (n, 3) f32.
-        positions: At its end, shape (n, 3) f32; written.
-        velocities: [unit/s], shape (n, 3) f32; written.
-        since: Time since the last contact [s], shape (n,) f32; set to 0 where there is one.
-        struck: Whether `sweep` moved a splat, which then has been rubbed, shape (n,) u8.
-        near: Room for solids near each block, shape (blocks, k) i32.
-        counts: Shape (blocks, COUNTS) i64; written.
+        positions: Positions at the end of the substep, shape (n, 3) f32; changed in place.
+        velocities: [unit/s], shape (n, 3) f32; changed in place.
+        since: Time since the last contact [s], shape (n,) f32; set to 0 at a contact.
+        struck: 1 for splats that `sweep` moved, to which friction was applied already, shape (n,)
+            u8.
+        near: Scratch for the solids near each block, shape (blocks, k) i32.
+        counts: Receives counts, shape (blocks, COUNTS) i64.
     """
     for block in prange(counts.shape[0]):
         contact_block(

@@ -1,8 +1,9 @@
 """Deformers with a closed form: transform, bend, twist, taper, wave.
 
-Each is a map f of its own space and gives, at a point p, the displacement f(p) - p and the gradient
-of that, nine numbers in row order. Along a deformer's axis is its third coordinate. All of this is
-float64: positions are rounded once, when they are written.
+Each deformer is a map f of its own space. At a point p it returns the displacement f(p) - p and the
+gradient of the displacement, nine numbers in row order. The deformer's axis is its third
+coordinate. Everything is computed in float64, and positions are rounded once, when they are
+written.
 
 Source: Barr 1984, "Global and local deformations of solid primitives".
 """
@@ -26,9 +27,10 @@ TRANSFORM, BEND, TWIST, TAPER, WAVE = range(5)
 
 @scalar
 def fade(x, y, z, weight, reach):
-    """Weight of a deformer at a point of its space, and the gradient of that.
+    """Return the weight of a deformer at a point of its space, and the gradient of the weight.
 
-    reach: distance from the origin at which it has become 0, smoothly; 0 is never.
+    reach: distance from the origin at which the weight has decreased smoothly to 0; 0 means
+    infinite.
     """
     square = x * x + y * y + z * z
     if reach <= 0.0:
@@ -42,14 +44,16 @@ def fade(x, y, z, weight, reach):
 
 @scalar
 def _sinc(x):
-    """sin x / x."""
+    """Return sin x / x."""
     return math.sin(x) / x if abs(x) > 1e-4 else 1.0 - x * x / 6.0
 
 
 @scalar
 def bend(x, z, length, angle):
-    """The axis from 0 to `length` becomes an arc of that length, curved to the first coordinate;
-    before and after it is straight."""
+    """Bend the axis from 0 to `length` into an arc of that length, towards the first coordinate.
+
+    Before and after the arc the axis stays straight.
+    """
     s = min(max(z, 0.0), length)
     inside = (z > 0.0) & (z < length)
     curvature = angle / length
@@ -64,7 +68,7 @@ def bend(x, z, length, angle):
 
 @scalar
 def twist(x, y, z, length, angle):
-    """Turned about the axis by `angle` from 0 to `length`, evenly."""
+    """Rotate about the axis, by an angle that increases linearly to `angle` from 0 to `length`."""
     s = min(max(z, 0.0), length)
     rate = angle / length if (z > 0.0) & (z < length) else 0.0
     a = angle * s / length
@@ -78,7 +82,7 @@ def twist(x, y, z, length, angle):
 
 @scalar
 def taper(x, y, z, length, kx, ky):
-    """Scaled across the axis by 1 at 0, by 1 + k at `length`, and evenly between."""
+    """Scale across the axis, by a factor that changes linearly from 1 at 0 to 1 + k at `length`."""
     s = min(max(z, 0.0), length) / length
     rate = 1.0 / length if (z > 0.0) & (z < length) else 0.0
     gradient = (kx * s, 0.0, x * kx * rate, 0.0, ky * s, y * ky * rate, 0.0, 0.0, 0.0)
@@ -87,7 +91,7 @@ def taper(x, y, z, length, kx, ky):
 
 @scalar
 def wave(x, amount, number, phase):
-    """Moved along the axis by a sine that runs along the first coordinate."""
+    """Move along the axis by a sine wave of the first coordinate."""
     a = number * x - phase
     rise = amount * number * math.cos(a)
     return (0.0, 0.0, amount * math.sin(a)), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, rise, 0.0, 0.0)
@@ -95,7 +99,7 @@ def wave(x, amount, number, phase):
 
 @scalar
 def affine(x, y, z, m):
-    """M p + t - p; m has the rows of M - I, then t."""
+    """Return M p + t - p and its gradient; m has the rows of M - I, then t."""
     g = (m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8])
     dx = g[0] * x + g[1] * y + g[2] * z + m[9]
     dy = g[3] * x + g[4] * y + g[5] * z + m[10]
@@ -105,9 +109,9 @@ def affine(x, y, z, m):
 
 @scalar
 def inside(positions, i, space):
-    """A splat in the deformer's space.
+    """Return the position of splat i in the deformer's space.
 
-    space: rows of the matrix to it, then of that back, shape (2, 3, 4) f64.
+    space: rows of the matrix to the deformer's space, then of its inverse, shape (2, 3, 4) f64.
     """
     x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     return (
@@ -119,7 +123,8 @@ def inside(positions, i, space):
 
 @scalar
 def linear(space, way):
-    """The nine numbers that turn and scale, of the matrix to a deformer's space or back."""
+    """Return the linear part (3, 3) of the matrix to the deformer's space or back, as nine
+    numbers."""
     return (
         space[way, 0, 0], space[way, 0, 1], space[way, 0, 2],
         space[way, 1, 0], space[way, 1, 1], space[way, 1, 2],
@@ -129,7 +134,7 @@ def linear(space, way):
 
 @scalar
 def moved(positions, gradient, i, space, d, j, w, gx, gy, gz):
-    """Move a splat by w d, and its gradient by w J + d (grad w)^T, both of the deformer's space."""
+    """Move a splat by w d, and its gradient by w J + d (grad w)^T, both in the deformer's space."""
     back = linear(space, 1)
     x, y, z = w * d[0], w * d[1], w * d[2]
     positions[i, 0] = np.float32(positions[i, 0] + (back[0] * x + back[1] * y + back[2] * z))
@@ -154,19 +159,20 @@ def moved(positions, gradient, i, space, d, j, w, gx, gy, gz):
 
 @kernel(over="positions", writes=("positions", "gradient"))
 def deform(i, kind, numbers, space, weight, reach, mask, positions, gradient):
-    """One deformer, on all splats.
+    """Apply one deformer to all splats.
 
     Args:
-        kind: TRANSFORM: `numbers` are those of `affine`; BEND, TWIST: length, angle [rad]; TAPER:
-            length, kx, ky; WAVE: amount, wave number [rad], phase [rad].
+        kind: The deformer, which defines `numbers`: TRANSFORM: those of `affine`; BEND, TWIST:
+            length, angle [rad]; TAPER: length, kx, ky; WAVE: amount, wave number [rad], phase
+            [rad].
         numbers: f64.
         space: Rows of the matrix from the splats' space to the deformer's, then of its inverse,
             shape (2, 3, 4) f64.
-        weight: How much of it.
-        reach: As `fade` has it.
-        mask: What `weight` is multiplied by, shape (n,), or (0,) for 1.
-        positions: Replaced, shape (n, 3). Where the weight is 0 they keep their bits.
-        gradient: Replaced by J F, shape (n, 3, 3), or (0, 3, 3) for nobody.
+        weight: Strength of the deformer.
+        reach: See `fade`.
+        mask: Factor on `weight` for each splat, shape (n,), or (0,) for 1.
+        positions: Changed in place, shape (n, 3). Where the weight is 0 they keep their bits.
+        gradient: Replaced by J F, shape (n, 3, 3), or (0, 3, 3) if not needed.
     """
     x, y, z = inside(positions, i, space)
     own = weight * mask[i] if len(mask) > 0 else weight

@@ -1,8 +1,8 @@
-"""Free-form deformation: a cube of control points that space follows.
+"""Free-form deformation by a lattice of control points.
 
-The displacement is a polynomial in Bernstein form, turned into powers beforehand; in float64 the
-powers of 15 that 16 control points need cost seven of sixteen digits. What is outside of the cube
-moves with its nearest point of the cube, so nothing tears at its faces.
+The displacement is a polynomial in Bernstein form, converted to powers beforehand. With 16 control
+points along an axis, powers of 15 lose seven of float64's sixteen digits. A point outside the
+lattice is displaced like the nearest point of the lattice, so that the displacement is continuous.
 
 Source: Sederberg & Parry 1986, "Free-form deformation of solid geometric models".
 """
@@ -19,9 +19,9 @@ from .deform import fade, inside, moved
 
 @scalar
 def polynomial(c, component, x, y, z):
-    """Value and gradient of a polynomial of three variables, by Horner's rule.
+    """Return value and gradient of a polynomial of three variables, by Horner's rule.
 
-    c: factors of z^k y^j x^i, shape (nz, ny, nx, 3).
+    c: coefficients of z^k y^j x^i, shape (nz, ny, nx, 3).
     """
     v, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
     for k in range(c.shape[0] - 1, -1, -1):
@@ -40,7 +40,7 @@ def polynomial(c, component, x, y, z):
 
 @scalar
 def kept(x):
-    """A coordinate within the cube, and its slope."""
+    """Return a coordinate clamped to the cube, and the derivative of the clamping."""
     if x < 0.0:
         return 0.0, 0.0
     if x > 1.0:
@@ -53,10 +53,11 @@ def kept(x):
 
 @kernel(over="positions", writes=("positions", "gradient"))
 def lattice(i, factors, space, weight, reach, mask, positions, gradient):
-    """A lattice over the unit cube, on all splats; arguments as `deform.deform`.
+    """Apply a lattice over the unit cube to all splats; for the other arguments see
+    `deform.deform`.
 
     Args:
-        factors: Of the displacement's powers, shape (nz, ny, nx, 3) f64.
+        factors: Coefficients of the displacement's powers, shape (nz, ny, nx, 3) f64.
     """
     x, y, z = inside(positions, i, space)
     own = weight * mask[i] if len(mask) > 0 else weight

@@ -1,8 +1,9 @@
-"""Deformers that nobody can foresee: noise, and a flow that keeps volume.
+"""Deformers by random fields: noise, and a flow that keeps volume.
 
-Both see a point in wavelengths, float32, and give displacement and gradient there. Noise is three
-independent fields, one a coordinate. The flow carries a point along whirls without divergence, by a
-fixed number of midpoint steps, so that a cloud is stirred and neither thinned nor packed.
+Both take a point in wavelengths, float32, and return displacement and gradient there. Noise uses
+three independent fields, one for each coordinate. The flow moves a point along a velocity field
+without divergence, by a fixed number of midpoint steps, so that the density of splats stays the
+same.
 
 Source: Bridson, Hourihan & Nordenstam 2007, "Curl-noise for procedural fluid flow".
 """
@@ -21,7 +22,7 @@ STEPS = 4
 _SECOND, _THIRD = np.uint32(0x9E3779B9), np.uint32(0x3C6EF372)
 _HALF, _ZERO = np.float32(0.5), np.float32(0)
 _H = np.float32(1 / 128)
-"""Half of the base of central differences [wavelength]."""
+"""Half the distance of central differences [wavelength]."""
 _SLOPE = np.float32(64)
 """1 / 2 _H."""
 _SAMPLES = np.array(
@@ -31,8 +32,10 @@ _SAMPLES = np.array(
     ],
     np.float32,
 )  # fmt: skip
-"""Of central differences: which way, and 1 for the point itself. A table, and not conditions on the
-loop's index, for which compilers write the long loop out seven times."""
+"""Offsets of central differences, and 1 for the point itself.
+
+This is a table, as compilers unroll the loop seven times for conditions on its index.
+"""
 
 
 # --- 1. mathematics: one point ---------------------------------------------------------
@@ -40,7 +43,7 @@ loop's index, for which compilers write the long loop out seven times."""
 
 @scalar
 def three_noises(x, y, z, amount, seed):
-    """Displacement by three fields, and its gradient."""
+    """Return the displacement by three noise fields, and its gradient."""
     a, ax, ay, az = gradient_noise(x, y, z, seed)
     b, bx, by, bz = gradient_noise(x, y, z, seed ^ _SECOND)
     c, cx, cy, cz = gradient_noise(x, y, z, seed ^ _THIRD)
@@ -53,7 +56,8 @@ def three_noises(x, y, z, amount, seed):
 
 @scalar
 def stirred(x, y, z, amount, seed):
-    """Displacement of a point that whirls of speed 1 carry for a time of `amount`."""
+    """Return the displacement of a point that moves with a flow of speed 1 for a time of
+    `amount`."""
     dx, dy, dz, ux, uy, uz = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     h = amount / np.float32(STEPS)
     for part in range(2 * STEPS):
@@ -68,12 +72,12 @@ def stirred(x, y, z, amount, seed):
 
 @scalar
 def flow(x, y, z, amount, seed, samples):
-    """`stirred`, and its gradient by central differences if `samples` is 7 and not 1."""
+    """Return `stirred` and, if `samples` is 7 instead of 1, its gradient by central differences."""
     dx, dy, dz = _ZERO, _ZERO, _ZERO
     j0, j1, j2, j3, j4, j5, j6, j7, j8 = (
         _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO,
     )  # fmt: skip
-    # One loop, not seven calls: all of this is inlined, and the noise is long.
+    # A loop instead of seven calls, as all calls are inlined and the noise is long.
     for sample in range(samples):
         hx, hy, hz = _SAMPLES[sample, 0], _SAMPLES[sample, 1], _SAMPLES[sample, 2]
         ax, ay, az = stirred(x + _H * hx, y + _H * hy, z + _H * hz, amount, seed)
@@ -91,12 +95,12 @@ def flow(x, y, z, amount, seed, samples):
 
 @kernel(over="positions", writes=("positions", "gradient"))
 def noise(i, amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
-    """Noise, on all splats; arguments as `deform.deform`.
+    """Apply noise to all splats; for the other arguments see `deform.deform`.
 
     Args:
-        amount: How far splats move [unit].
+        amount: Scale of the displacement [unit].
         size: Wavelength [unit].
-        shift: How many wavelengths have passed by, along the axis.
+        shift: Offset of the noise along the axis, in wavelengths.
         seed: u32.
     """
     far = np.float32(amount / size)
@@ -113,7 +117,7 @@ def noise(i, amount, size, shift, seed, space, weight, reach, mask, positions, g
 
 @kernel(over="positions", writes=("positions", "gradient"))
 def curl(i, amount, size, shift, seed, space, weight, reach, mask, positions, gradient):
-    """The flow, on all splats; arguments as `noise`."""
+    """Apply the flow to all splats; for the arguments see `noise`."""
     far = np.float32(amount / size)
     samples = 7 if len(gradient) > 0 else 1
     x, y, z = inside(positions, i, space)

@@ -1,4 +1,4 @@
-"""Directions about a normal, and what turned with a splat since it was at rest."""
+"""Directions around a normal, and vectors that rotate with a splat."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _SHORT = np.float32(0.25)
 
 @scalar
 def is_normal(x, y, z):
-    """Whether it is a unit vector, not the zero that stands for no surface."""
+    """Return whether this is a unit vector, not the zero vector that marks a missing normal."""
     return x * x + y * y + z * z > _SHORT
 
 
 @scalar
 def around(nx, ny, nz, cosine, turn):
-    """Unit vector at an angle from the unit vector n.
+    """Return a unit vector at an angle from the unit vector n, or from z if n is not a unit vector.
 
-    cosine: of that angle; turn: which way about n, [0, 1). About z where n is no unit vector.
+    cosine: cosine of the angle. turn: azimuth around n, in turns, [0, 1).
     Source of the basis: Duff et al. 2017, "Building an orthonormal basis, revisited".
     """
     if not is_normal(nx, ny, nz):
@@ -42,7 +42,7 @@ def around(nx, ny, nz, cosine, turn):
 
 @scalar
 def turned(w, x, y, z, vx, vy, vz):
-    """A vector turned by the unit quaternion (w, x, y, z)."""
+    """Return a vector rotated by the unit quaternion (w, x, y, z)."""
     tx, ty, tz = _TWO * (y * vz - z * vy), _TWO * (z * vx - x * vz), _TWO * (x * vy - y * vx)
     return (
         vx + w * tx + y * tz - z * ty,
@@ -53,6 +53,7 @@ def turned(w, x, y, z, vx, vy, vz):
 
 @scalar
 def carried(w, x, y, z, rw, rx, ry, rz, vx, vy, vz):
-    """A vector at rest as it is now, for a splat turned from the quaternion r to (w, x, y, z)."""
+    """Return a rest vector as rotated now, for a splat that rotated from quaternion r to (w, x, y,
+    z)."""
     vx, vy, vz = turned(rw, -rx, -ry, -rz, vx, vy, vz)
     return turned(w, x, y, z, vx, vy, vz)

@@ -1,6 +1,8 @@
-"""When each splat lets go, with which velocity, and the way back of those that come together.
+"""Dissolve: release times of splats, their initial velocities, and the reverse motion for
+assembling.
 
-All of it is by identity and place at rest, so any moment can be had without those before it.
+All results depend only on ids and rest positions, so any time can be computed without the times
+before it.
 """
 
 from __future__ import annotations
@@ -18,10 +20,10 @@ from .noise import gradient_noise
 from .philox import DISSOLVE, IMPULSE, uniforms
 
 NOISE, DISTANCE, RANDOM = range(3)
-"""What says who goes first."""
+"""Criteria that order the release of splats."""
 
 NOISE_DEVIATION = 0.27
-"""Standard deviation of gradient noise over space."""
+"""Standard deviation of the gradient noise over space."""
 
 _ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 _SQUASH = 1 / (NOISE_DEVIATION * math.sqrt(2))
@@ -32,10 +34,10 @@ _SQUASH = 1 / (NOISE_DEVIATION * math.sqrt(2))
 
 @scalar
 def turn_of(by, identity, x, y, z, per_length, seed):
-    """A splat's place in the order, [0, 1], float32.
+    """Return a splat's position in the order of release, [0, 1), float32.
 
-    Noise is spread evenly over 0 to 1 by the normal distribution that it nearly has. Of DISTANCE:
-    what (x, y, z) is from the origin in units of the furthest, by `per_length`.
+    NOISE is distributed evenly over 0 to 1 through the normal distribution, which it nearly has.
+    DISTANCE is the length of (x, y, z) times `per_length`, 1 / the largest length.
     """
     if by == RANDOM:
         return uniforms(seed, DISSOLVE, identity, 0, 0)[0]
@@ -47,9 +49,10 @@ def turn_of(by, identity, x, y, z, per_length, seed):
 
 @scalar
 def impulse(identity, nx, ny, nz, speed, cosine, seed):
-    """Velocity [unit/s] with which a splat goes: evenly over the cone about its normal.
+    """Return the velocity [unit/s] of a released splat, evenly distributed over the cone around its
+    normal.
 
-    cosine: of half the cone's angle. A splat without a normal goes anywhere.
+    cosine: cosine of half the cone's angle. A splat without a normal may go in any direction.
     """
     up, turn, _, _ = uniforms(seed, IMPULSE, identity, 0, 0)
     if not is_normal(nx, ny, nz):
@@ -63,19 +66,20 @@ def impulse(identity, nx, ny, nz, speed, cosine, seed):
 
 @kernel(over="rest", writes=("out",))
 def turns(i, rest, ids, by, origin, per_length, seed, out):
-    """`turn_of` each splat: rest (n, 3) f32, origin (3,) f32, per_length f32, out (n,) f32."""
+    """Compute `turn_of` of each splat: rest (n, 3) f32, origin (3,) f32, per_length f32, out (n,)
+    f32."""
     x, y, z = rest[i, 0] - origin[0], rest[i, 1] - origin[1], rest[i, 2] - origin[2]
     out[i] = turn_of(by, ids[i], x, y, z, per_length, seed)
 
 
 @kernel(over="velocities", writes=("velocities", "flags", "gone"))
 def let_go(i, velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
-    """Those whose time has come get the flag `free` and their impulse, once.
+    """Set the flag `free` and the initial velocity of splats whose time has come, once.
 
     Args:
-        velocities: (n, 3) f32; flags: (n,) u32; gone: (n,) u8, 1 for those that went.
-        times: When they go, (n,) f32; now: f32.
-        normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
+        velocities: (n, 3) f32. flags: (n,) u32. gone: (n,) u8, 1 for splats released already.
+        times: Release times, (n,) f32. now: f32.
+        normals: (n, 3) f32. speed, cosine: See `impulse`, f32.
     """
     if gone[i] or not times[i] <= now or flags[i] & pinned:
         return
@@ -92,14 +96,14 @@ def come(
     i, positions, velocities, flags, goals, times, ids, normals, now, speed, cosine, push, drag,
     free, pinned, seed,
 ):  # fmt: skip
-    """Those that are still to arrive, on their way backwards; those that arrived, at rest.
+    """Place splats that have not arrived yet on their reversed flights; put arrived ones at rest.
 
     Args:
-        positions, velocities: (n, 3) f32, of those on the way or just there; flags: (n,) u32.
-        goals: Where they will be, (n, 3) f32.
-        times: When they arrive, (n,) f32; now: f64.
-        normals: (n, 3) f32; speed, cosine: see `impulse`, f32.
-        push: Gravity + drag times wind, (3,) f64; drag: f64 [1/s].
+        positions, velocities: (n, 3) f32, of splats in flight or just arrived. flags: (n,) u32.
+        goals: Positions at arrival, (n, 3) f32.
+        times: Arrival times, (n,) f32. now: f64.
+        normals: (n, 3) f32. speed, cosine: See `impulse`, f32.
+        push: Gravity + drag times wind, (3,) f64. drag: f64 [1/s].
     """
     if flags[i] & pinned:
         return

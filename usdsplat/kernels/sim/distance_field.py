@@ -1,6 +1,6 @@
-"""Fill a grid with distances from what is known near a surface.
+"""Fill a grid with distances, starting from voxels near a surface.
 
-Source: Danielsson 1980, "Euclidean distance mapping": voxels hand on their closest points.
+Source: Danielsson 1980, "Euclidean distance mapping": voxels pass on their closest points.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from usdsplat.kernels.jit import scalar, serial
 
 @scalar
 def squared_distance(x, y, z, points, k):
-    """From (x, y, z) to a row of `points`."""
+    """Return the squared distance from (x, y, z) to a row of `points`."""
     u, v, w = x - points[k, 0], y - points[k, 1], z - points[k, 2]
     return u * u + v * v + w * w
 
 
 @serial(writes=("points", "squared"))
 def spread(low, size, counts, points, squared):
-    """Hand closest points on from voxel to voxel, until all have one.
+    """Propagate closest points from voxel to voxel, until all voxels have one.
 
-    Eight sweeps, one from each corner. What was known stays; what was not is an upper bound, too
-    large by a small part of a voxel.
+    Makes eight sweeps, one from each corner. Known distances stay. The others are upper bounds, too
+    large by a small fraction of a voxel.
 
     Args:
-        low: Centre of the first voxel [unit], shape (3,) f32; size: of a voxel [unit], f32.
+        low: Centre of the first voxel [unit], shape (3,) f32. size: Edge of a voxel [unit], f32.
         counts: Voxels along x, y and z.
-        points: Closest point of each voxel, x fastest, shape (n, 3) f32; written.
-        squared: Distance² from it, inf where it is not known, shape (n,) f32; written.
+        points: Closest point of each voxel, x fastest, shape (n, 3) f32; changed in place.
+        squared: Distance² to it, inf where unknown, shape (n,) f32; changed in place.
     """
     nx, ny, nz = counts
     for corner in range(8):

@@ -1,4 +1,5 @@
-"""What the simulation knows drives what is drawn: first how much for each splat, then an output."""
+"""Drivers: compute an amount for each splat from a state of the simulation, and apply it to an
+output."""
 
 from __future__ import annotations
 
@@ -12,11 +13,11 @@ from usdsplat.kernels.launch import kernel
 from .noise import quintic
 
 U, V, V_MINUS_U, CROWDING, AGE, SPEED, DISTANCE = range(7)
-"""Sources."""
+"""Sources of a driver's amount."""
 LINEAR, SMOOTH, SMOOTHER = range(3)
-"""Eases."""
+"""Shapes of the transition from 0 to 1."""
 SCALE, THICKNESS, OPACITY, DISPLACEMENT = range(4)
-"""Outputs but colour."""
+"""Outputs except colour."""
 
 C0 = 0.28209479177387814
 """Real spherical harmonic of degree 0: a colour is 0.5 + C0 times the first coefficient."""
@@ -31,8 +32,10 @@ _C0 = np.float32(C0)
 
 @scalar
 def remapped(value, low, high, ease):
-    """0 to 1 as a value goes from low to high, either of which may be the larger; where they are
-    the same, a step from there on; float32."""
+    """Return 0 to 1 as a value goes from low to high, either of which may be larger, float32.
+
+    If both are equal, the result is a step there.
+    """
     if high == low:
         return _ONE if value >= low else _ZERO
     t = min(_ONE, max(_ZERO, (value - low) / (high - low)))
@@ -48,7 +51,7 @@ def _length(x, y, z):
 
 @scalar
 def faded(coefficient, target, part):
-    """A coefficient on its way to another."""
+    """Interpolate linearly from a coefficient to a target."""
     return coefficient + part * (target - coefficient)
 
 
@@ -59,13 +62,13 @@ def faded(coefficient, target, part):
 def amounts(
     i, source, uv, crowding, births, now, velocities, positions, rest, low, high, ease, out
 ):  # fmt: skip
-    """How much each splat is driven, [0, 1], into out (n,) f32.
+    """Compute the amount of each splat, [0, 1], into out (n,) f32.
 
     Args:
-        source, ease: Of the constants above.
-        uv: (n, 2) f32; crowding: (n,) f32, or (0,) where it is not the source.
-        births: (n,) f32; now: f64 [s]; velocities, positions, rest: (n, 3) f32.
-        low, high: f32, see `remapped`.
+        source, ease: One of the constants above each.
+        uv: (n, 2) f32. crowding: (n,) f32, or (0,) if it is not the source.
+        births: (n,) f32. now: f64 [s]. velocities, positions, rest: (n, 3) f32.
+        low, high: See `remapped`, f32.
     """
     if source == U:
         value = uv[i, 0]
@@ -90,13 +93,13 @@ def amounts(
 
 @kernel(over="part", writes=("positions", "scales", "opacities"))
 def drive(i, output, part, amount, positions, scales, opacities, normals):
-    """Drive one output, in place.
+    """Apply amounts to one output, in place.
 
     Args:
-        output: Of the constants above.
-        part: What `amounts` gave, (n,) f32.
-        amount: Where part is 1: a factor, or the displacement [unit]; f32.
-        positions, scales, normals: (n, 3) f32; opacities: (n,) f32; those that the output does not
+        output: One of the constants above.
+        part: Results of `amounts`, (n,) f32.
+        amount: Effect where part is 1: a factor, or the displacement [unit]; f32.
+        positions, scales, normals: (n, 3) f32. opacities: (n,) f32. Arrays that the output does not
             use may be empty.
     """
     factor = max(_ZERO, _ONE + part[i] * (amount - _ONE))
@@ -123,11 +126,11 @@ def drive(i, output, part, amount, positions, scales, opacities, normals):
 
 @kernel(over="part", writes=("sh",))
 def tint(i, part, amount, color, sh_fade, sh):
-    """Mix a colour in, in place.
+    """Mix with a colour, in place.
 
     Args:
-        part: What `amounts` gave, (n,) f32; amount: of the mixture where it is 1, f32.
-        color: (3,) f32; sh_fade: f32, how much of the higher bands goes.
+        part: Results of `amounts`, (n,) f32. amount: Weight of the colour where part is 1, f32.
+        color: (3,) f32. sh_fade: Fraction by which higher bands are reduced, f32.
         sh: (n, k, 3) f32.
     """
     much = min(_ONE, max(_ZERO, part[i] * amount))

@@ -1,7 +1,8 @@
-"""What a mesh is at its triangles: how they lie, how large they are, and a normal for each corner
-that is smooth over the mesh but for its creases.
+"""Measures of a mesh's triangles (frame, size), and smooth normals of their corners, except at
+creases.
 
-Source: Thürmer & Wüthrich 1998, "Computing Vertex Normals from Polygonal Facets" (angles weigh).
+Source: Thürmer & Wüthrich 1998, "Computing Vertex Normals from Polygonal Facets" (weights by
+angle).
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from ..jit import exact, scalar
 from ..launch import kernel
 
 SMOOTH, CREASE = math.cos(math.radians(30)), math.cos(math.radians(60))
-"""Triangles that meet at up to 30 degrees share a normal, from 60 on they do not; between, in part,
-so that nothing jumps when a mesh bends."""
+"""Triangles that meet at up to 30 degrees share a normal, those that meet at 60 degrees or more do
+not. Between, they share it in part, so that normals do not jump when a mesh bends."""
 
 
 # --- 1. mathematics: one triangle -------------------------------------------------------
@@ -23,14 +24,14 @@ so that nothing jumps when a mesh bends."""
 
 @exact
 def unit(x, y, z):
-    """Of length 1; zeros stay."""
+    """Normalize a vector; zeros stay."""
     length = math.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 0.0)
 
 
 @exact
 def angle(ax, ay, az, bx, by, bz):
-    """Between two unit vectors [rad]; exact for small ones too."""
+    """Return the angle between two unit vectors [rad], accurate for small angles too."""
     dx, dy, dz, sx, sy, sz = ax - bx, ay - by, az - bz, ax + bx, ay + by, az + bz
     apart, along = dx * dx + dy * dy + dz * dz, sx * sx + sy * sy + sz * sz
     return 2.0 * math.atan2(math.sqrt(apart), math.sqrt(along))
@@ -38,7 +39,8 @@ def angle(ax, ay, az, bx, by, bz):
 
 @exact
 def turn_to(xx, xy, xz, zx, zy, zz):
-    """Unit quaternion (w, x, y, z) that takes the axes x and z to two perpendicular unit vectors.
+    """Return the unit quaternion (w, x, y, z) that rotates the axes x and z to two perpendicular
+    unit vectors.
 
     Source: Shepperd 1978, "Quaternion from Rotation Matrix".
     """
@@ -58,7 +60,7 @@ def turn_to(xx, xy, xz, zx, zy, zz):
 
 @scalar
 def share(cosine):
-    """How far two triangles share a normal, 0..1, by the cosine between theirs."""
+    """Return how far two triangles share a normal, 0 to 1, by the cosine between their normals."""
     s = min(max((cosine - CREASE) / (SMOOTH - CREASE), 0.0), 1.0)
     return s * s * (3.0 - 2.0 * s)
 
@@ -72,11 +74,11 @@ def measure(i, points, triangles, normals, angles, frames, sizes):
 
     Args:
         points, triangles: The mesh, shape (p, 3) f32, (t, 3) i32.
-        normals: Receives unit normals, zeros without area, shape (t, 3) f32.
-        angles: Receives those at the corners [rad], shape (t, 3) f32.
-        frames: Receives unit quaternions: x goes along the first edge, z along the normal,
-            shape (t, 4) f32; the identity without area.
-        sizes: Receives roots of areas, shape (t,) f32.
+        normals: Receives unit normals, zeros for triangles without area, shape (t, 3) f32.
+        angles: Receives the angles at the corners [rad], shape (t, 3) f32.
+        frames: Receives unit quaternions: x along the first edge, z along the normal, shape (t, 4)
+            f32; the identity for triangles without area.
+        sizes: Receives square roots of areas, shape (t,) f32.
     """
     a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
     ux, uy, uz = (
@@ -105,14 +107,14 @@ def measure(i, points, triangles, normals, angles, frames, sizes):
 
 @kernel(over="triangles", writes=("out",))
 def smooth(i, triangles, starts, corners, normals, angles, out):
-    """Mean normals at the corners of triangles, of those around that lie alike.
+    """Compute the mean normal at each corner, over adjacent triangles with similar normals.
 
     Args:
         triangles: Shape (t, 3) i32.
-        starts, corners: Around point p are the corners `corners[starts[p]:starts[p + 1]]`, 3 * row
-            of the triangle + which, shape (p + 1,) i64, (3 * t,) i32.
-        normals, angles: As `measure` gives them.
-        out: Receives sums, of no particular length, shape (t, 3, 3) f32.
+        starts, corners: The corners at point p are `corners[starts[p]:starts[p + 1]]`, as 3 * row
+            of the triangle + index of the corner, shape (p + 1,) i64, (3 * t,) i32.
+        normals, angles: See `measure`.
+        out: Receives sums, not normalized, shape (t, 3, 3) f32.
     """
     nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
     for c in range(3):

@@ -1,7 +1,7 @@
-"""Free flight: gravity, air that drags, air that whirls.
+"""Free flight: gravity, drag and turbulent air.
 
-Drag is exact for air of constant velocity, the rest is symplectic Euler: first order in the step.
-`flight` is the same without whirls in closed form.
+Drag is exact for air of constant velocity. Everything else is symplectic Euler, of first order in
+the step. `flight` is the closed form without turbulence.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from usdsplat.kernels.launch import EACH, BlockArray, block_kernel
 from .noise import cell, change, curl_in_cell
 
 SMALL = 1e-2
-"""Drag times seconds below which the closed form is a series."""
+"""Drag times seconds under which the closed form is replaced by a series."""
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
@@ -26,13 +26,17 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 @scalar
 def _velocity(v, pull, air, keep):
-    """v [unit/s] after a step: `pull` is gravity's part, `keep` what drag leaves of v - air."""
+    """Return v [unit/s] after a step.
+
+    pull: velocity added by gravity; keep: factor by drag on v - air.
+    """
     return air + (v + pull - air) * keep
 
 
 @scalar
 def decay(z):
-    """Averages of e^(-z): (1 - e^(-z)) / z, and (z - 1 + e^(-z)) / z², for z >= 0; float64."""
+    """Return averages of e^(-z): (1 - e^(-z)) / z, and (z - 1 + e^(-z)) / z², for z >= 0,
+    float64."""
     if z < SMALL:
         second = 0.5 - z * (1 / 6 - z * (1 / 24 - z * (1 / 120 - z * (1 / 720 - z / 5040))))
         return 1.0 - z * second, second
@@ -42,9 +46,10 @@ def decay(z):
 
 @scalar
 def flight(v, push, drag, seconds):
-    """Way and velocity, along one axis, after some seconds of dv/dt = push - drag v; float64.
+    """Return displacement and velocity along one axis after some seconds of dv/dt = push - drag v,
+    float64.
 
-    v: velocity at first; push: gravity + drag times the velocity of the air.
+    v: initial velocity; push: gravity + drag times the velocity of the air.
     """
     first, second = decay(drag * seconds)
     way = seconds * (v * first + push * seconds * second)
@@ -56,7 +61,8 @@ def flight(v, push, drag, seconds):
 
 @serial
 def _whirls(count, cells, within, first, part, second, other, air):
-    """The air at `count` places of a block; a loop of its own, which vectorises."""
+    """Compute the turbulent velocity at `count` points of a block, in a loop that can be
+    vectorized."""
     for k in range(count):
         ix, iy, iz = cells[0, k], cells[1, k], cells[2, k]
         fx, fy, fz = within[0, k], within[1, k], within[2, k]
@@ -81,16 +87,17 @@ def fly(
     """Move splats by a step, in place.
 
     Args:
-        whole, parts: Scratch: rows and cells; the air and places within cells.
+        whole, parts: Scratch: rows and cells; velocities of the air and positions within cells.
         positions, velocities: (n, 3) f32.
-        flags: (n,) u32; those move that have all bits of `wanted` and none of `excluded`.
-        pull: Gravity times dt, (3,) f32; wind: velocity of the air, (3,) f32.
-        extra: More of it for each splat, (n, 3) f32, or (0, 3).
-        to_world: (4, 4) f64, from where splats are to where whirls are; from_world: (3, 3) f64,
-            vectors back.
-        whirl: Speed of whirls; per_length: 1 / their size, f64; time: in their changes, f64.
-        keep: e^(-drag dt); dt, limit: step [s] and greatest speed; f32.
-        seed: Of the whirls.
+        flags: (n,) u32; splats move that have all bits of `wanted` and none of `excluded`.
+        pull: Gravity times dt, (3,) f32. wind: Velocity of the air, (3,) f32.
+        extra: Additional wind for each splat, (n, 3) f32, or (0, 3).
+        to_world: (4, 4) f64, from the splats' space to that of the turbulence. from_world: (3, 3)
+            f64, vectors back.
+        whirl: Speed of the turbulence. per_length: 1 / its size, f64. time: In periods of its
+            change, f64.
+        keep: e^(-drag dt). dt, limit: Step [s] and largest speed, f32.
+        seed: Seed of the turbulence.
     """
     first, part, second, other = change(time, seed)
     rows, cells, air, within = whole[0], whole[1:], parts[:3], parts[3:]

@@ -1,12 +1,12 @@
-"""A uniform grid without bounds: points in the order of the cells they lie in.
+"""Uniform grid without bounds: points sorted by cell.
 
-Cells are counted from the origin and wrapped on each axis, so that any domain shares one table and
-cells that follow each other along x lie one after the other in it. Cells far apart may share an
-entry; the distance test of whoever searches tells their points apart. Points that are not finite
-are spread over all cells and are near nothing.
+Cells are counted from the origin and wrapped on each axis, so that every domain has a table of the
+same size, in which consecutive cells along x are adjacent. Distant cells may share a table entry;
+searches separate their points by distance tests. Points that are not finite are distributed over
+all cells and have no neighbours.
 
 Source: Green 2008, "CUDA particles"; Hoetzlein 2014, "Fast fixed-radius nearest neighbors". The
-wrapping stands for the hash of Teschner et al. 2003.
+wrapping replaces the hash of Teschner et al. 2003.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from usdsplat.kernels.jit import exact, parallel
 from usdsplat.kernels.launch import kernel
 
 BLOCK = 1024
-"""Rows of an item of work; results depend on no number of threads."""
+"""Rows of a work item. Results do not depend on the number of threads."""
 TOP_BITS = 11
-"""Of a key that the first level sorts by: its histograms fit a core's cache."""
+"""Bits of a key that the first level sorts by. Its histogram fits a core's cache."""
 FAR = 2.0**30
-"""Cells from the origin beyond which all is one cell."""
+"""Distance from the origin, in cells, beyond which all points are in one cell."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @exact
 def cell_of(x, inverse):
-    """Cell (i64) of a finite coordinate x; inverse: 1 / edge [1/unit], float64."""
+    """Return the cell (i64) of a finite coordinate x; inverse: 1 / edge [1/unit], float64."""
     return np.int64(math.floor(min(max(np.float64(x) * inverse, -FAR), FAR)))
 
 
 @exact
 def key_of(cx, cy, cz, bx, by, bz):
-    """Entry of a cell in a table of 2^bx by 2^by by 2^bz, x fastest."""
+    """Return the entry of a cell in a table of 2^bx by 2^by by 2^bz, x fastest."""
     one = np.int64(1)
     x, y, z = cx & ((one << bx) - 1), cy & ((one << by) - 1), cz & ((one << bz) - 1)
     return (((z << by) | y) << bx) | x
@@ -45,9 +45,9 @@ def key_of(cx, cy, cz, bx, by, bz):
 
 @exact
 def span(first, last, bits):
-    """Wrapped cells of an axis from `first` to `last`, each once, ascending.
+    """Return the wrapped cells of an axis from `first` to `last`, each once, ascending.
 
-    Returns (a, b, c, d): those from a to b - 1 and, after them, from c to d - 1.
+    The result (a, b, c, d) means the cells from a to b - 1, followed by those from c to d - 1.
     """
     size = np.int64(1) << bits
     if last - first + 1 >= size:
@@ -60,7 +60,7 @@ def span(first, last, bits):
 
 @exact
 def squared_distance(x, y, z, px, py, pz):
-    """Between two points in float32, the same bits wherever it is compiled."""
+    """Return the squared distance of two points in float32, with the same bits on every device."""
     dx, dy, dz = px - x, py - y, pz - z
     return dx * dx + dy * dy + dz * dz
 
@@ -70,11 +70,11 @@ def squared_distance(x, y, z, px, py, pz):
 
 @parallel(writes=("lower", "upper"), gpu="sim.grid.bounds")
 def bounds(positions, lower, upper):
-    """Least and largest coordinates of each block, of finite points.
+    """Compute the smallest and largest coordinates of the finite points of each block.
 
     Args:
         positions: (n, 3) f32.
-        lower, upper: Receive (blocks, 3) f64; +inf and -inf where a block has no such point.
+        lower, upper: Receive (blocks, 3) f64; +inf and -inf for a block without finite points.
     """
     n = positions.shape[0]
     for b in prange(lower.shape[0]):
@@ -89,13 +89,13 @@ def bounds(positions, lower, upper):
 
 @kernel(over="positions", writes=("out",))
 def keys(i, positions, inverse, bits, out):
-    """Entry of the cell that each point lies in.
+    """Compute the table entry of each point's cell.
 
     Args:
         positions: (n, 3) f32.
         inverse: 1 / edge of a cell [1/unit], float64.
-        bits: Of each axis, x first; three whole numbers, sum <= 24.
-        out: Receives (n,) i32.
+        bits: Bits of each axis, x first; three integers, sum <= 24.
+        out: Receives table entries, (n,) i32.
     """
     bx, by, bz = bits
     last = (np.int64(1) << (bx + by + bz)) - 1
@@ -109,12 +109,13 @@ def keys(i, positions, inverse, bits, out):
 
 @parallel(writes=("histogram", "moved", "rows", "start", "order"), gpu="sim.grid.sort_cells")
 def sort_cells(entry, bits, histogram, moved, rows, start, order):
-    """Sort rows by key, stably, in two levels of counting.
+    """Sort rows by key, stably, by counting in two levels.
 
     Args:
         entry: Keys below 2^bits, (n,) i32.
-        bits: Of a key, <= 24.
-        histogram: Scratch, (chunks, 2^TOP_BITS) i64; any number of chunks gives the same result.
+        bits: Bits of a key, <= 24.
+        histogram: Scratch, (chunks, 2^TOP_BITS) i64; the result does not depend on the number of
+            chunks.
         moved, rows: Scratch, (n,) i32 each.
         start: Receives the first slot of each key and, last, n: (2^bits + 1,) i32.
         order: Receives the row of each slot, (n,) i32.
@@ -166,14 +167,14 @@ def sort_cells(entry, bits, histogram, moved, rows, start, order):
 
 @kernel(over="order", writes=("rank", "sorted_positions", "sorted_support"))
 def to_slots(s, order, positions, support, rank, sorted_positions, sorted_support):
-    """What searches read, in the order they read it.
+    """Copy the data that searches read, in the order of slots.
 
     Args:
         order: Row of each slot, (n,) i32.
         positions: (n, 3) f32.
         support: (n,) f32.
         rank: Receives the slot of each row, (n,) i32.
-        sorted_positions, sorted_support: Receive those of each slot.
+        sorted_positions, sorted_support: Receive the values of each slot.
     """
     i = order[s]
     rank[i] = s

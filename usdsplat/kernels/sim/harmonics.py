@@ -1,13 +1,14 @@
-"""Turn the harmonics of each splat by a rotation of its own.
+"""Rotation of each splat's spherical harmonics by its own rotation.
 
-Harmonics of one degree mix among themselves only. The turned function has in direction e the value
-that the old one had in R^T e; its values in 2l + 1 fixed directions, times the inverse of the
-harmonics there, are its coefficients. `core.sh_rotation` does this for one rotation of all splats.
+Harmonics of one degree mix only with each other. The rotated function has in direction e the value
+that the original has in R^T e. Its coefficients are its values in 2l + 1 fixed directions,
+multiplied by the inverse of the matrix of harmonics in these directions. `core.sh_rotation` does
+this for one rotation of all splats.
 
-Eight directions are dealt with at once, side by side, as vector units want it; those that a degree
-does not need repeat its first.
+Eight directions are processed at a time, for vector units. Directions that a degree does not need
+repeat its first one.
 
-Source: Nowrouzezahrai, Simari & Fiume 2012, "Sparse zonal harmonic factorization", for the idea.
+Source of the idea: Nowrouzezahrai, Simari & Fiume 2012, "Sparse zonal harmonic factorization".
 """
 
 from __future__ import annotations
@@ -33,19 +34,23 @@ _DIRECTIONS = (
         (1, 0, -1), (1, 1, -1),
     ),
 )  # fmt: skip
-"""For degrees 1 to 4: of the directions to whole numbers up to 3, those whose harmonics have the
-lowest condition numbers, 1, 1.62, 1.90 and 2.45."""
+"""Directions for degrees 1 to 4.
+
+Of the directions with integer components up to 3 these give the lowest condition numbers, 1, 1.62,
+1.90 and 2.45.
+"""
 
 
 def _directions(degree):
-    """Unit vectors by component, 3 rows of LANES, flat."""
+    """Return the unit vectors by component, 3 rows of LANES, flat."""
     rows = np.array(_DIRECTIONS[degree - 1], np.float64)
     rows = np.vstack([rows, np.repeat(rows[:1], LANES - len(rows), axis=0)])
     return np.float32((rows / np.linalg.norm(rows, axis=1, keepdims=True)).T.ravel())
 
 
 def _solver(degree):
-    """Values in the directions to coefficients: 2 l + 1 rows of LANES coefficients, flat."""
+    """Return the matrix from values in the directions to coefficients, 2 l + 1 rows of LANES,
+    flat."""
     rows = np.array(_DIRECTIONS[degree - 1], np.float64)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     harmonics = basis_of.basis(rows, degree)[:, degree * degree :]
@@ -59,7 +64,7 @@ _S2, _S3, _S4 = _solver(2), _solver(3), _solver(4)
 
 
 def _norm(number, under_pi):
-    """A factor of the root of a rational number over pi, as float32."""
+    """Return a factor times the square root of a rational number over pi, as float32."""
     return np.float32(number * math.sqrt(under_pi / math.pi))
 
 
@@ -79,14 +84,14 @@ _2, _3, _5, _7, _30, _35 = (np.float32(v) for v in (2, 3, 5, 7, 30, 35))
 
 @scalar
 def degree2(x, y, z):
-    """Five harmonics in a direction, signs and order of `core.sh`."""
+    """Return the five harmonics of degree 2 in a direction, with signs and order of `core.sh`."""
     a = _N21 * z
     return _N22 * _2 * x * y, a * y, _N20 * (_3 * z * z - ONE), a * x, _N22 * (x * x - y * y)
 
 
 @scalar
 def degree3(x, y, z):
-    """Seven harmonics in a direction."""
+    """Return the seven harmonics of degree 3 in a direction."""
     zz, cc, ss = z * z, x * x - y * y, _2 * x * y
     a, b = _N31 * (_5 * zz - ONE), _N32 * z
     return (
@@ -97,7 +102,7 @@ def degree3(x, y, z):
 
 @scalar
 def degree4(x, y, z):
-    """Nine harmonics in a direction."""
+    """Return the nine harmonics of degree 4 in a direction."""
     zz, cc, ss = z * z, x * x - y * y, _2 * x * y
     ccc, sss = x * cc - y * ss, x * ss + y * cc
     a, b, c = _N41 * z * (_7 * zz - _3), _N42 * (_7 * zz - ONE), _N43 * z
@@ -109,13 +114,13 @@ def degree4(x, y, z):
 
 @scalar
 def dot5(a, b):
-    """Scalar product."""
+    """Return the scalar product of five numbers each."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
 @scalar
 def dot7(a, b):
-    """Scalar product."""
+    """Return the scalar product of seven numbers each."""
     return (
         a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
         + (a[4] * b[4] + a[5] * b[5] + a[6] * b[6])
@@ -124,7 +129,7 @@ def dot7(a, b):
 
 @scalar
 def dot9(a, b):
-    """Scalar product."""
+    """Return the scalar product of nine numbers each."""
     return (
         a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
         + (a[4] * b[4] + a[5] * b[5] + a[6] * b[6] + a[7] * b[7] + a[8] * b[8])
@@ -133,7 +138,7 @@ def dot9(a, b):
 
 @scalar
 def unturned(r, d, m):
-    """R^T e for the m-th of some directions."""
+    """Return R^T e for the m-th of a degree's directions."""
     x, y, z = d[m], d[LANES + m], d[2 * LANES + m]
     return (
         r[0] * x + r[3] * y + r[6] * z,
@@ -144,13 +149,13 @@ def unturned(r, d, m):
 
 @scalar
 def _coefficients5(sh, i, k, c):
-    """Five of a channel."""
+    """Return five coefficients of a channel."""
     return sh[i, k, c], sh[i, k + 1, c], sh[i, k + 2, c], sh[i, k + 3, c], sh[i, k + 4, c]
 
 
 @scalar
 def _coefficients7(sh, i, k, c):
-    """Seven of a channel."""
+    """Return seven coefficients of a channel."""
     return (
         sh[i, k, c], sh[i, k + 1, c], sh[i, k + 2, c], sh[i, k + 3, c], sh[i, k + 4, c],
         sh[i, k + 5, c], sh[i, k + 6, c],
@@ -159,7 +164,7 @@ def _coefficients7(sh, i, k, c):
 
 @scalar
 def _coefficients9(sh, i, k, c):
-    """Nine of a channel."""
+    """Return nine coefficients of a channel."""
     return (
         sh[i, k, c], sh[i, k + 1, c], sh[i, k + 2, c], sh[i, k + 3, c], sh[i, k + 4, c],
         sh[i, k + 5, c], sh[i, k + 6, c], sh[i, k + 7, c], sh[i, k + 8, c],
@@ -168,25 +173,25 @@ def _coefficients9(sh, i, k, c):
 
 @scalar
 def _row5(a, i):
-    """5 from the i-th on."""
+    """Return 5 numbers from the i-th on."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4]
 
 
 @scalar
 def _column5(a, i):
-    """The i-th of each of 5 rows."""
+    """Return the i-th number of each of 5 rows."""
     return a[i], a[LANES + i], a[2 * LANES + i], a[3 * LANES + i], a[4 * LANES + i]
 
 
 @scalar
 def _row7(a, i):
-    """7 from the i-th on."""
+    """Return 7 numbers from the i-th on."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6]
 
 
 @scalar
 def _column7(a, i):
-    """The i-th of each of 7 rows."""
+    """Return the i-th number of each of 7 rows."""
     return (
         a[i],
         a[LANES + i],
@@ -200,13 +205,13 @@ def _column7(a, i):
 
 @scalar
 def _row9(a, i):
-    """9 from the i-th on."""
+    """Return 9 numbers from the i-th on."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
 
 
 @scalar
 def _column9(a, i):
-    """The i-th of each of 9 rows."""
+    """Return the i-th number of each of 9 rows."""
     return (
         a[i],
         a[LANES + i],
@@ -222,7 +227,7 @@ def _column9(a, i):
 
 @scalar
 def _turn2(r, rest, values, out, i):
-    """The 5 coefficients of degree 2 of one splat."""
+    """Rotate the 5 coefficients of degree 2 of one splat."""
     red, green, blue = (
         _coefficients5(rest, i, 4, 0), _coefficients5(rest, i, 4, 1),
         _coefficients5(rest, i, 4, 2),
@@ -248,7 +253,7 @@ def _turn2(r, rest, values, out, i):
 
 @scalar
 def _turn3(r, rest, values, out, i):
-    """The 7 coefficients of degree 3 of one splat."""
+    """Rotate the 7 coefficients of degree 3 of one splat."""
     red, green, blue = (
         _coefficients7(rest, i, 9, 0), _coefficients7(rest, i, 9, 1),
         _coefficients7(rest, i, 9, 2),
@@ -274,7 +279,7 @@ def _turn3(r, rest, values, out, i):
 
 @scalar
 def _turn4(r, rest, values, out, i):
-    """The 9 coefficients of degree 4 of one splat."""
+    """Rotate the 9 coefficients of degree 4 of one splat."""
     red, green, blue = (
         _coefficients9(rest, i, 16, 0), _coefficients9(rest, i, 16, 1),
         _coefficients9(rest, i, 16, 2),
@@ -303,12 +308,12 @@ def _turn4(r, rest, values, out, i):
 
 @kernel(over="gradient", writes=("out",))
 def turns(i, gradient, cosine, out):
-    """Rotation of each splat, R of F = R U.
+    """Compute the rotation of each splat, R of F = R U.
 
     Args:
         gradient: Shape (n, 3, 3).
-        cosine: Of half the angle from which they count as turned, f32.
-        out: Receives unit quaternions with w >= 0, shape (n, 4); (1, 0, 0, 0) where they do not.
+        cosine: Cosine of half the angle from which splats count as rotated, f32.
+        out: Receives unit quaternions with w >= 0, shape (n, 4); (1, 0, 0, 0) for smaller angles.
     """
     f = (
         gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
@@ -333,13 +338,13 @@ def turns(i, gradient, cosine, out):
     scratch=(BlockArray(shape=3 * LANES, dtype=np.float32),),
 )
 def rotate(first, last, values, rotations, rest, out, turned):
-    """Turned coefficients of all splats from those at rest.
+    """Compute the rotated coefficients of all splats from those at rest.
 
     Args:
-        rotations: As `turns` gives them, shape (n, 4).
+        rotations: Results of `turns`, shape (n, 4).
         rest: Shape (n, k, 3), k = 4, 9, 16 or 25.
-        out: Receives, shape (n, k, 3).
-        turned: 1 where `out` may differ from rest; replaced, shape (n,) u8.
+        out: Receives coefficients, shape (n, k, 3).
+        turned: 1 where `out` may differ from rest, from the call before and updated, shape (n,) u8.
     """
     count = rest.shape[1]
     for i in range(first, last):
@@ -355,7 +360,7 @@ def rotate(first, last, values, rotations, rest, out, turned):
         turned[i] = 1
         r = quat_matrix(w, x, y, z)
         for c in range(3):
-            # Degree 1 is (-y, z, -x) of a vector, which turns as vectors do.
+            # Degree 1 is (-y, z, -x) of a vector, which rotates as vectors do.
             vx, vy, vz = -rest[i, 3, c], -rest[i, 1, c], rest[i, 2, c]
             out[i, 0, c] = rest[i, 0, c]
             out[i, 1, c] = -(r[3] * vx + r[4] * vy + r[5] * vz)

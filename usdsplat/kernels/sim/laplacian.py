@@ -1,13 +1,13 @@
-"""The Laplacian on a graph of particles: weights from distances, normalised by second moments.
+"""Laplacian on a graph of points: weights from distances, normalized by second moments.
 
     (L f)_i = sum_j w_ij (f_j - f_i),   w_ij = 2 d K_ij / sum_j K_ij r_ij^2,   K = (1 - q^2)^3
 
-with q = r / h_i. L x^2 = 2 along every axis where points are even, whatever the spacing. Weights
+with q = r / h_i. For evenly distributed points, L x^2 = 2 along every axis for any spacing. Weights
 are not negative, so that diffusion makes no new extremes.
 
-Where the diffusion has a direction t, r^2 is r' A r with A = 1 + (1/c - 1)(1 - t t'): the
-neighbourhood is an ellipse that is narrower by sqrt(c) across t, and so L is D_ab d_a d_b with
-D = 1 along t and c across; the whole is multiplied so that det D = 1.
+If the diffusion has a direction t, r^2 is r' A r with A = 1 + (1/c - 1)(1 - t t'). The
+neighbourhood is then an ellipse, narrower by sqrt(c) across t, and L is D_ab d_a d_b with D = 1
+along t and c across. The result is scaled so that det D = 1.
 
 Sources: Brookshaw 1985; Cleary & Monaghan 1999; Coifman & Lafon 2006 for the graph.
 """
@@ -27,14 +27,15 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 @scalar
 def falloff(square):
-    """K of a squared relative distance."""
+    """Return K for a squared relative distance."""
     rest = max(ONE - square, ZERO)
     return rest * rest * rest
 
 
 @scalar
 def stretched(x, y, z, tx, ty, tz, excess):
-    """r' A r of a difference; (tx, ty, tz) is a unit vector, excess is 1/c - 1."""
+    """Return r' A r for a vector r = (x, y, z); (tx, ty, tz) is a unit vector, excess is 1/c -
+    1."""
     square = x * x + y * y + z * z
     along = x * tx + y * ty + z * tz
     return square + excess * max(square - along * along, ZERO)
@@ -45,13 +46,14 @@ def stretched(x, y, z, tx, ty, tz, excess):
 
 @kernel(over="h", writes=("w", "sums"))
 def laplacian(i, positions, row, nbr, h, directions, across, dimension, w, sums):
-    """Weights of each point's neighbours.
+    """Compute the weights of each point's neighbours.
 
-    positions: float32 (n, 3); row: int64 (n + 1,); nbr: int32 (m,); h: float32 (n,).
-    directions: float32 (n, 3), unit vectors, or zero where a point has no direction; (0, 3) where
-    none has. across: c, 0 to 1, how fast it diffuses across. dimension: float32 (n,), 2 or 3.
-    w: float32 (m,), written, [1/unit^2]. sums: float32 (n, 2), written: the sum of a point's
-    weights, and the sum of K over its neighbours, as if there were no directions.
+    positions: float32 (n, 3). row: int64 (n + 1,). nbr: int32 (m,). h: float32 (n,).
+    directions: float32 (n, 3), unit vectors, or zero for a point without direction; (0, 3) if no
+    point has one. across: c, 0 to 1, relative diffusion across the direction. dimension: float32
+    (n,), 2 or 3.
+    w: float32 (m,), receives weights [1/unit^2]. sums: float32 (n, 2), receives the sum of a
+    point's weights, and the sum of K over its neighbours, both as if there were no directions.
     """
     x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
     tx = ty = tz = excess = ZERO
@@ -83,9 +85,10 @@ def laplacian(i, positions, row, nbr, h, directions, across, dimension, w, sums)
 
 @serial(writes=("extra",))
 def missing(row, nbr, extra):
-    """How many points have i as a neighbour that i does not have; rows ascend.
+    """Count, for each i, the points that have i as a neighbour but are not neighbours of i. Rows
+    ascend.
 
-    extra: int64 (n,), zeros, written.
+    extra: int64 (n,), initially zero, receives counts.
     """
     for i in range(len(row) - 1):
         for e in range(row[i], row[i + 1]):
@@ -95,14 +98,14 @@ def missing(row, nbr, extra):
 
 @serial(writes=("both_nbr", "both_w"))
 def merge(row, nbr, w, both_row, both_nbr, both_w):
-    """Neighbours of either side, weighted with the mean of both sides' weights.
+    """Make the graph symmetric: neighbours of either side, with the mean of both sides' weights.
 
     row, nbr, w: the graph, rows ascending. both_row: int64 (n + 1,), rows of the merged graph.
-    both_nbr: int32 (m',), both_w: float32 (m',): written, rows ascending.
+    both_nbr: int32 (m',), both_w: float32 (m',): receive the merged graph, rows ascending.
     """
     half = np.float32(0.5)
     filled = both_row[:-1].copy()
-    for i in range(len(row) - 1):  # each source in turn, so that rows ascend
+    for i in range(len(row) - 1):  # in order of the sources, so that rows ascend
         for e in range(row[i], row[i + 1]):
             j = nbr[e]
             back = find(row, nbr, j, i)
@@ -114,7 +117,7 @@ def merge(row, nbr, w, both_row, both_nbr, both_w):
     for i in range(len(row) - 1):
         last, e = filled[i], row[i + 1]
         slot = both_row[i + 1]
-        while e > row[i] or last > both_row[i]:  # from behind: nothing is overwritten unread
+        while e > row[i] or last > both_row[i]:  # backwards, so that no unread entry is overwritten
             slot -= 1
             if e == row[i] or (last > both_row[i] and both_nbr[last - 1] > nbr[e - 1]):
                 last -= 1
@@ -128,7 +131,7 @@ def merge(row, nbr, w, both_row, both_nbr, both_w):
 
 @scalar
 def find(row, nbr, i, j):
-    """Where j is among the neighbours of i; -1 where it is not."""
+    """Return the index of j among the neighbours of i, or -1."""
     low, high = row[i], row[i + 1]
     while low < high:
         middle = (low + high) >> 1
@@ -141,7 +144,7 @@ def find(row, nbr, i, j):
 
 @kernel(over="sums", writes=("sums",))
 def row_sums(i, row, w, sums):
-    """The sum of each row's weights. sums: float32 (n,), written."""
+    """Compute the sum of each row's weights. sums: float32 (n,), receives sums."""
     total = np.float64(0)
     for e in range(row[i], row[i + 1]):
         total += w[e]

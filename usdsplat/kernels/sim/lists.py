@@ -1,9 +1,9 @@
-"""Lists of neighbours: for each point those within its own radius, or within either's.
+"""Neighbour lists: for each point the points within its own radius, or within either's radius.
 
-Points are in the order of their cells, a point's number there is its slot, and lists are of slots,
-ascending. A list that is too long keeps the nearest by (squared distance, slot).
+Points are sorted by cell. A slot is a point's index in this order, and lists contain slots,
+ascending. A list that is too long keeps the nearest points by (squared distance, slot).
 
-Source: Verlet 1967 for lists that outlast a step.
+Source: Verlet 1967 for lists that stay valid for several steps.
 """
 
 from __future__ import annotations
@@ -20,28 +20,29 @@ from . import philox
 from .grid import BLOCK, cell_of, span, squared_distance
 
 ROOM = 2048
-"""Hits that are kept before the far ones are dropped; more than twice the longest list."""
+"""Largest number of hits kept before distant ones are dropped; more than twice the longest list."""
 NONE, FULL = np.uint64(0), np.uint64(ROOM)
-"""Counts of hits; unsigned, for which indexing needs no test."""
+"""Numbers of hits; unsigned, as signed indices cost a test for negative values."""
 MARGIN = 1.0 + 1e-6
-"""Of the cells that are visited, for the rounding of distances."""
+"""Factor on the search radius in cells, for the rounding of distances."""
 JITTER = np.float32(1e-4)
-"""Distance by which coincident points are separated, in radii."""
+"""Distance by which coincident points are separated, relative to the radius."""
 ULP = np.float32(4 * 2.0**-23)
-"""Least such distance, in coordinates: four units in the last place."""
+"""Smallest such distance, relative to coordinates: four units in the last place."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @scalar
 def rank_of(d2, slot):
-    """A whole number (u64) that orders by (d2, slot); d2 >= 0 as its bits (u32)."""
+    """Return an integer (u64) that sorts by (d2, slot). d2 >= 0 as its bits (u32)."""
     return (np.uint64(d2) << np.uint64(32)) | np.uint64(slot)
 
 
 @exact
 def distance_gone(x, y, z, px, py, pz):
-    """Between two points in float64: 0 where both are not finite, inf where one is."""
+    """Return the distance of two points in float64: 0 if both are not finite, inf if only one
+    is."""
     dx = np.float64(x) - np.float64(px)
     dy = np.float64(y) - np.float64(py)
     dz = np.float64(z) - np.float64(pz)
@@ -57,7 +58,7 @@ def distance_gone(x, y, z, px, py, pz):
 
 @serial
 def smallest(values, count, k):
-    """The k-th smallest (from 1) of the first `count` distinct values, which are reordered.
+    """Return the k-th smallest (from 1) of the first `count` distinct values. They are reordered.
 
     Source: Hoare 1961, "Algorithm 65: find".
     """
@@ -85,11 +86,11 @@ def smallest(values, count, k):
 
 @serial
 def keep_nearest(positions, slot, hits, count, k, ranks, distance):
-    """Keep the k nearest of `count` hits in their order.
+    """Keep the k nearest of `count` hits, in their order.
 
     Args:
-        positions: Of each slot, (n, 3) f32.
-        slot: Whose hits these are.
+        positions: Position of each slot, (n, 3) f32.
+        slot: The slot with these hits.
         hits: Slots, ascending, (>= count,) i32.
         ranks: Scratch, (>= 2 * count,) u64.
         distance: Scratch, (1,) f32.
@@ -114,22 +115,24 @@ def keep_nearest(positions, slot, hits, count, k, ranks, distance):
 def search(
     positions, reach, widest, start, inverse, bits, k_max, begin, found, counts, dropped, twins
 ):
-    """Neighbours of the slots from `begin` on, as many blocks as `dropped` has.
+    """Find the neighbours of the slots from `begin` on, for as many blocks as `dropped` has
+    entries.
 
     Args:
-        positions: Of each slot, (n, 3) f32.
-        reach: Radius of each slot, (n,) f32; no finite positive number finds nothing.
-        widest: 0 to find those within the point's own radius; the largest radius to find those
-            within either's.
-        start: First slot of each cell, as `sort_cells` left it.
-        inverse, bits: Of the grid.
+        positions: Position of each slot, (n, 3) f32.
+        reach: Radius of each slot, (n,) f32; without neighbours if it is not a finite positive
+            number.
+        widest: 0 to find points within the point's own radius; the largest radius to find points
+            within either's radius.
+        start: First slot of each cell, from `sort_cells`.
+        inverse, bits: Parameters of the grid.
         k_max: Longest list, <= 512.
         begin: First slot, a multiple of BLOCK.
-        found: Receives neighbours, those of a block one after the other from its first row's
-            `k_max` on: (blocks * BLOCK * k_max,) i32.
+        found: Receives neighbours, those of a block consecutively, from `k_max` times the index of
+            its first row on: (blocks * BLOCK * k_max,) i32.
         counts: Receives lengths, (n,) i64.
         dropped: Receives the number of lists that were too long, (blocks,) i64.
-        twins: Receives whether another point is at the same place, (n,) bool.
+        twins: Receives whether another point is at the same position, (n,) bool.
     """
     n = positions.shape[0]
     bx, by, bz = bits
@@ -199,12 +202,12 @@ def search(
 
 @parallel(writes=("neighbors",), gpu="sim.lists.pack")
 def pack(found, k_max, blocks, rows, neighbors):
-    """Close the gaps that `search` left between blocks.
+    """Close the gaps between blocks in the results of `search`.
 
     Args:
-        found, k_max: As in `search`; blocks: How many it filled.
-        rows: First entry of each of the m slots that it searched, (m + 1,) i64.
-        neighbors: Receives all, (rows[m],) i32.
+        found, k_max: See `search`. blocks: Number of blocks in `found`.
+        rows: First entry of each of the m slots that were searched, (m + 1,) i64.
+        neighbors: Receives all neighbours, (rows[m],) i32.
     """
     m = rows.shape[0] - 1
     for b in prange(blocks):
@@ -215,13 +218,13 @@ def pack(found, k_max, blocks, rows, neighbors):
 
 @kernel(over="positions", writes=("out",))
 def separate(i, positions, support, seed, twins, out):
-    """Copy points, those that are not alone at their place moved a little at random.
+    """Copy points, and move those that coincide with others a little at random.
 
     Args:
-        positions, support: Of each row.
-        seed: Of random numbers.
+        positions, support: Values of each row.
+        seed: Seed of the random numbers.
         twins: Rows to move, (n,) bool.
-        out: Receives (n, 3) f32.
+        out: Receives positions, (n, 3) f32.
     """
     x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
     if twins[i]:
@@ -235,11 +238,12 @@ def separate(i, positions, support, seed, twins, out):
 
 @reduction(over="positions", by="max")
 def drift(i, positions, built):
-    """Return the largest distance [unit] that a point went since lists were built; inf where a
-    point became finite or ceased to be.
+    """Return the largest distance [unit] that a point moved since lists were built.
+
+    It is inf if a point became finite or not finite.
 
     Args:
-        positions, built: Of each row now and then, (n, 3) f32.
+        positions, built: Positions of each row now and then, (n, 3) f32.
     """
     return distance_gone(
         positions[i, 0], positions[i, 1], positions[i, 2], built[i, 0], built[i, 1], built[i, 2]
@@ -248,15 +252,15 @@ def drift(i, positions, built):
 
 @reduction(over="positions", by="any")
 def stale(i, positions, support, built, built_support, skin, ratio, drift):
-    """Return whether lists built for other positions may lack a neighbour now, or are much too
+    """Return whether lists built for other positions may miss a neighbour now, or are much too
     long.
 
     Args:
-        positions, support: Of each row now.
-        built, built_support: Of each row when lists were built.
-        skin: Part of the radius by which lists are longer.
-        ratio: Of radii, now and then, from which lists are built again, > 1.
-        drift: Largest distance that any point went [unit], float64.
+        positions, support: Values of each row now.
+        built, built_support: Values of each row when lists were built.
+        skin: Fraction of the radius by which the search radius was increased.
+        ratio: Ratio of radii, now to then, from which lists are rebuilt, > 1.
+        drift: Largest distance that any point moved [unit], float64.
     """
     h, before = np.float64(support[i]), np.float64(built_support[i])
     d = distance_gone(

@@ -1,8 +1,9 @@
-"""3x3 matrices and quaternions in numbers: product, polar and singular value decomposition.
+"""3x3 matrices and quaternions as tuples of numbers: products, polar and singular value
+decomposition.
 
-A matrix is nine float32 in row order, a quaternion four, real part first. Decompositions are by
-one-sided Jacobi rotations: the columns of a matrix are turned pairwise until they are orthogonal.
-That keeps small singular values to their own relative accuracy where forming A A^T would lose them.
+A matrix is nine float32 in row order, a quaternion four with the real part first. Decompositions
+use one-sided Jacobi rotations: columns of a matrix are rotated in pairs until they are orthogonal.
+This keeps the relative accuracy of small singular values, which forming A A^T would lose.
 
 Source: Hestenes 1958, "Inversion of matrices by biorthogonalization"; Demmel & Veselić 1992,
 "Jacobi's method is more accurate than QR"; Higham 1986 for the polar factors.
@@ -17,20 +18,23 @@ import numpy as np
 from usdsplat.kernels.jit import scalar
 
 SWEEPS = 4
-"""Over the three pairs; convergence is quadratic."""
+"""Sweeps over the three pairs of columns; convergence is quadratic."""
 
 ZERO, ONE, TWO, HALF = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5)
 _ORTHOGONAL = np.float32((3 * 2.0**-24) ** 2)
-"""Square of the cosine below which two columns are orthogonal: less is rounding, and turning by it
-would give round splats another orientation at each frame."""
+"""Square of the cosine below which two columns count as orthogonal.
+
+Smaller values are rounding, and rotating by them would change the orientation of round splats in
+each frame.
+"""
 _FLAT = np.float32(1e-6)
-"""Singular values below this part of the largest are none."""
+"""Singular values below this fraction of the largest count as zero."""
 _TINY = np.float32(1e-30)
 
 
 @scalar
 def product(a, b):
-    """A B."""
+    """Return A B."""
     return (
         a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
         a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
@@ -46,32 +50,32 @@ def product(a, b):
 
 @scalar
 def transposed(a):
-    """A^T."""
+    """Return A^T."""
     return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
 
 
 @scalar
 def by_columns(a, x, y, z):
-    """A diag(x, y, z)."""
+    """Return A diag(x, y, z)."""
     return a[0] * x, a[1] * y, a[2] * z, a[3] * x, a[4] * y, a[5] * z, a[6] * x, a[7] * y, a[8] * z
 
 
 @scalar
 def cross(ax, ay, az, bx, by, bz):
-    """a x b."""
+    """Return a x b."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @scalar
 def determinant(a):
-    """|A|."""
+    """Return |A|."""
     x, y, z = cross(a[0], a[3], a[6], a[1], a[4], a[7])
     return x * a[2] + y * a[5] + z * a[8]
 
 
 @scalar
 def is_identity(a):
-    """Whether each number is exactly that of the identity."""
+    """Return whether A is exactly the identity."""
     return (
         (a[0] == ONE) & (a[4] == ONE) & (a[8] == ONE)
         & (a[1] == ZERO) & (a[2] == ZERO) & (a[3] == ZERO)
@@ -81,7 +85,7 @@ def is_identity(a):
 
 @scalar
 def squares(a):
-    """Squared length of each column."""
+    """Return the squared length of each column."""
     return (
         a[0] * a[0] + a[3] * a[3] + a[6] * a[6],
         a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
@@ -91,7 +95,7 @@ def squares(a):
 
 @scalar
 def quat_matrix(w, x, y, z):
-    """Rotation of a quaternion of any length but 0."""
+    """Return the rotation matrix of a quaternion of any length but 0."""
     s = TWO / (w * w + x * x + y * y + z * z)
     wx, wy, wz = s * w * x, s * w * y, s * w * z
     xx, yy, zz = s * x * x, s * y * y, s * z * z
@@ -105,7 +109,8 @@ def quat_matrix(w, x, y, z):
 
 @scalar
 def matrix_quat(a):
-    """Unit quaternion of a rotation; the sign is that which makes its largest part positive.
+    """Return the unit quaternion of a rotation, with the sign that makes its largest component
+    positive.
 
     Source: Shepperd 1978, "Quaternion from rotation matrix".
     """
@@ -123,10 +128,11 @@ def matrix_quat(a):
 
 @scalar
 def angle_between(a, b, c):
-    """Cosine and sine that make two columns orthogonal, of an angle of at most 45 degrees; so each
-    column stays nearest to what it was.
+    """Return cosine and sine of the rotation that makes two columns orthogonal.
 
-    a, b: their squared lengths; c: their scalar product.
+    The angle is at most 45 degrees, so that each column stays closest to its old direction.
+
+    a, b: squared lengths of the columns; c: their scalar product.
     """
     d, e = b - a, TWO * c
     r = ONE / math.sqrt(d * d + e * e)
@@ -139,7 +145,7 @@ def angle_between(a, b, c):
 
 @scalar
 def jacobi(a, v):
-    """(A Q, V Q) with a rotation Q that makes the columns of A Q orthogonal."""
+    """Return (A Q, V Q) for the rotation Q that makes the columns of A Q orthogonal."""
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = a
     v0, v1, v2, v3, v4, v5, v6, v7, v8 = v
     for _ in range(SWEEPS):
@@ -166,7 +172,7 @@ def jacobi(a, v):
 
 @scalar
 def _smallest_last(a, x, y, z):
-    """Columns in cyclic order, those of the smallest of x, y, z last."""
+    """Return the columns in cyclic order, with the column of the smallest of x, y, z last."""
     if (z <= x) & (z <= y):
         return a
     if y <= x:
@@ -176,10 +182,10 @@ def _smallest_last(a, x, y, z):
 
 @scalar
 def decompose(f):
-    """F = U diag(s) V^T with rotations U and V: (U, (s0, s1, s2), V), smallest s last.
+    """Decompose F = U diag(s) V^T with rotations U and V: (U, (s0, s1, s2), V), smallest s last.
 
-    Where F mirrors, it is the nearest matrix that does not: U is what it would be if the smallest
-    s were not negative. Where F has less than rank 2, U and V are the identity.
+    If F mirrors, the decomposition is that of the nearest matrix that does not: U is computed as if
+    the smallest s were not negative. If the rank of F is less than 2, U and V are the identity.
     """
     a, v = jacobi(f, (ONE, ZERO, ZERO, ZERO, ONE, ZERO, ZERO, ZERO, ONE))
     xx, yy, zz = squares(a)
@@ -197,8 +203,11 @@ def decompose(f):
 
 @scalar
 def is_mild(f, limit):
-    """Whether all principal stretches are surely within [1 / limit, limit], by the size of
-    F^T F - I; and F does not mirror."""
+    """Return whether F does not mirror and all its principal stretches are within [1 / limit,
+    limit].
+
+    The test uses the norm of F^T F - I. It may return False although the stretches are within.
+    """
     xx, yy, zz = squares(f)
     xy = f[0] * f[1] + f[3] * f[4] + f[6] * f[7]
     yz = f[1] * f[2] + f[4] * f[5] + f[7] * f[8]
@@ -211,9 +220,9 @@ def is_mild(f, limit):
 
 @scalar
 def polar(f):
-    """The rotation nearest to F: R of F = R U, where F does not mirror.
+    """Return the rotation nearest to F: R of F = R U, for an F that does not mirror.
 
-    By Newton's iteration where that is sure to end in four steps, by singular values elsewhere.
+    Uses Newton's iteration if it is certain to converge in four steps, else singular values.
     """
     if not is_mild(f, TWO):
         u, _, v = decompose(f)

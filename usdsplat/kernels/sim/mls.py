@@ -1,18 +1,18 @@
-"""Gradient of a deformation that is known only by where neighbours went: moving least squares.
+"""Deformation gradients from the displacements of neighbours, by moving least squares.
 
-The gradient that fits best how the neighbours at rest, X_j - X_i, moved is linear in their
-displacements u_j: F = I + sum_j (u_j - u_i) g_ij^T with g_ij = w_ij A^-1 (X_j - X_i) and A the
-weighted sum of squares of X_j - X_i. So all that depends on the state of rest is done once. What
-nothing has moved has F = I to the bit.
+The gradient that best fits how the rest offsets to neighbours, X_j - X_i, have changed is linear in
+the displacements u_j: F = I + sum_j (u_j - u_i) g_ij^T with g_ij = w_ij A^-1 (X_j - X_i), where A
+is the weighted sum of the outer products of X_j - X_i. Everything that depends only on the rest
+state is computed once. Without displacements, F = I exactly.
 
-Sheets say nothing about their thickness. There the normal is one more neighbour, which goes where
-the normal of the deformed sheet is: it turns, and no more.
+The points of a sheet do not determine its change of thickness. There the normal is used as one more
+neighbour, which moves to the normal of the deformed sheet, without a change of length.
 
-A gradient is worth what it explains. Where neighbours went apart, as where something tears, the
-displacements are nothing like (F - I) (X_j - X_i), and F is noise that would stretch splats into
-rays. So their difference, over the distances at rest, says how much of F is taken: first only the
-rotation is left of it, then nothing. And a splat that is larger than its neighbourhood follows it
-only in part. What is linear is taken as it is.
+F is used only as far as it explains the displacements. Where neighbours move apart, for instance at
+a tear, the displacements differ much from (F - I) (X_j - X_i), and F is noise that would stretch
+splats into rays. The difference relative to the rest distances controls how much of F is used:
+first the stretch is reduced, then the rotation. Splats larger than their neighbourhood follow it
+only in part. Linear deformations are kept exactly.
 
 Source: Müller et al. 2004, "Point based animation of elastic, plastic and melting objects".
 """
@@ -41,23 +41,23 @@ from .matrix import (
 )
 
 LEAST = np.float32(1e-4)
-"""Part of the largest moment below which neighbours are in a plane or on a line."""
+"""Fraction of the largest moment below which neighbours are in a plane or on a line."""
 _RIDGE = np.float32(1e-2)
 _REACH = np.float32(1.25)
-"""Reach of the weight, in distances of the farthest neighbour."""
+"""Radius of the weight function, relative to the distance of the farthest neighbour."""
 
 STRETCH_FROM, STRETCH_TO = np.float32(0.1), np.float32(0.4)
-"""Root mean square of what F does not explain, in distances at rest: from where less of the stretch
-is taken, and from where none."""
+"""Root mean square of the unexplained displacement, relative to rest distances, between which the
+stretch is reduced to none."""
 TURN_FROM, TURN_TO = np.float32(0.3), np.float32(0.9)
-"""Likewise of the rotation."""
+"""The same for the rotation."""
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
 
 
 @scalar
 def inverse(xx, xy, xz, yy, yz, zz):
-    """Of a symmetric matrix of size about 1, six numbers; each is 0 where it has none."""
+    """Return the inverse of a symmetric matrix of size about 1, six numbers; 0s if it has none."""
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     d = xx * a + xy * b + xz * c
     k = ONE / d if d > ZERO else ZERO
@@ -73,16 +73,17 @@ def inverse(xx, xy, xz, yy, yz, zz):
 
 @scalar
 def weight(square, reach):
-    """(1 - q^2)^3 for q^2 = square / reach."""
+    """Return (1 - q^2)^3 for q^2 = square / reach."""
     q = ONE - square / reach
     return q * q * q
 
 
 @scalar
 def sheet_normal(f, gx, gy, gz, nx, ny, nz):
-    """F with the normal's part added: n_now g^T, where n_now is across the deformed sheet.
+    """Return F with the contribution of the normal, n_now g^T, where n_now is normal to the
+    deformed sheet.
 
-    f: gradient without it; g: the normal's weight vector; n: normal at rest.
+    f: gradient without this contribution; g: weight vector of the normal; n: normal at rest.
     """
     mx, my, mz = nx, ny, nz
     for _ in range(2):
@@ -91,7 +92,7 @@ def sheet_normal(f, gx, gy, gz, nx, ny, nz):
             f[3] + my * gx, f[4] + my * gy, f[5] + my * gz,
             f[6] + mz * gx, f[7] + mz * gy, f[8] + mz * gz,
         )  # fmt: skip
-        # cofactors: two tangents' images have this cross product
+        # Cofactors: the cross product of the images of two tangents
         ax, ay, az = cross(a[1], a[4], a[7], a[2], a[5], a[8])
         bx, by, bz = cross(a[2], a[5], a[8], a[0], a[3], a[6])
         cx, cy, cz = cross(a[0], a[3], a[6], a[1], a[4], a[7])
@@ -113,14 +114,17 @@ def sheet_normal(f, gx, gy, gz, nx, ny, nz):
 
 @scalar
 def faded(x, start, end):
-    """1 up to start, 0 from end on, smooth between."""
+    """Return 1 up to start, 0 from end on, and a smooth transition between."""
     s = min(max((x - start) / (end - start), ZERO), ONE)
     return ONE - s * s * (np.float32(3) - TWO * s)
 
 
 @scalar
 def partly(f, stretch, turn):
-    """R^turn (I + stretch (U - I)) of F = R U; F itself if both are 1, else I where F mirrors."""
+    """Return R^turn (I + stretch (U - I)) of F = R U.
+
+    If both factors are 1 it is F, else I if F mirrors.
+    """
     if (stretch == ONE) & (turn == ONE):
         return f
     if ((stretch == ZERO) & (turn == ZERO)) | (not determinant(f) > ZERO):
@@ -146,15 +150,15 @@ def partly(f, stretch, turn):
 
 @kernel(over="neighbours", writes=("weights", "sheets"))
 def prepare(i, rest, neighbours, normals, weights, sheets):
-    """What each neighbour's displacement counts for.
+    """Compute the weight vectors of the neighbours' displacements.
 
     Args:
-        rest: Shape (n, 3).
+        rest: Rest positions, shape (n, 3).
         neighbours: Rows of `rest`, or -1, shape (n, k) i32.
-        normals: Across the sheet at each splat, of length 1, or 0 where there is none, shape
-            (n, 3); or (0, 3).
+        normals: Normal of the sheet at each splat, unit length, or 0 if there is none, shape (n,
+            3); or (0, 3).
         weights: Receives g_ij, shape (n, k, 3).
-        sheets: Receives the normal and its own g, shape (n, 2, 3); 0 where there is no sheet.
+        sheets: Receives the normal and its own g, shape (n, 2, 3); 0 if there is no sheet.
     """
     k = neighbours.shape[1]
     px, py, pz = rest[i, 0], rest[i, 1], rest[i, 2]
@@ -182,7 +186,7 @@ def prepare(i, rest, neighbours, normals, weights, sheets):
     if (nx == ZERO) & (ny == ZERO) & (nz == ZERO) & (d <= LEAST * most):
         nx, ny, nz = u[2], u[5], u[8]
     if middle <= LEAST * most:
-        # A line, or nobody: what is not known stays as it was.
+        # Neighbours on a line, or none: keep the identity in undetermined directions.
         ridge = _RIDGE * most if most > ZERO else ONE
         xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
         nx, ny, nz = ZERO, ZERO, ZERO
@@ -209,17 +213,17 @@ def prepare(i, rest, neighbours, normals, weights, sheets):
 
 @kernel(over="neighbours", writes=("out",))
 def gradients(i, rest, displacements, neighbours, weights, sheets, sizes, rows, out):
-    """Gradients of the deformation, as far as they explain where neighbours went.
+    """Compute deformation gradients, as far as they explain the displacements of neighbours.
 
     Args:
-        rest: Shape (n, 3).
-        displacements: From rest to now, shape (n, 3).
-        neighbours: As `prepare` had them, shape (n, k) i32.
-        weights: As `prepare` made them, shape (n, k, 3).
-        sheets: As `prepare` made them, shape (n, 2, 3).
-        sizes: How far splats reach, shape (n,); or (0,) where they are points.
-        rows: 1 for the splats that are asked for, shape (n,) u8; or (0,) for all.
-        out: Receives F, shape (n, 3, 3); other rows are left alone.
+        rest: Rest positions, shape (n, 3).
+        displacements: Displacements from rest, shape (n, 3).
+        neighbours: See `prepare`, shape (n, k) i32.
+        weights: From `prepare`, shape (n, k, 3).
+        sheets: From `prepare`, shape (n, 2, 3).
+        sizes: Radii of splats, shape (n,), or (0,) for points.
+        rows: 1 for the splats to compute, shape (n,) u8, or (0,) for all.
+        out: Receives F, shape (n, 3, 3); other rows are not changed.
     """
     k = neighbours.shape[1]
     if len(rows) > 0 and rows[i] == 0:

@@ -1,8 +1,8 @@
-"""The k nearest of n points, however unevenly they are spread.
+"""Exact k nearest neighbours of points with any distribution.
 
-A k-d tree without pointers: node 1 has all points, node j the halves 2j and 2j + 1, cut at the
-median of its longest side; the last level has leaves of a few points that lie one after the other.
-Exact; equal distances go by index.
+Uses a k-d tree without pointers: node 1 contains all points, node j the halves 2j and 2j + 1, split
+at the median of its longest side. The leaves of the last level are runs of a few points. Equal
+distances are sorted by index.
 
 Source: Friedman, Bentley & Finkel 1977, "An algorithm for finding best matches in logarithmic
 expected time".
@@ -21,35 +21,39 @@ from usdsplat.kernels.launch import BlockArray, block_kernel
 from .grid import squared_distance
 
 DEPTH = 32
-"""Levels of a tree, at most."""
+"""Largest number of levels of a tree."""
 NONE, ONE = np.uint64(0), np.uint64(1)
-"""Unsigned, for which indexing needs no test."""
+"""Unsigned, as signed indices cost a test for negative values."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @exact
 def first_of(node, level, n):
-    """First point of a node of a level (0 is the root's); that of node + 1 is where it ends."""
+    """Return the first point of a node of a level (0 is the root's).
+
+    The first of node + 1 is the end.
+    """
     return (np.int64(node) - (np.int64(1) << level)) * n >> level
 
 
 @exact
 def gap(x, low, high):
-    """From x to an interval: never more, in float32, than to any number in it."""
+    """Return the distance to an interval: in float32 never more than the distance to any number in
+    it."""
     return max(max(low - x, x - high), np.float32(0))
 
 
 @exact
 def box_distance(x, y, z, x0, y0, z0, x1, y1, z1):
-    """Squared distance to a box: never more than `squared_distance` to a point in it."""
+    """Return the squared distance to a box: never more than `squared_distance` to a point in it."""
     dx, dy, dz = gap(x, x0, x1), gap(y, y0, y1), gap(z, z0, z1)
     return dx * dx + dy * dy + dz * dz
 
 
 @exact
 def goes_before(row, other):
-    """Whether of two as near the first is the nearer; -1 is none."""
+    """Return whether `row` precedes `other`, at equal distances; -1 is no row."""
     return row < other or other < 0
 
 
@@ -58,7 +62,7 @@ def goes_before(row, other):
 
 @serial
 def divide(points, index, axis, first, end, middle):
-    """Order points first..end - 1 so that none before `middle` is beyond one after it.
+    """Partition points first..end - 1 around `middle`: none before it is greater than one after it.
 
     Source: Hoare 1961, "Algorithm 65: find".
     """
@@ -89,12 +93,12 @@ def divide(points, index, axis, first, end, middle):
 
 @parallel(writes=("points", "index", "boxes"))
 def plant(points, index, levels, boxes):
-    """Order points as the tree has them.
+    """Build the tree: order the points, and compute the boxes of nodes.
 
     Args:
-        points: Finite, (n, 3) f32, are reordered.
-        index: Likewise, (n,) i32.
-        levels: Below the root, 2^levels <= n.
+        points: Finite, (n, 3) f32, reordered in place.
+        index: Reordered like `points`, (n,) i32.
+        levels: Levels below the root, 2^levels <= n.
         boxes: Receives the box of each node, lower corner first: (2^(levels + 1), 6) f32.
     """
     n = np.int64(points.shape[0])
@@ -131,17 +135,17 @@ def nearest(
     begin, until, stack, bounds, points, index, levels, boxes, queries, order, k, indices,
     distances,
 ):  # fmt: skip
-    """Find the nearest of each query.
+    """Find the nearest points of each query.
 
     Args:
-        stack, bounds: Scratch: numbers and levels of the nodes to come, and how far they are.
-        points, index, levels, boxes: As `plant` left them.
+        stack, bounds: Scratch: node and level of those still to visit, and their distances.
+        points, index, levels, boxes: From `plant`.
         queries: (m, 3) f32.
-        order: In which queries are taken, near ones together: (m,) i32.
-        k: How many of each.
-        indices: Receives the entries of `index` of the nearest, nearest first, (m * k,) i32; -1
-            where there are no more.
-        distances: Receives squared distances, (m * k,) f32; inf where there are no more.
+        order: Order in which queries are processed, with near ones together: (m,) i32.
+        k: Number of points to find for each query.
+        indices: Receives the `index` entries of the nearest points, nearest first, (m * k,) i32; -1
+            if there are fewer.
+        distances: Receives squared distances, (m * k,) f32; inf if there are fewer.
     """
     n = np.int64(points.shape[0])
     nodes, depths = stack[0], stack[1]

@@ -1,9 +1,9 @@
-"""Smooth random fields: gradient noise with its own gradient, and whirls without divergence.
+"""Smooth random fields: gradient noise with its gradient, and curl noise.
 
-Space is cut into unit cubes; each corner has one of the twelve edge directions, by a hash of its
-whole coordinates and a seed, and a point gets the mixture of its corners' linear functions by a
-quintic weight. So the noise is C², 0 at corners, within [-1, 1], and its gradient is exact. Whirls
-are the curl of three such fields: their divergence is 0 but for rounding.
+Space is divided into unit cubes. Each corner has one of the twelve edge directions, by a hash of
+its integer coordinates and a seed. The noise interpolates the linear functions of the corners with
+a quintic weight. It is C², 0 at corners and within [-1, 1], and its gradient is exact. Curl noise
+is the curl of three such fields; its divergence is 0 except for rounding.
 
 Source: Perlin 2002, "Improving noise"; Bridson, Hourihan & Nordenstam 2007, "Curl-noise for
 procedural fluid flow"; the hash is Wellons' lowbias32.
@@ -34,7 +34,7 @@ _Y, _Z, _NEXT = np.uint32(10), np.uint32(20), np.uint32(0x9E3779B9)
 
 @scalar
 def mix32(word):
-    """`word` (uint32) with each bit spread over all, one to one."""
+    """Return a hash of `word` (uint32) in which every bit depends on all bits; one to one."""
     word = np.uint32((word ^ (word >> _U16)) * _M0)
     word = np.uint32((word ^ (word >> _U15)) * _M1)
     return np.uint32(word ^ (word >> _U16))
@@ -42,7 +42,7 @@ def mix32(word):
 
 @scalar
 def quintic(t):
-    """0 to 1 as t goes from 0 to 1, with first and second derivative 0 at both ends."""
+    """Return 0 to 1 as t goes from 0 to 1, with first and second derivative 0 at both ends."""
     return t * t * t * (t * (t * _SIX - _FIFTEEN) + _TEN)
 
 
@@ -53,14 +53,14 @@ def _quintic_slope(t):
 
 @scalar
 def cell(x):
-    """The whole number below x (uint32, wrapped) and what is left of it (float32)."""
+    """Return the largest integer up to x (uint32, wrapped) and the remainder (float32)."""
     below = math.floor(x)
     return np.uint32(np.int32(below)), np.float32(x - below)
 
 
 @scalar
 def _corners(ix, iy, iz, seed):
-    """Hashes of the eight corners of a cell, x fastest."""
+    """Return the hashes of the eight corners of a cell, x fastest."""
     jx, jy = np.uint32(ix + _U1), np.uint32(iy + _U1)
     root = mix32(np.uint32(seed))
     z0 = mix32(np.uint32(root + iz))
@@ -81,7 +81,8 @@ def _corners(ix, iy, iz, seed):
 
 @scalar
 def _edge(word, shift):
-    """One of the directions (0, ±1, ±1), (±1, 0, ±1), (±1, ±1, 0) by ten bits of a hash."""
+    """Return one of the directions (0, ±1, ±1), (±1, 0, ±1), (±1, ±1, 0), chosen by ten bits of a
+    hash."""
     bits = np.uint32(word >> shift)
     axis = np.uint32((np.uint32(bits >> _U3) & _U127) * _U3) >> _U7
     x = _ONE if bits & _U1 else -_ONE
@@ -96,7 +97,8 @@ def _edge(word, shift):
 
 @scalar
 def _term(word, shift, x, y, z, wx, wy, wz, sx, sy, sz):
-    """What one corner adds: (x, y, z) from it, weights along the axes and their slopes."""
+    """Return the contribution of one corner: (x, y, z) is relative to it; weights and slopes per
+    axis."""
     gx, gy, gz = _edge(word, shift)
     along = gx * x + gy * y + gz * z
     weight = wx * wy * wz
@@ -110,7 +112,8 @@ def _term(word, shift, x, y, z, wx, wy, wz, sx, sy, sz):
 
 @scalar
 def _field(h0, h1, h2, h3, h4, h5, h6, h7, x, y, z, shift):
-    """Value and gradient of the noise that `shift` chooses, from the hashes of the corners."""
+    """Return value and gradient of the noise with the given `shift`, from the hashes of the
+    corners."""
     bx, by, bz = quintic(x), quintic(y), quintic(z)
     ax, ay, az = _ONE - bx, _ONE - by, _ONE - bz
     sx, sy, sz = _quintic_slope(x), _quintic_slope(y), _quintic_slope(z)
@@ -133,9 +136,9 @@ def _field(h0, h1, h2, h3, h4, h5, h6, h7, x, y, z, shift):
 
 @scalar
 def gradient_noise(x, y, z, seed):
-    """Noise in [-1, 1] and its gradient (d/dx, d/dy, d/dz), all float32.
+    """Return noise in [-1, 1] and its gradient (d/dx, d/dy, d/dz), all float32.
 
-    (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
+    (x, y, z): float32, in wavelengths, |x| up to 1e9; seed: 32-bit integer.
     """
     ix, fx = cell(x)
     iy, fy = cell(y)
@@ -146,7 +149,7 @@ def gradient_noise(x, y, z, seed):
 
 @scalar
 def curl_in_cell(ix, iy, iz, fx, fy, fz, seed):
-    """`curl_noise` of what `cell` gives for each coordinate."""
+    """Return `curl_noise` for the results of `cell` of each coordinate."""
     h0, h1, h2, h3, h4, h5, h6, h7 = _corners(ix, iy, iz, seed)
     _, _, ay, az = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, np.uint32(0))
     _, bx, _, bz = _field(h0, h1, h2, h3, h4, h5, h6, h7, fx, fy, fz, _Y)
@@ -156,9 +159,9 @@ def curl_in_cell(ix, iy, iz, fx, fy, fz, seed):
 
 @scalar
 def curl_noise(x, y, z, seed):
-    """Whirls without divergence: a vector with root mean square length 1 over space, float32.
+    """Return curl noise: a vector field without divergence, of root mean square length 1, float32.
 
-    (x, y, z): float32, wavelengths, |x| up to 1e9; seed: whole number of 32 bits.
+    (x, y, z): float32, in wavelengths, |x| up to 1e9; seed: 32-bit integer.
     """
     ix, fx = cell(x)
     iy, fy = cell(y)
@@ -168,10 +171,12 @@ def curl_noise(x, y, z, seed):
 
 @scalar
 def change(time, seed):
-    """(seed, part, seed, part) of the two whirls that are mixed at a time, so that the mixture is
-    another one after each unit of time and has root mean square 1 at each moment.
+    """Return (seed, part, seed, part) of the two fields that are mixed at a time.
 
-    time: float64, |time| up to 1e9, in changes.
+    The mixture is replaced by another one after each unit of time, and has root mean square 1 at
+    all times.
+
+    time: float64, |time| up to 1e9, in periods of change.
     """
     before = math.floor(time)
     w = quintic(np.float32(time - before))

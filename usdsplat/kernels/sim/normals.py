@@ -1,4 +1,4 @@
-"""Which way a splat's surface faces.
+"""Normals of splats, and consistent orientation of them.
 
 Source: Hoppe et al. 1992, "Surface reconstruction from unorganized points", for planes of
 neighbours and signs that spread along a graph; Smith 1961, "Eigenvalues of a symmetric 3x3 matrix".
@@ -17,15 +17,15 @@ from .grid import squared_distance
 from .support import falloff
 
 DOUBLE = 1e-12
-"""Two eigenvalues are the same where their difference, over the spread, is below the root of this:
-the formula has half of float64's digits there."""
+"""Two eigenvalues count as equal if their difference, relative to the spread, is below the square
+root of this. The formula has half of float64's digits there."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @scalar
 def column(w, x, y, z, axis):
-    """A column of the rotation matrix of a unit quaternion."""
+    """Return a column of the rotation matrix of a unit quaternion."""
     if axis == 0:
         return 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
     if axis == 1:
@@ -35,15 +35,18 @@ def column(w, x, y, z, axis):
 
 @scalar
 def cross(ax, ay, az, bx, by, bz):
-    """a x b, and its squared length."""
+    """Return a x b and its squared length."""
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     return x, y, z, x * x + y * y + z * z
 
 
 @scalar
 def least_axis(xx, xy, xz, yy, yz, zz):
-    """The two least eigenvalues of a symmetric matrix, float64, and the unit eigenvector of the
-    least; (0, 0, 0) where it is not unique."""
+    """Return the two smallest eigenvalues of a symmetric matrix and the unit eigenvector of the
+    smallest.
+
+    All are float64. The eigenvector is (0, 0, 0) if it is not unique.
+    """
     mean = (xx + yy + zz) / 3
     a, b, c = xx - mean, yy - mean, zz - mean
     spread = math.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
@@ -73,7 +76,7 @@ def least_axis(xx, xy, xz, yy, yz, zz):
 
 @kernel(over="scales", writes=("out",))
 def thin_axes(i, rotations, scales, out):
-    """The axis along which each splat is thinnest.
+    """Compute the axis along which each splat is thinnest.
 
     Args:
         rotations: Unit quaternions, (n, 4) f32.
@@ -91,15 +94,15 @@ def thin_axes(i, rotations, scales, out):
 
 @kernel(over="positions", writes=("out", "surfaceness"))
 def planes(s, positions, support, order, rows, neighbors, before, out, surfaceness):
-    """Normals of the planes through neighbours.
+    """Compute the normals of planes through neighbours.
 
     Args:
-        positions, support, order, rows, neighbors: A graph's.
-        before: Normals whose sign is kept, and that stay where no plane is defined, (n, 3) f32 by
-            row.
-        out: Receives those of each row, (n, 3) f32.
-        surfaceness: Receives 1 - l0 / l1 of the two least eigenvalues, (n,) f32 by row: 1 on a
-            sheet, 0 where neighbours are all around.
+        positions, support, order, rows, neighbors: Those of a graph.
+        before: Earlier normals, (n, 3) f32 by row. Their sign is kept, and they are kept where no
+            plane is defined.
+        out: Receives the normal of each row, (n, 3) f32.
+        surfaceness: Receives 1 - l0 / l1 of the two smallest eigenvalues, (n,) f32 by row: 1 on a
+            sheet, 0 if neighbours are on all sides.
     """
     i = order[s]
     px, py, pz = before[i, 0], before[i, 1], before[i, 2]
@@ -136,18 +139,18 @@ def planes(s, positions, support, order, rows, neighbors, before, out, surfacene
 
 @serial(writes=("normals", "queue", "state"))
 def orient(normals, rows, neighbors, seeds, outward, queue, state):
-    """Give normals of each connected part the same side.
+    """Orient the normals of each connected part to the same side.
 
-    From the outermost splat on, in breadth: each takes the side of most of its neighbours that have
-    one, each with the cosine between the normals as its vote.
+    Starts from the outermost splat, breadth first. Each splat takes the side of the majority of its
+    oriented neighbours, weighted by the cosine between the normals.
 
     Args:
-        normals: Of each slot, (n, 3) f32, are flipped in place.
-        rows, neighbors: A graph's.
-        seeds: Slots, those first that parts are to begin with, (n,).
-        outward: Directions that the first normal of a part is turned to, (n, 3) f32 by slot.
+        normals: Normals of each slot, (n, 3) f32, flipped in place.
+        rows, neighbors: Those of a graph.
+        seeds: Slots, in the order in which they may start a part, (n,).
+        outward: Directions for the first normal of each part, (n, 3) f32 by slot.
         queue: Scratch, (n,) i32.
-        state: Zeros, (n,) u8: 1 is waiting, 2 has its side.
+        state: Initially zeros, (n,) u8: 1 is waiting, 2 is oriented.
     """
     for seed in seeds:
         if state[seed] != 0:

@@ -1,8 +1,8 @@
-"""Random numbers that depend on what they are for, not on when they are asked for.
+"""Counter-based random numbers, which depend on their purpose and not on the order of calls.
 
-Philox4x32-10 makes four 32-bit words of a counter and a key. The counter is (identity of a splat,
-step of the solver, lane); the key is (seed, stage). So any thread gets the same number for the same
-splat, and a restarted simulation goes on with the numbers it would have had.
+Philox4x32-10 makes four 32-bit words from a counter and a key. The counter is (id of a splat, step
+of the solver, lane); the key is (seed, stage). Every thread therefore gets the same number for a
+splat, and a resumed simulation continues with the same numbers.
 
 Source: Salmon, Moraes, Dror & Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3".
 """
@@ -23,7 +23,7 @@ _UNIT = np.float32(2.0**-24)
 
 @scalar
 def philox(c0, c1, c2, c3, k0, k1):
-    """Four words (uint32) of a counter of four and a key of two."""
+    """Return the four words (uint32) of a counter of four words and a key of two."""
     for _ in range(ROUNDS):
         p0, p1 = _M0 * np.uint64(c0), _M1 * np.uint64(c2)
         h0, h1 = np.uint32(p0 >> _HALF), np.uint32(p1 >> _HALF)
@@ -39,10 +39,11 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 @scalar
 def uniforms(seed, stage, identity, step, lane):
-    """Four float32 in [0, 1), multiples of 2^-24.
+    """Return four float32 in [0, 1), multiples of 2^-24.
 
-    seed, stage: whole numbers; `stage` says what for, one of the constants below.
-    identity: of the splat; step: of the solver; lane: where one splat needs more than four.
+    seed, stage: integers; `stage` is the purpose, one of the constants below.
+    identity: id of the splat; step: step of the solver; lane: index for splats that need more than
+    four numbers.
     """
     a, b, c, d = philox(
         np.uint32(np.uint64(identity) & _LOW),
@@ -61,4 +62,4 @@ def _unit(word):
 
 
 GRID, SEEDS, CARRIERS, BIRTH, DISSOLVE, IMPULSE, STAGGER, NOISE = range(8)
-"""What random numbers are for: no two stages share a stream."""
+"""Purposes of random numbers. Each stage has its own stream."""

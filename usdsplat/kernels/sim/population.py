@@ -1,4 +1,4 @@
-"""Growth along the normal, the chance of a child, and where it is put."""
+"""Growth of splats along their normals, probability of new splats, and their positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .directions import around, carried, is_normal
 from .philox import BIRTH, uniforms
 
 STEP_MAX = 0.2
-"""Furthest that a splat grows in a step, in radii of its neighbourhood."""
+"""Longest growth in a step, relative to the radius of the neighbourhood."""
 
 _ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 _THREE = np.float32(3)
@@ -25,8 +25,8 @@ _STEP = np.float32(STEP_MAX)
 
 @scalar
 def activity(v, low, high):
-    """How much grows where the pattern is v: smoothstep from low to high, a step where they
-    meet."""
+    """Return the activity of a pattern value v: smoothstep from low to high, or a step if they are
+    equal."""
     if high <= low:
         return _ONE if v >= low else _ZERO
     t = min(_ONE, max(_ZERO, (v - low) / (high - low)))
@@ -35,7 +35,8 @@ def activity(v, low, high):
 
 @scalar
 def spacing(support, target, dimension):
-    """Distance between neighbours [unit] where the support holds `target` of them, float32.
+    """Return the distance between neighbours [unit] if the support contains `target` of them,
+    float32.
 
     It is sqrt(pi / k) h on a surface and cbrt(4 pi / 3k) h in a volume.
     """
@@ -46,8 +47,11 @@ def spacing(support, target, dimension):
 
 @scalar
 def direction(identity, step, nx, ny, nz, dimension, seed):
-    """Where a child goes: any direction across the normal; in a volume, or where there is no
-    normal, any."""
+    """Return the direction from a splat to its child.
+
+    It is random and perpendicular to the normal; in a volume or without a normal, it is any
+    direction.
+    """
     turn, up, _, _ = uniforms(seed, BIRTH, identity, step, 0)
     flat = dimension == 2 and is_normal(nx, ny, nz)
     return around(nx, ny, nz, _ZERO if flat else _ONE - _TWO * up, turn)
@@ -61,13 +65,13 @@ def grow(
     i, positions, rest_positions, rotations, rest_rotations, uv, support, normals, factor, flags,
     way, low, high, alive, held,
 ):  # fmt: skip
-    """Move splats along their normals, at rest and, turned as they are, where they are now.
+    """Move splats along their normals, both at rest and, rotated like the splat, now.
 
     Args:
-        positions, rest_positions, normals: (n, 3) f32; rotations, rest_rotations: (n, 4) f32.
-        uv: (n, 2) f32; support: (n,) f32; factor: Of the way, (n,) f32, or (0,).
-        flags: (n,) u32; those with `alive` and without any of `held` move.
-        way: Speed times dt; low, high: see `activity`; f32.
+        positions, rest_positions, normals: (n, 3) f32. rotations, rest_rotations: (n, 4) f32.
+        uv: (n, 2) f32. support: (n,) f32. factor: Factor on the distance, (n,) f32, or (0,).
+        flags: (n,) u32; splats move that have `alive` and none of `held`.
+        way: Speed times dt, f32. low, high: See `activity`, f32.
     """
     if flags[i] & (alive | held) != alive:
         return
@@ -94,16 +98,16 @@ def ripen(
     i, progress, ids, uv, support, crowding, factor, flags, chance, low, high, h_target, dimension,
     crowd_max, alive, held, seed, ripe,
 ):  # fmt: skip
-    """Add a step's chance of a child, and mark those that are due and have room.
+    """Add the probability of a child in a step, and mark the splats that are due and have space.
 
     Args:
-        progress: (n,) f32, becomes at most 1 for those without room; those below 0 begin anywhere
-            from 0 to 1, so that equals are not due at the same time.
+        progress: (n,) f32, limited to 1 for splats without space. Values below 0 are initialized
+            with random numbers from 0 to 1, so that equal splats are not due at the same time.
         ids: (n,) i64.
-        uv: (n, 2) f32; support, crowding: (n,) f32; factor: Of the chance, (n,) f32, or (0,); where
-            it is 0 nobody is due.
-        flags: (n,) u32, as in `grow`.
-        chance: Rate times dt; low, high: see `activity`; h_target, crowd_max: f32.
+        uv: (n, 2) f32. support, crowding: (n,) f32. factor: Factor on the probability, (n,) f32, or
+            (0,); splats with 0 are never due.
+        flags: (n,) u32, see `grow`.
+        chance: Rate times dt. low, high: See `activity`. h_target, crowd_max: Limits. All f32.
         dimension: 2 or 3.
         ripe: Receives 1 or 0, (n,) u8.
     """
@@ -133,10 +137,11 @@ def put(
     """Move children half a spacing from their parents.
 
     Args:
-        parents: Their rows, (b,) i64; arrays of the parents: ids (n,) i64, support (n,) f32,
-            normals (n, 3) f32 at rest, rotations and rest_rotations (n, 4) f32.
-        target: Neighbours wanted, f64; dimension: 2 or 3; seed, step: of `uniforms`.
-        rest, now: The children's positions at rest and now, copies of their parents', (b, 3) f32.
+        parents: Rows of the parents, (b,) i64. Arrays of the parents: ids (n,) i64, support (n,)
+            f32, normals (n, 3) f32 at rest, rotations and rest_rotations (n, 4) f32.
+        target: Target number of neighbours, f64. dimension: 2 or 3. seed, step: See `uniforms`.
+        rest, now: Positions of the children at rest and now, initially copies of the parents', (b,
+            3) f32.
     """
     i = parents[k]
     x, y, z = direction(ids[i], step, normals[i, 0], normals[i, 1], normals[i, 2], dimension, seed)

@@ -1,4 +1,4 @@
-"""Gray and Scott's reaction on a graph of particles: one explicit step.
+"""Gray-Scott reaction on a graph of points: one explicit step.
 
     u' = Du L u - u v^2 + F (1 - u)
     v' = Dv L v + u v^2 - (F + k) v
@@ -15,11 +15,11 @@ from usdsplat.kernels.jit import parallel, scalar
 from usdsplat.kernels.launch import kernel
 
 BLOCK = 1024
-"""Points that one thread takes at a time."""
+"""Points of a work item."""
 
 ZERO, ONE = np.float32(0), np.float32(1)
 I1, I2, I3, I4 = (np.uint64(i) for i in range(1, 5))
-"""Unsigned, for a signed index is tested for being negative, at every use."""
+"""Unsigned, as signed indices cost a test for negative values at every use."""
 
 
 # --- 1. mathematics: one point ----------------------------------------------------------
@@ -27,7 +27,7 @@ I1, I2, I3, I4 = (np.uint64(i) for i in range(1, 5))
 
 @scalar
 def reacted(u, v, flow_u, flow_v, feed, kill, step):
-    """(u, v) after a step; flow is D L of each, step is of time."""
+    """Return (u, v) after a step; flow is D L of each, step is a time."""
     made = u * v * v
     return (
         u + step * (flow_u - made + feed * (ONE - u)),
@@ -40,12 +40,13 @@ def reacted(u, v, flow_u, flow_v, feed, kill, step):
 
 @parallel(writes=("out",), gpu="sim.reaction.gray_scott")
 def gray_scott(row, nbr, w, uv, feed, kill, du, dv, step, out):
-    """One step of all points. Sums have a fixed order: four in turn, then the rest.
+    """Make one step for all points. Sums have a fixed order: four interleaved sums, then the rest.
 
-    row: int64 (n + 1,); nbr: int32 (m,); w: float32 (m,), of the Laplacian.
-    uv, out: float32 (2 n,), u and v of each point in turn, two different arrays; `out` is written.
-    feed, kill: float32 (n,), or (1,) where all points have the same.
-    du, dv, step: float32; du and dv are times the square of the lattice unit.
+    row: int64 (n + 1,). nbr: int32 (m,). w: float32 (m,), weights of the Laplacian.
+    uv, out: float32 (2 n,), u and v of each point, interleaved; two different arrays. `out`
+    receives the result.
+    feed, kill: float32 (n,), or (1,) if all points have the same value.
+    du, dv, step: float32; du and dv include the square of the lattice unit.
     """
     n = len(row) - 1
     feeds, kills = len(feed) > 1, len(kill) > 1
@@ -75,7 +76,7 @@ def gray_scott(row, nbr, w, uv, feed, kill, du, dv, step, out):
                 v0 += wa * (uv[a + I1] - v)
                 e += I1
             out[k], out[k + I1] = (u0 + u1) + (u2 + u3), (v0 + v1) + (v2 + v3)
-        for i in range(first, last):  # a loop of its own vectorises
+        for i in range(first, last):  # a separate loop, which can be vectorized
             k = I2 * i
             out[k], out[k + I1] = reacted(
                 uv[k], uv[k + I1], du * out[k], dv * out[k + I1],

@@ -1,8 +1,8 @@
-"""Even spacing: splats push those away that are too close, along the surface that they are part of.
+"""Relaxation to even spacing: splats that are too close repel each other, along their surface.
 
 Source: Turk 1991, "Generating textures on arbitrary surfaces using reaction-diffusion", for
-repulsion; Lagae & Dutré 2008 on what even is; Müller et al. 2007, "Position based dynamics", for
-all at once.
+repulsion; Lagae & Dutré 2008 on measures of evenness; Müller et al. 2007, "Position based
+dynamics", for simultaneous moves.
 """
 
 from __future__ import annotations
@@ -18,25 +18,28 @@ from .grid import squared_distance
 from .support import falloff
 
 RANGE = np.float32(1.8)
-"""Distance at which splats let go of each other, in spacings."""
+"""Distance from which splats do not repel each other, in spacings."""
 LONGEST = np.float32(0.25)
-"""Step of a sweep, at most, in spacings."""
+"""Longest step of a sweep, in spacings."""
 ASIDE = np.float32(0.1)
-"""Distance from the neighbours' centroid, in radii, from which a splat may be on a border; it is
-0.26 on a straight one."""
+"""Distance from the neighbours' centroid, in radii, from which a splat may be on a border.
+
+On a straight border it is 0.26.
+"""
 CONE = np.float32(0.5)
-"""Cosine between that direction and any neighbour's which shows that there is no border."""
+"""Cosine between the direction to the centroid and that to any neighbour which shows that there is
+no border."""
 RETURN = np.float32(0.5)
-"""Part of the way back to the surface that a sweep takes."""
+"""Fraction of the distance to the surface by which a sweep moves splats back."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @scalar
 def push(d2, own, other):
-    """By how much of the offset from a neighbour a splat is pushed away from it, f32.
+    """Return the fraction of the offset from a neighbour by which a splat is pushed away, f32.
 
-    own, other: Spacings of the two [unit].
+    own, other: spacings of the two [unit].
     """
     reach = RANGE * np.float32(0.5) * (own + other)
     d = np.float32(math.sqrt(d2))
@@ -50,16 +53,17 @@ def push(d2, own, other):
 
 @reduction(over="positions", by="sum", writes=("out",))
 def sweep(s, positions, support, normals, order, rows, neighbors, unit, strength, out):
-    """Move a splat once, by where the others were; return the step, in spacings.
+    """Move a splat once, relative to the old positions of others, and return its step, in spacings.
 
-    The sum over all splats comes back.
+    The kernel's result is the sum over all splats.
 
     Args:
-        positions, support, order, rows, neighbors: A graph's, of lists within either's radius.
-        normals: By slot, (n, 3) f32; splats move along the plane, and half of the way back to the
-            surface of their neighbours. Zeros move freely.
-        unit: Spacing over radius, f32.
-        strength: Part of the spacing, f32.
+        positions, support, order, rows, neighbors: Those of a graph with lists within either's
+            radius.
+        normals: By slot, (n, 3) f32. Splats move in the plane, and half of the distance back to the
+            surface of their neighbours. Splats with zeros move in any direction.
+        unit: Spacing relative to the radius, f32.
+        strength: Factor on the step, in spacings, f32.
         out: Receives positions by row, (n, 3) f32.
     """
     zero = np.float32(0)
@@ -94,7 +98,7 @@ def sweep(s, positions, support, normals, order, rows, neighbors, unit, strength
     along = cx * nx + cy * ny + cz * nz
     cx, cy, cz = cx - along * nx, cy - along * ny, cz - along * nz
     away = np.float32(math.sqrt(cx * cx + cy * cy + cz * cz))
-    # Nothing holds a border against those that push it from one side: it would run away.
+    # Splats on a border are kept: repulsion from one side only would make it grow without limit.
     if away > ASIDE * weights * support[s]:
         cx, cy, cz = cx / away, cy / away, cz / away
         outward = fx * cx + fy * cy + fz * cz
@@ -111,8 +115,8 @@ def sweep(s, positions, support, normals, order, rows, neighbors, unit, strength
     length = np.float32(math.sqrt(fx * fx + fy * fy + fz * fz))
     step = strength * spacing * min(np.float32(1), LONGEST / max(strength * length, LONGEST))
     fx, fy, fz = step * fx, step * fy, step * fz
-    # A chord makes equal angles with both normals of an arc, so their mean leaves a splat
-    # on a sphere where it is; the neighbours' centroid would draw it inwards.
+    # A chord makes equal angles with both normals of an arc, so the mean of both normals keeps a
+    # splat of a sphere on it. The centroid of its neighbours would move it inwards.
     back = zero
     if weights > 0:
         back = -RETURN * np.float32(0.5) * (height + mx * fx + my * fy + mz * fz) / weights

@@ -1,4 +1,4 @@
-"""Where a pattern begins: random numbers of points, and patches of noise."""
+"""Initial patterns: random numbers by point, and patches of noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.philox import SEEDS, uniforms
 
 HALF_RANGE = 1 << 20
-"""Corners of the noise's lattice on either side of the origin, after which it repeats."""
+"""Lattice corners of the noise on either side of the origin, after which it repeats."""
 
 
 # --- 1. mathematics: one point ----------------------------------------------------------
@@ -19,7 +19,7 @@ HALF_RANGE = 1 << 20
 
 @scalar
 def corner(seed, x, y, z):
-    """The value of a corner of the lattice, 0 to 1."""
+    """Return the value at a corner of the lattice, 0 to 1."""
     mask = 2 * HALF_RANGE - 1
     identity = (((z & mask) << 42) | ((y & mask) << 21)) | (x & mask)
     return uniforms(seed, SEEDS, identity, 0, 1)[0]
@@ -27,13 +27,13 @@ def corner(seed, x, y, z):
 
 @scalar
 def eased(t):
-    """Smooth from 0 to 1."""
+    """Return a smooth step from 0 to 1."""
     return t * t * (np.float32(3) - np.float32(2) * t)
 
 
 @scalar
 def mixed(a, b, t):
-    """Linearly between two values."""
+    """Interpolate linearly between two values."""
     return a + t * (b - a)
 
 
@@ -42,18 +42,18 @@ def mixed(a, b, t):
 
 @kernel(over="ids", writes=("out",))
 def draw(i, ids, seed, out):
-    """A number in [0, 1) for each identity. ids: int64 (n,); out: float32 (n,), written."""
+    """Draw a number in [0, 1) for each id. ids: int64 (n,). out: float32 (n,), receives numbers."""
     out[i] = uniforms(seed, SEEDS, ids[i], 0, 0)[0]
 
 
 @kernel(over="positions", writes=("out",))
 def noise(i, positions, seed, size, out):
-    """Value noise: smooth, 0 to 1, of patches about `size` across.
+    """Compute value noise: smooth, 0 to 1, with patches of diameter `size`.
 
-    positions: float32 (n, 3), finite; size: float64; out: float32 (n,), written.
+    positions: float32 (n, 3), finite. size: float64. out: float32 (n,), receives noise.
     """
     px, py, pz = positions[i, 0] / size, positions[i, 1] / size, positions[i, 2] / size
-    x = np.int64(math.floor(px))  # which on a GPU is a float64
+    x = np.int64(math.floor(px))  # floor returns float64 on a GPU
     y, z = np.int64(math.floor(py)), np.int64(math.floor(pz))
     tx = eased(np.float32(px - x))
     ty = eased(np.float32(py - y))
@@ -68,10 +68,10 @@ def noise(i, positions, seed, size, out):
 
 @serial(writes=("queue", "label"))
 def parts(rows, neighbors, queue, label):
-    """Number the connected parts of a graph, and return how many there are.
+    """Label the connected parts of a graph, and return their number.
 
-    rows: int64 (n + 1,); neighbors: int32; queue: int32 (n,), room; label: int32 (n,), -1 at first,
-    written. Who is a neighbour of whom must be mutual.
+    rows: int64 (n + 1,). neighbors: int32; the relation must be symmetric. queue: int32 (n,),
+    scratch. label: int32 (n,), initially -1, receives labels.
     """
     count = 0
     for first in range(len(label)):

@@ -1,9 +1,10 @@
-"""The way back: a critically damped spring towards a target that may move, solved exactly.
+"""Return to the rest position: a critically damped spring to a target that may move, solved
+exactly.
 
-With y and w the place and velocity relative to the target, e = exp(-omega dt) and
-tau = w + omega y: y' = (y + tau dt) e, w' = (w - omega tau dt) e. It is stable at any step and
-never passes the target from rest. The target carries splats along however it speeds up: at the
-start of a step w is relative to its velocity in the step before.
+With y and w the position and velocity relative to the target, e = exp(-omega dt) and tau = w +
+omega y: y' = (y + tau dt) e, w' = (w - omega tau dt) e. The solution is stable for any step, and a
+splat that starts at rest never overshoots. A target that accelerates carries its splats along: at
+the start of a step, w is relative to the target's velocity in the step before.
 """
 
 from __future__ import annotations
@@ -20,8 +21,11 @@ SKIPPED = 10  # bits PINNED and FREE of State.flags
 
 @scalar
 def settle_axis(x, v, before, after, carried, speed, omega, decay, dt):
-    """Place and velocity along one axis after dt; decay is exp(-omega dt); the target's velocity
-    was `carried` and is `speed`."""
+    """Return position and velocity along one axis after dt.
+
+    decay is exp(-omega dt). The target's velocity was `carried` in the last step and is `speed`
+    now.
+    """
     y, w = x - before, v - carried
     tau = w + omega * y
     return after + (y + tau * dt) * decay, (w - omega * tau * dt) * decay + speed
@@ -29,13 +33,13 @@ def settle_axis(x, v, before, after, carried, speed, omega, decay, dt):
 
 @scalar
 def follow_axis(x, before, after, speed):
-    """Likewise without a spring: as far off the target as it is."""
+    """Return position and velocity without a spring: the offset from the target stays the same."""
     return after + (x - before), speed
 
 
 @scalar
 def rest_axis(x, v, omega, decay, dt):
-    """Likewise with the spring off and the damper left on: x'' = -2 omega x'."""
+    """Return position and velocity with damping but without the spring: x'' = -2 omega x'."""
     square = decay * decay
     return x + v * (np.float32(1) - square) / (omega + omega), v * square
 
@@ -45,19 +49,19 @@ def settle(
     i, omega, delay, fastest, dt, before, after, speeds, flags, weights, positions, velocities,
     since,
 ):  # fmt: skip
-    """One substep of every splat that is neither pinned nor free.
+    """Make one substep of every splat that is neither pinned nor free.
 
     Args:
-        omega: [1/s], times the splat's weight; where that is 0 a splat stays as far off its target
-            as it is.
-        delay: Time after the last contact in which the spring is off [s].
+        omega: [1/s], multiplied by the splat's weight. Where this is 0, a splat keeps its offset
+            from the target.
+        delay: Time after the last contact without spring [s].
         fastest: Largest speed [unit/s], inf for none.
         dt: [s]. All four are float32.
-        before, after: Target at the start and the end [unit], shape (n, 3) f32.
-        speeds: Velocity of the target [unit/s] in the last substep, replaced by that in this one,
-            shape (n, 3) f32; or (0, 3), of one that never moves.
-        flags: Those of State, shape (n,) u32; weights: shape (n,) f32.
-        positions, velocities: Shape (n, 3) f32; written.
+        before, after: Targets at the start and the end [unit], shape (n, 3) f32.
+        speeds: Velocities of the targets [unit/s] in the last substep, replaced by those in this
+            one, shape (n, 3) f32; or (0, 3) for targets that never move.
+        flags: Flags of State, shape (n,) u32. weights: Shape (n,) f32.
+        positions, velocities: Shape (n, 3) f32; changed in place.
         since: Time since the last contact [s], shape (n,) f32; dt is added.
     """
     per_dt = np.float32(1) / dt

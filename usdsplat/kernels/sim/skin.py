@@ -1,11 +1,11 @@
-"""What joints or triangles do to splats: x' = A x + t, and A from the left onto the gradient.
+"""Skinning by joints or triangles: x' = A x + t, and A multiplied from the left onto the gradient.
 
-Weights are those a splat was bound with, so they do not change with x and A is the derivative.
+Weights are those at bind time. They do not depend on x, so A is the derivative.
 
 Sources: Magnenat-Thalmann, Laperrière & Thalmann 1988 (linear blend skinning); Kavan et al. 2008,
 "Geometric Skinning with Approximate Dual Quaternion Blending"; Sumner & Popović 2004, "Deformation
-Transfer for Triangle Meshes" (a triangle's frame); Guédon & Lepetit 2024, "SuGaR", and Waczyńska et
-al. 2024, "GaMeS", for splats on triangles.
+Transfer for Triangle Meshes" (frame of a triangle); Guédon & Lepetit 2024, "SuGaR", and Waczyńska
+et al. 2024, "GaMeS", for splats on triangles.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..jit import exact, scalar
 from ..launch import BlockArray, block_kernel, kernel
 
 DUAL = 17
-"""Columns of a joint for dual quaternions: rotation, dual part, stretch by rows."""
+"""Columns of a joint for dual quaternions: rotation, dual part, stretch in row order."""
 
 
 # --- 1. mathematics: one splat, one triangle --------------------------------------------
@@ -26,7 +26,7 @@ DUAL = 17
 
 @scalar
 def carry(m, points, gradient, i):
-    """Take splat i along: m is (A | t) by rows, 12 numbers."""
+    """Transform splat i: m is (A | t) in row order, 12 numbers."""
     x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
     for a in range(3):
         points[i, a] = m[4 * a] * x + m[4 * a + 1] * y + m[4 * a + 2] * z + m[4 * a + 3]
@@ -39,13 +39,13 @@ def carry(m, points, gradient, i):
 
 @exact
 def cross(ax, ay, az, bx, by, bz):
-    """a x b."""
+    """Return a x b."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @exact
 def upright(ux, uy, uz, vx, vy, vz):
-    """A triangle's third direction: its normal, as long as its edges are, for they grow alike."""
+    """Return the third edge of a triangle's frame: its normal, scaled like its edges."""
     x, y, z = cross(ux, uy, uz, vx, vy, vz)
     length = math.sqrt(math.sqrt(x * x + y * y + z * z))
     return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 0.0)
@@ -53,7 +53,7 @@ def upright(ux, uy, uz, vx, vy, vz):
 
 @scalar
 def corner(points, triangles, weights, face, i, a):
-    """Coordinate `a` of the place that splat i has on a face."""
+    """Return coordinate `a` of the position of splat i on a face."""
     return (
         np.float64(weights[i, 0]) * points[triangles[face, 0], a]
         + np.float64(weights[i, 1]) * points[triangles[face, 1], a]
@@ -63,7 +63,7 @@ def corner(points, triangles, weights, face, i, a):
 
 @scalar
 def edge(points, triangles, face, end):
-    """From a face's first corner to another."""
+    """Return the vector from a face's first corner to another."""
     a, b = triangles[face, 0], triangles[face, end]
     return (
         np.float64(points[b, 0]) - points[a, 0],
@@ -81,14 +81,15 @@ def edge(points, triangles, face, end):
     scratch=(BlockArray(shape=12, dtype=np.float64),),
 )
 def blend_linear(first, last, m, points, gradient, indices, weights, amount, joints):
-    """Move splats by the mean of what their joints do.
+    """Move splats by the weighted mean of their joints' transformations.
 
     Args:
         points: Changed in place, shape (n, 3) f32.
-        gradient: Changed in place, shape (n, 3, 3) f32; or of no size.
-        indices, weights: Joints of each splat, shape (n, k) i32, f32; what weights lack of 1 stays.
-        amount: How far, 0..1.
-        joints: (A | t) by rows, shape (j, 12) f64.
+        gradient: Deformation gradients, changed in place, shape (n, 3, 3) f32, or empty.
+        indices, weights: Joints of each splat, shape (n, k) i32, f32. If the weights sum to less
+            than 1, the rest has the weight of the identity.
+        amount: Strength, 0 to 1.
+        joints: (A | t) in row order, shape (j, 12) f64.
     """
     for i in range(first, last):
         m[:] = 0.0
@@ -111,11 +112,11 @@ def blend_linear(first, last, m, points, gradient, indices, weights, amount, joi
     scratch=(BlockArray(shape=29, dtype=np.float64),),
 )
 def blend_dual(first, last, own, points, gradient, indices, weights, amount, joints):
-    """Move splats by the rigid motion between those of their joints; stretch is blended linearly
-    and comes first.
+    """Move splats by blended rigid motions of their joints; the stretch is blended linearly and
+    applied first.
 
     Args:
-        points, gradient, indices, weights, amount: As `blend_linear` takes them.
+        points, gradient, indices, weights, amount: See `blend_linear`.
         joints: Shape (j, DUAL) f64.
     """
     m, s, q = own[:12], own[12:21], own[21:]
@@ -144,7 +145,7 @@ def blend_dual(first, last, own, points, gradient, indices, weights, amount, joi
             for a in range(0, 9, 4):
                 s[a] += stays
             square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-            if not square > 1e-12:  # opposite motions have no middle
+            if not square > 1e-12:  # opposite motions have no mean
                 for a in range(8):
                     q[a] = joints[pivot, a]
                 square = 1.0
@@ -183,15 +184,16 @@ def blend_dual(first, last, own, points, gradient, indices, weights, amount, joi
 def follow_triangles(
     first, last, own, points, gradient, faces, weights, amount, triangles, before, after, bind
 ):
-    """Move splats as the triangles move that they are bound to.
+    """Move splats with the triangles that they are bound to.
 
     Args:
-        points, gradient, amount: As `blend_linear` takes them.
+        points, gradient, amount: See `blend_linear`.
         faces: Triangle of each splat, shape (n,) i32.
-        weights: Place on it, shape (n, 3) f32.
+        weights: Barycentric weights on it, shape (n, 3) f32.
         triangles: Rows of points, shape (t, 3) i32.
         before, after: The mesh at bind time and now, shape (p, 3) f32.
-        bind: Splats to where they were bound, (A | t) by rows, shape (12,) f64.
+        bind: Transformation of splats to the space in which they were bound, (A | t) in row order,
+            shape (12,) f64.
     """
     m, f = own[:12], own[12:]
     for i in range(first, last):
@@ -210,7 +212,7 @@ def follow_triangles(
             f[3 * a] = (u[a] * rux + v[a] * rvx + w[a] * rnx) / volume
             f[3 * a + 1] = (u[a] * ruy + v[a] * rvy + w[a] * rny) / volume
             f[3 * a + 2] = (u[a] * ruz + v[a] * rvz + w[a] * rnz) / volume
-        if not volume > 0.0:  # a triangle without area only takes splats along
+        if not volume > 0.0:  # a triangle without area only translates its splats
             f[:] = 0.0
             f[0] = f[4] = f[8] = 1.0
         for a in range(3):
@@ -229,16 +231,16 @@ def follow_triangles(
 
 @kernel(over="faces", writes=("out_joints", "out_weights"))
 def gather_weights(i, faces, places, triangles, joints, weights, out_joints, out_weights):
-    """Take joints from a bound mesh: those of the triangle's points, each as its place says.
+    """Transfer joints from a bound mesh: those of the triangle's points, with barycentric weights.
 
-    The strongest are kept, of equal ones the lowest, and sum to 1.
+    The strongest are kept, of equal ones those with the lowest index, and normalized to a sum of 1.
 
     Args:
-        faces, places: Triangle of each splat and its place there, shape (n,) i32, (n, 3) f32.
+        faces, places: Triangle of each splat and barycentric weights, shape (n,) i32, (n, 3) f32.
         triangles: Rows of points, shape (t, 3) i32.
         joints, weights: Of the points, shape (p, k) i32, f32.
-        out_joints, out_weights: Receive the strongest first, shape (n, m) i32, f32; zeros where
-            there are fewer.
+        out_joints, out_weights: Receive joints and weights, the strongest first, shape (n, m) i32,
+            f32; zeros if there are fewer.
     """
     k, kept = joints.shape[1], out_joints.shape[1]
     face = faces[i]

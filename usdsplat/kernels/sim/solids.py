@@ -1,11 +1,11 @@
 """Signed distance and gradient of one solid in its own frame, negative inside.
 
-Sphere and capsule are one family: balls of radius `middle - grow * s` about the points (0, 0, s),
-|s| <= half. All constants are float32, exact, so that the same text computes in the precision of
-its arguments: float32 to find contacts, float64 to resolve them.
+Spheres and capsules are one family: the union of balls of radius `middle - grow * s` around the
+points (0, 0, s), |s| <= half. All constants are exact in float32, so that the same code computes in
+the precision of its arguments: float32 to find contacts, float64 to resolve them.
 
-Source: the formulae by I. Quilez for a box and a round cone; for the round cone the foot of the
-normal on the axis is clamped instead of telling three cases apart.
+Source: the formulae by I. Quilez for a box and a round cone. For the round cone, the foot of the
+normal on the axis is clamped instead of distinguishing three cases.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ import numpy as np
 from usdsplat.kernels.jit import scalar
 
 ROUND, BOX, PLANE, MESH = range(4)
-"""Kinds of a solid, as tables name them."""
+"""Kinds of solids, as used in tables."""
 
 FIELD_X, FIELD_Y, FIELD_Z, FIELD_VOXEL, FIELD_NX, FIELD_NY, FIELD_NZ, FIELD_START = range(8)
 FIELD_COLUMNS = 8
-"""Columns of a table of distance fields: centre of the first voxel [unit], size of a voxel [unit],
-how many there are along each axis, and where the first is in the array of all voxels."""
+"""Columns of a table of distance fields: centre of the first voxel [unit], edge of a voxel [unit],
+number of voxels along each axis, and index of the first one in the array of all voxels."""
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @scalar
 def round_foot(x, y, z, half, slope):
-    """Where on the axis the normal through a point begins, and the point's distance from it."""
+    """Return the point on the axis from which the normal through a point starts, and its
+    distance."""
     across = math.sqrt(x * x + y * y)
     foot = min(max(z - across * slope, -half), half)
     along = z - foot
@@ -38,10 +39,10 @@ def round_foot(x, y, z, half, slope):
 
 @scalar
 def round_distance(x, y, z, middle, grow, half, slope):
-    """Distance to a capsule whose ends may differ.
+    """Return the distance to a capsule with ends of different radii.
 
-    middle: mean radius [unit]; half: of the distance between the ends' centres [unit]; grow: by
-    how much the radius shrinks along z, |grow| < 1; slope: grow / sqrt(1 - grow^2).
+    middle: mean radius [unit]. half: half the distance between the ends' centres [unit]. grow:
+    decrease of the radius along z, |grow| < 1. slope: grow / sqrt(1 - grow^2).
     """
     foot, length = round_foot(x, y, z, half, slope)
     return length - (middle - grow * foot)
@@ -49,7 +50,7 @@ def round_distance(x, y, z, middle, grow, half, slope):
 
 @scalar
 def round_solid(x, y, z, middle, grow, half, slope):
-    """`round_distance` with its gradient; on the axis one of the many directions."""
+    """Return `round_distance` with its gradient; on the axis, one of the possible gradients."""
     foot, length = round_foot(x, y, z, half, slope)
     distance = length - (middle - grow * foot)
     if length > ZERO:
@@ -59,7 +60,7 @@ def round_solid(x, y, z, middle, grow, half, slope):
 
 @scalar
 def box_distance(x, y, z, a, b, c):
-    """Distance to a box with half edges (a, b, c) [unit]."""
+    """Return the distance to a box with half edges (a, b, c) [unit]."""
     x, y, z = abs(x) - a, abs(y) - b, abs(z) - c
     u, v, w = max(x, ZERO), max(y, ZERO), max(z, ZERO)
     return math.sqrt(u * u + v * v + w * w) + min(max(x, max(y, z)), ZERO)
@@ -67,7 +68,7 @@ def box_distance(x, y, z, a, b, c):
 
 @scalar
 def box_solid(x, y, z, a, b, c):
-    """`box_distance` with its gradient; inside that of the nearest face."""
+    """Return `box_distance` with its gradient; inside, the gradient for the nearest face."""
     u, v, w = abs(x) - a, abs(y) - b, abs(z) - c
     deepest = max(u, max(v, w))
     if deepest > ZERO:
@@ -90,19 +91,19 @@ def box_solid(x, y, z, a, b, c):
 
 @scalar
 def _cell(u, count):
-    """Which voxel a coordinate in voxels, within the field, lies after, and how far."""
+    """Return the voxel before a coordinate [voxels] within the field, and the fraction after it."""
     first = min(int(u), count - 2)
     return first, u - first
 
 
 @scalar
 def field_solid(x, y, z, fields, field, voxels):
-    """Distance to a mesh by its field, and the gradient of just that.
+    """Return the distance to a mesh by its distance field, and the gradient of this distance.
 
-    Between voxels it is trilinear. Outside the field it is the distance to the point of the surface
-    that the field's nearest point says, at most a little more than its own.
+    Between voxels it is trilinear. Outside the field it is the distance to the surface point that
+    belongs to the field's nearest point, an upper bound with a small error.
 
-    fields: shape (f, FIELD_COLUMNS) f64; voxels: all fields' voxels, x fastest, flat.
+    fields: shape (f, FIELD_COLUMNS) f64. voxels: voxels of all fields, x fastest, flat.
     """
     size = fields[field, FIELD_VOXEL]
     nx, ny = int(fields[field, FIELD_NX]), int(fields[field, FIELD_NY])
@@ -110,7 +111,7 @@ def field_solid(x, y, z, fields, field, voxels):
     u = (x - fields[field, FIELD_X]) / size
     v = (y - fields[field, FIELD_Y]) / size
     w = (z - fields[field, FIELD_Z]) / size
-    # So written that what is no number is read from within the field too.
+    # Written so that NaN is read from inside the field, too.
     cu = min(u, nx - 1.0) if u > 0.0 else 0.0
     cv = min(v, ny - 1.0) if v > 0.0 else 0.0
     cw = min(w, nz - 1.0) if w > 0.0 else 0.0
@@ -131,7 +132,7 @@ def field_solid(x, y, z, fields, field, voxels):
     dx, dy, dz = dx / size, dy / size, dz / size
     slope = math.sqrt(dx * dx + dy * dy + dz * dz)
     if ou * ou + ov * ov + ow * ow > 0.0:
-        # From the surface's point that is nearest to the field's nearest point.
+        # The surface point that is nearest to the field's nearest point.
         back = distance / slope if slope > 0.0 and distance > 0.0 else 0.0
         ou, ov, ow = ou + back * dx, ov + back * dy, ow + back * dz
         distance = math.sqrt(ou * ou + ov * ov + ow * ow)
@@ -141,10 +142,10 @@ def field_solid(x, y, z, fields, field, voxels):
 
 @scalar
 def solid(kind, x, y, z, a, b, c, d, fields, field, voxels):
-    """Distance and gradient of a solid of any kind (float64).
+    """Return distance and gradient of a solid of any kind (float64).
 
-    a, b, c, d: ROUND: middle, grow, half, slope of `round_distance`; BOX: half edges, -; PLANE
-    (all z < 0 is inside) and MESH: -.
+    a, b, c, d: for ROUND: middle, grow, half, slope of `round_distance`; for BOX: half edges,
+    unused; not used for PLANE (all z < 0 is inside) and MESH.
     """
     if kind == ROUND:
         return round_solid(x, y, z, a, b, c, d)

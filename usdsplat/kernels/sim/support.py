@@ -1,7 +1,7 @@
-"""The radius of each splat's neighbourhood: how many neighbours it has, and what it should be.
+"""Support radius of each splat: count the neighbours within it, and adapt it to a target number.
 
-The count is smooth: each neighbour counts by K(q) = (1 - q^2)^3, q = distance / radius, times a
-factor with which an even density gives the number of points in the circle or ball.
+The count is smooth: each neighbour counts as K(q) = (1 - q^2)^3, q = distance / radius, times a
+factor with which points of even density give their number in the circle or ball.
 
 Source: Hernquist & Katz 1989, "TreeSPH"; Price 2012, "Smoothed particle hydrodynamics and
 magnetohydrodynamics".
@@ -17,21 +17,22 @@ from usdsplat.kernels.launch import kernel
 from .grid import squared_distance
 
 FACTOR = {2: 4.0, 3: 105 / 16}
-"""Dimension -> area or volume of the unit ball over the integral of K."""
+"""Dimension -> area or volume of the unit ball divided by the integral of K."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
 
 @scalar
 def falloff(q2):
-    """K of a squared relative distance, float32: 1 at 0, 0 from 1 on."""
+    """Return K of a squared relative distance, float32: 1 at 0, 0 from 1 on."""
     t = max(np.float32(1) - q2, np.float32(0))
     return t * t * t
 
 
 @scalar
 def corrected(h, count, target, power, least, most):
-    """The next radius: a step towards as many neighbours as the target; at most half or double."""
+    """Return the next radius, a step towards the target number of neighbours, by a factor of 0.5 to
+    2."""
     factor = (target / max(count, np.float32(0.5))) ** power
     return min(max(h * min(max(factor, np.float32(0.5)), np.float32(2)), least), most)
 
@@ -41,12 +42,12 @@ def corrected(h, count, target, power, least, most):
 
 @kernel(over="positions", writes=("out",))
 def crowding(s, positions, support, order, rows, neighbors, factor, out):
-    """Smooth number of neighbours.
+    """Compute the smooth number of neighbours.
 
     Args:
-        positions, support, order, rows, neighbors: A graph's.
-        factor: Of the dimension, f32.
-        out: Receives that of each row, (n,) f32.
+        positions, support, order, rows, neighbors: Those of a graph.
+        factor: FACTOR of the dimension, f32.
+        out: Receives the number of each row, (n,) f32.
     """
     x, y, z = positions[s, 0], positions[s, 1], positions[s, 2]
     total = np.float32(0)
@@ -64,12 +65,12 @@ def control(i, support, count, target, power, least, most, out):
     """Correct radii by the number of neighbours.
 
     Args:
-        support: Clamped, (n,) f32; 0 stays.
+        support: Radii, (n,) f32; 0 stays.
         count: Smooth number of neighbours, (n,) f32.
-        target: Number there is to be, f32.
+        target: Target number, f32.
         power: Gain over dimension, f32: stable below 2 / (d ln count / d ln h).
-        least, most: Limits, f32.
-        out: Receives (n,) f32.
+        least, most: Limits of the radius, f32.
+        out: Receives radii, (n,) f32.
     """
     h = support[i]
     out[i] = corrected(h, count[i], target, power, least, most) if h > 0 else h

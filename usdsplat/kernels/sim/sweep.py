@@ -1,9 +1,9 @@
-"""Catch what a solid passes between two times: splats that are struck go on in front of it.
+"""Continuous collision: splats that a moving solid passes during a substep are kept in front of it.
 
-Each solid is swept by itself, in its own frame, in which a splat runs along a segment. The first
-point of it at the clearance is a hit; from there the rest of the way is slid along the surface,
-held back by friction, until the way leads off it. A half-space is passed by nothing, so planes are
-left to `contact`.
+Each solid is swept separately, in its own frame, in which a splat moves along a segment. The first
+point of the segment within the clearance is a hit. From there the rest of the segment is followed
+along the surface, slowed by friction, until its direction leads away from it. Planes are
+half-spaces, which nothing can pass; they are left to `contact`.
 
 Source: Mirtich 1996, "Impulse-based dynamic simulation of rigid body systems", for conservative
 advancement; ray and capsule after I. Quilez.
@@ -43,22 +43,24 @@ from usdsplat.kernels.sim.contact import ALIVE_ONLY, PINNED_OR_DEAD
 from usdsplat.kernels.sim.solids import MESH, ROUND
 
 ADVANCES = 32
-"""Steps towards a surface."""
+"""Largest number of steps towards a surface."""
 SLIDES = 256
-"""Steps along it."""
+"""Largest number of steps along a surface."""
 STRIKES = 4
-"""Times that a splat may leave a solid and be struck again."""
+"""Largest number of times that a splat may leave a solid and hit it again."""
 COARSE, FINE = 1e-3, 1e-4
-"""1 - cos of the surface's turn along a step: halve it above, double it below."""
+"""1 - cos of the angle between normals along a step: the step is halved above COARSE and doubled
+below FINE."""
 FLAT = 1e-10
-"""Likewise: above, it is not doubled beyond THIN, for slight turns may grow exponentially."""
+"""1 - cos above which a step is not doubled beyond THIN, as slight turns may grow exponentially."""
 
 # --- where the segment hits -----------------------------------------------------------------------
 
 
 @scalar
 def ball_hit(x, y, z, dx, dy, dz, radius):
-    """Part of the way at which a segment enters a ball about the origin, inf where it does not."""
+    """Return the fraction of a segment at which it enters a ball around the origin, inf without a
+    hit."""
     a = dx * dx + dy * dy + dz * dz
     b = x * dx + y * dy + z * dz
     c = x * x + y * y + z * z - radius * radius
@@ -70,7 +72,7 @@ def ball_hit(x, y, z, dx, dy, dz, radius):
 
 @scalar
 def capsule_hit(x, y, z, dx, dy, dz, half, radius):
-    """Likewise a capsule along z, whose ends are alike; from within it is inf."""
+    """Return `ball_hit` for a capsule along z with equal ends; inf from inside."""
     first = np.inf
     if half > 0.0:
         a = dx * dx + dy * dy
@@ -89,7 +91,7 @@ def capsule_hit(x, y, z, dx, dy, dz, half, radius):
 
 @scalar
 def box_gap(bodies, j, x, y, z):
-    """Distance of a point from the box of solid j, in its frame."""
+    """Return the distance of a point from the box of solid j, in its frame."""
     u = max(max(bodies[j, LOW] - x, x - bodies[j, HIGH]), 0.0)
     v = max(max(bodies[j, LOW + 1] - y, y - bodies[j, HIGH + 1]), 0.0)
     w = max(max(bodies[j, LOW + 2] - z, z - bodies[j, HIGH + 2]), 0.0)
@@ -98,8 +100,9 @@ def box_gap(bodies, j, x, y, z):
 
 @serial
 def first_hit(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz):
-    """Part of the way, 0 to 1, at which a point of solid j's frame comes to its clearance [unit]
-    while on its way in; inf where it does not."""
+    """Return the fraction of the path, 0 to 1, at which a point moving inwards reaches the
+    clearance [unit] of solid j, in its frame; inf without a hit.
+    """
     d, gx, gy, gz = local_solid(bodies, j, SIZE, FIELD, fields, voxels, x, y, z)
     is_in = dx * gx + dy * gy + dz * gz < 0.0
     if d <= clearance:
@@ -117,7 +120,7 @@ def first_hit(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz):
         d, gx, gy, gz = local_solid(bodies, j, SIZE, FIELD, fields, voxels, u, v, w)
         is_in = dx * gx + dy * gy + dz * gz < 0.0
         if bodies[j, KIND] == MESH:
-            # Beyond its field a mesh is at least as far as its box, and no nearer is known.
+            # Outside its field a mesh is at least as far as its box; no better bound is known.
             far = box_gap(bodies, j, u, v, w)
             d = far if far > 0.0 else d
         gap = d - clearance
@@ -136,8 +139,10 @@ def first_hit(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz):
 
 @scalar
 def creep(nx, ny, nz, dx, dy, dz, friction):
-    """What of a unit way (dx, dy, dz) a surface of normal n leaves: nothing inwards, and less
-    along it after Coulomb."""
+    """Return the part of a unit step (dx, dy, dz) that remains on a surface of normal n.
+
+    The part inwards is removed, and the part along the surface is reduced by Coulomb friction.
+    """
     out = dx * nx + dy * ny + dz * nz
     if out >= 0.0:
         return dx, dy, dz
@@ -149,12 +154,14 @@ def creep(nx, ny, nz, dx, dy, dz, friction):
 
 @serial
 def slide(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz, way):
-    """Go a way [unit] in a unit direction from the surface of solid j, along it while pressed.
+    """Move a distance `way` [unit] in a unit direction from the surface of solid j, along it while
+    pressed.
 
-    By the midpoint rule; steps are a quarter of THIN at first and follow the surface's turn.
+    Uses the midpoint rule. Steps start with a quarter of THIN and are adapted to the surface's
+    curvature.
 
     Returns:
-        where (3), normal there (3), what is left of the way [unit], whether it is pressed still.
+        position (3), normal there (3), remaining distance [unit], whether it is still pressed.
     """
     friction = bodies[j, FRICTION]
     step = least = 0.25 * bodies[j, THIN]
@@ -182,7 +189,7 @@ def slide(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz, way):
         way -= step
         if turn < FINE and (step < bodies[j, THIN] or turn < FLAT):
             step *= 2.0
-        # While pressed it stays on the surface; in front of a corner it may have left it.
+        # While pressed, the point stays on the surface. Before a corner it may have left it.
         if d < clearance or dx * mx + dy * my + dz * mz < 0.0:
             u, v, w = u + (clearance - d) * mx, v + (clearance - d) * my, w + (clearance - d) * mz
         x, y, z, nx, ny, nz = u, v, w, mx, my, mz
@@ -191,7 +198,7 @@ def slide(bodies, j, fields, voxels, clearance, x, y, z, dx, dy, dz, way):
 
 @serial
 def sweep_row(bodies, j, fields, voxels, dt, clearance, i, started, positions, velocities):
-    """Sweep solid j past splat i; returns whether it struck."""
+    """Sweep solid j past splat i; return whether it hit the splat."""
     ax, ay, az = into(
         bodies, j, TURN_BEFORE, PLACE_BEFORE,
         np.float64(started[i, 0]), np.float64(started[i, 1]), np.float64(started[i, 2]),
@@ -248,8 +255,8 @@ def sweep_row(bodies, j, fields, voxels, dt, clearance, i, started, positions, v
 
 @scalar
 def may_pass(bodies, j, before, after, far, reach):
-    """Whether solid j may pass a splat between two boxes, as (middle (3), half (3)), of which none
-    moves further than `far`."""
+    """Return whether solid j may pass a splat between two boxes, as (centre (3), half extent (3)),
+    when no splat moves further than `far`."""
     bx, by, bz = into(bodies, j, TURN_BEFORE, PLACE_BEFORE, before[0], before[1], before[2])
     ax, ay, az = into(bodies, j, TURN, PLACE, after[0], after[1], after[2])
     cx, cy, cz = into(bodies, j, TURN_BEFORE, PLACE_BEFORE, after[0], after[1], after[2])
@@ -278,7 +285,7 @@ def sweep_block(
     block, bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities,
     since, struck, near, counts,
 ):  # fmt: skip
-    """Sweep all solids past one block of splats; the arguments are those of `sweep`."""
+    """Sweep all solids past one block of splats; for the arguments see `sweep`."""
     n = positions.shape[0]
     start, end = block * BLOCK, min(n, (block + 1) * BLOCK)
     counts[block] = 0
@@ -335,10 +342,10 @@ def sweep(
     bodies, fields, voxels, dt, clearance, started, flags, scales, positions, velocities, since,
     struck, near, counts,
 ):  # fmt: skip
-    """Let no solid whose SWEPT is set pass a splat during a substep.
+    """Keep every solid with SWEPT set from passing a splat during a substep.
 
-    Args are those of `contact`; counts: strikes in each block, shape (blocks,) i64, written.
-    struck: Set to 1 where there was one, shape (n,) u8.
+    For the arguments see `contact`. counts: receives the hits in each block, shape (blocks,) i64.
+    struck: set to 1 for splats that were hit, shape (n,) u8.
     """
     for block in prange(counts.shape[0]):
         sweep_block(

@@ -1,10 +1,10 @@
-"""How a splat's ellipsoid follows the space it is in: Sigma' = F Sigma F^T, by its axes.
+"""Deformation of a splat's ellipsoid by the space around it: Sigma' = F Sigma F^T, by its axes.
 
-F is the gradient of the deformation at the splat. The columns of F R(q) diag(scales) span the new
-ellipsoid; made orthogonal they are its axes, and Sigma' itself is never formed: its smallest
-eigenvalue would drown in the rounding of its largest.
+F is the deformation gradient at the splat. The columns of F R(q) diag(scales) span the new
+ellipsoid; orthogonalized, they are its axes. Sigma' itself is never computed, as the rounding of
+its largest eigenvalue would hide its smallest.
 
-Source: Xie et al. 2024, "PhysGaussian" for Sigma'; the rest in `matrix`.
+Source: Xie et al. 2024, "PhysGaussian" for Sigma'; for the rest see `matrix`.
 """
 
 from __future__ import annotations
@@ -35,18 +35,19 @@ from .matrix import (
 )
 
 FULL, RIGID, VOLUME = range(3)
-"""Of a deformation a splat takes all, only the rotation, or all but the change of volume."""
+"""Policies: a splat follows the whole deformation, only its rotation, or all except the change of
+volume."""
 
 _THIRD = np.float32(-1 / 3)
 _THIN = np.float32(1e-6)
-"""Axes below this part of the longest are carried along as if they had it."""
+"""Fraction of the longest axis to which shorter axes are raised for the deformation."""
 _TINY = np.float32(1e-30)
 
 
 @scalar
 def guarded(f, limit):
-    """F with its principal stretches within [1 / limit, limit]; the nearest rotation where F
-    mirrors or flattens."""
+    """Return F with its principal stretches clamped to [1 / limit, limit]; the nearest rotation if
+    F mirrors or is singular."""
     u, (x, y, z), v = decompose(f)
     if determinant(f) > ZERO:
         least = ONE / limit
@@ -58,7 +59,8 @@ def guarded(f, limit):
 
 @scalar
 def face(a, sx, sy, sz):
-    """Area that the two longer axes span; `a` has the axes as columns, of lengths sx, sy, sz."""
+    """Return the area spanned by the two longest axes; `a` has the axes as columns, of lengths sx,
+    sy, sz."""
     if (sz <= sx) & (sz <= sy):
         x, y, z = cross(a[0], a[3], a[6], a[1], a[4], a[7])
     elif sy <= sx:
@@ -70,8 +72,8 @@ def face(a, sx, sy, sz):
 
 @scalar
 def carried(f, w, x, y, z, sx, sy, sz):
-    """Unit quaternion and scales of the ellipsoid that F makes of one, and by how much its face
-    has grown."""
+    """Return unit quaternion and scales of an ellipsoid deformed by F, and the growth of its
+    face."""
     longest = max(sx, max(sy, max(sz, _TINY)))
     px, py, pz = sx / longest, sy / longest, sz / longest
     ux, uy, uz = max(px, _THIN), max(py, _THIN), max(pz, _THIN)
@@ -86,17 +88,19 @@ def carried(f, w, x, y, z, sx, sy, sz):
 
 @kernel(over="gradient", writes=("rotations", "scales", "areas"))
 def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations, scales, areas):
-    """Compute the ellipsoid of each splat from that at rest.
+    """Compute the ellipsoid of each splat from the ellipsoid at rest.
 
     Args:
-        gradient: Shape (n, 3, 3). Rows that are exactly the identity, or not finite, are at rest.
+        gradient: Shape (n, 3, 3). Rows that are exactly the identity, or not finite, give the rest
+            ellipsoid.
         rest_rotations: Shape (n, 4).
         rest_scales: Shape (n, 3).
         policy: FULL, RIGID or VOLUME.
         limit: Largest principal stretch, f32, at least 1.
-        rotations: Those of the time before, replaced; of q and -q the nearer one, shape (n, 4).
-        scales: Receives, shape (n, 3).
-        areas: Receives the factor of each one's face, shape (n,), or (0,) for nobody.
+        rotations: Those of the time before, replaced by the nearer one of q and -q, shape (n, 4).
+        scales: Receives scales, shape (n, 3).
+        areas: Receives the growth factor of each ellipsoid's face, shape (n,), or (0,) if not
+            needed.
     """
     f = (
         gradient[i, 0, 0], gradient[i, 0, 1], gradient[i, 0, 2],
@@ -134,12 +138,13 @@ def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations
 
 @kernel(over="opacities", writes=("out",))
 def thin(i, opacities, areas, out):
-    """Opacity of the same matter on a face that has grown: 1 - (1 - a)^(1 / area).
+    """Compute opacities that keep the amount of matter on a face that has grown: 1 - (1 - a)^(1 /
+    area).
 
     Args:
-        opacities: At rest, shape (n,).
-        areas: As `transport` gives them, shape (n,).
-        out: Receives, shape (n,).
+        opacities: Opacities at rest, shape (n,).
+        areas: Results of `transport`, shape (n,).
+        out: Receives opacities, shape (n,).
     """
     a = opacities[i]
     if areas[i] != ONE:

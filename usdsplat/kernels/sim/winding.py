@@ -1,12 +1,12 @@
-"""How often a surface winds around a point: 1 inside a closed one, 0 outside, between where it has
-holes. Its sign against one half tells inside from outside without a watertight mesh.
+"""Generalized winding number of a surface around points: 1 inside a closed surface, 0 outside.
 
-A far run of triangles counts as a dipole, which is its area vector at its centre; of the rest the
-solid angles are summed.
+With holes, it is between 0 and 1. Comparing it with one half separates inside from outside without
+a watertight mesh. A distant run of triangles is approximated by a dipole, its area vector at its
+centre; for near triangles the solid angles are summed.
 
 Sources: Jacobson, Kavan & Sorkine-Hornung 2013, "Robust Inside-Outside Segmentation using
-Generalized Winding Numbers"; Barill et al. 2018, "Fast Winding Numbers for Soups and Clouds";
-Van Oosterom & Strackee 1983, "The Solid Angle of a Plane Triangle".
+Generalized Winding Numbers"; Barill et al. 2018, "Fast Winding Numbers for Soups and Clouds"; Van
+Oosterom & Strackee 1983, "The Solid Angle of a Plane Triangle".
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ MOMENTS = 7
 
 @exact
 def solid_angle(ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Of a triangle seen from the origin, [sr], positive from behind it; 0 within its plane."""
+    """Return the solid angle [sr] of a triangle from the origin, positive from behind; 0 in its
+    plane."""
     a = math.sqrt(ax * ax + ay * ay + az * az)
     b = math.sqrt(bx * bx + by * by + bz * bz)
     c = math.sqrt(cx * cx + cy * cy + cz * cz)
@@ -40,7 +41,7 @@ def solid_angle(ax, ay, az, bx, by, bz, cx, cy, cz):
 
 @exact
 def dipole(nx, ny, nz, x, y, z):
-    """Solid angle [sr] of a far area vector at (x, y, z), seen from the origin."""
+    """Return the solid angle [sr] of a distant area vector at (x, y, z), from the origin."""
     square = x * x + y * y + z * z
     return (nx * x + ny * y + nz * z) / (square * math.sqrt(square))
 
@@ -50,10 +51,10 @@ def dipole(nx, ny, nz, x, y, z):
 
 @serial(writes=("moments",))
 def fit_dipoles(corners, moments):
-    """Sum up the triangles of each node.
+    """Compute the dipole of each node.
 
     Args:
-        corners: Of the triangles in the tree's order, shape (t, 9) f32.
+        corners: Corners of the triangles in the tree's order, shape (t, 9) f32.
         moments: Receives a dipole for each row of the tree, shape (2 * leaves, MOMENTS) f64.
     """
     leaves, t = moments.shape[0] // 2, corners.shape[0]
@@ -84,7 +85,7 @@ def fit_dipoles(corners, moments):
                     m[3 + a] += area * (np.float64(c[a]) + c[a + 3] + c[a + 6]) / 3.0
                 total += area
             m[6] = total
-        else:  # the radius' column holds the area until all centres are known
+        else:  # the column of the radius contains the area until all centres are known
             for child in (2 * row, 2 * row + 1):
                 for a in range(3):
                     m[a] += moments[child, a]
@@ -117,14 +118,14 @@ def fit_dipoles(corners, moments):
 
 @kernel(over="points", writes=("out",))
 def sum_winding(i, points, corners, moments, far, out):
-    """Winding number of a surface around each point.
+    """Compute the winding number of a surface around each point.
 
     Args:
         points: Shape (n, 3) f32.
-        corners, moments: As `fit_dipoles` has them.
-        far: A node counts as a dipole where it is farther than this many of its radii; inf sums
-            every triangle.
-        out: Receives the numbers, shape (n,) f32.
+        corners, moments: See `fit_dipoles`.
+        far: A node is approximated by its dipole if its distance is more than this many of its
+            radii; inf sums all triangles.
+        out: Receives winding numbers, shape (n,) f32.
     """
     t, leaves = corners.shape[0], moments.shape[0] // 2
     x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])

@@ -1,11 +1,10 @@
 """Find pairs of splats that one splat can replace, and merge them.
 
-A splat has the mass that a picture shows of it: opacity times the area that it covers, seen from
-anywhere. A pair becomes the Gaussian with the mean and the covariance of both, weighted by mass,
-and as opaque as keeps their mass. What it costs is how far the picture may change: the mass that
-moves to where none was, in nats (Runnalls 2007), and the variance of colour and opacity that is
-lost.
-
+The mass of a splat is what it contributes to a picture: opacity times visible area, averaged over
+all view directions. A pair is replaced by the Gaussian with the mean and covariance of both,
+weighted by mass, with an opacity that keeps the sum of their masses. The cost estimates how far
+pictures may change: the mass that moves to where none was, in nats (Runnalls 2007), plus the
+variances of colour and opacity that are lost.
 Source: Runnalls 2007, "Kullback-Leibler approach to Gaussian mixture reduction", eq. 16 and 21.
 """
 
@@ -19,17 +18,25 @@ from usdsplat.kernels.jit import exact, serial
 from usdsplat.kernels.launch import kernel
 
 OPAQUE = 0.999
-"""Opacity that merged splats have at most. Half of what is more, by its logarithm, makes them
-larger instead; the other half is taken to lie behind what can be seen."""
+"""Largest opacity of a merged splat.
+
+Half of the excess, by its logarithm, makes the splat larger; the other half is assumed to be hidden
+behind it.
+"""
 SEEN = 0.75
-"""Power of its mass by which a pair counts: cameras keep away from what is large."""
+"""Power of a pair's mass in its cost, as cameras keep a distance from large splats."""
 SOFTNESS = 0.03
-"""Part of a splat's size, squared, that blurs it before shapes are compared: how thin a splat is
-matters to no picture once it is thin."""
+"""Fraction of a splat's size, squared, by which it is blurred before shapes are compared.
+
+How thin a splat is does not matter to pictures once it is thin.
+"""
 NARROW = 1e-6
-"""Width of a needle, over its length, at least: below is the rounding of its covariance."""
+"""Smallest ratio of width to length of a splat.
+
+Smaller ones are rounding errors of its covariance.
+"""
 TINY = 1e-30
-"""Added to variances [unit^2]: splats without size have a logarithm too."""
+"""Added to variances [unit^2], so that splats without size have a logarithm."""
 
 # --- 1. mathematics ---------------------------------------------------------------------
 
@@ -73,14 +80,18 @@ def area(xx, xy, xz, yy, yz, zz):
 
 @exact
 def mixed(a, b, part, d, e):
-    """An entry of a pair's covariance: of the first, `part` of the mass, and of the second; d, e:
-    how far apart they are along the entry's axes."""
+    """Return one entry of a pair's covariance, from those of the first splat, which has the
+    fraction `part` of the mass, and of the second.
+
+    d, e: distances between the two splats along the entry's axes.
+    """
     return part * a + (1 - part) * b + part * (1 - part) * d * e
 
 
 @exact
 def joined(i, j, part, positions, covariances):
-    """Covariance of a pair of rows; `part` of their mass is the first one's."""
+    """Return the covariance of a pair of rows, of which the first has the fraction `part` of the
+    mass."""
     dx = np.float64(positions[i, 0]) - positions[j, 0]
     dy = np.float64(positions[i, 1]) - positions[j, 1]
     dz = np.float64(positions[i, 2]) - positions[j, 2]
@@ -102,10 +113,10 @@ def weigh(i, scales, rotations, opacities, covariances, masses, volumes):
     """Compute the values by which pairs are compared.
 
     Args:
-        scales, rotations, opacities: Of a cloud.
+        scales, rotations, opacities: Arrays of a cloud.
         covariances: Receives (xx, xy, xz, yy, yz, zz), (n, 6) f64.
         masses: Receives opacity times area [unit^2], (n,) f64.
-        volumes: Receives logarithms, (n,) f64.
+        volumes: Receives logarithms of volumes, (n,) f64.
     """
     s0, s1, s2 = (
         np.float64(scales[i, 0]), np.float64(scales[i, 1]), np.float64(scales[i, 2])
@@ -129,13 +140,14 @@ def cheapest(
     """Find the neighbour with which each splat forms the cheapest pair.
 
     Args:
-        rows: Of the splats that are left, (m,) i32.
-        near: Entries of `rows` of the neighbours of each, (m, k) i32; -1, or itself, is none.
-        positions, covariances, masses, volumes, opacities: Of all rows.
-        sh: Likewise, (n, 3 coefficients) f32.
-        by_color, by_opacity: Nats that a unit of squared difference is worth, float64.
-        partners: Receives entries of `rows`, (m,) i32; -1 where there is none.
-        costs: Receives what they cost, (m,) f64; inf where there is none.
+        rows: Rows of the remaining splats, (m,) i32.
+        near: Neighbours of each splat, as entries of `rows`, (m, k) i32; -1 or the splat itself is
+            no neighbour.
+        positions, covariances, masses, volumes, opacities: Values of all rows.
+        sh: Harmonics of all rows, (n, 3 coefficients) f32.
+        by_color, by_opacity: Cost of a squared difference of 1 [nat], float64.
+        partners: Receives the neighbours, as entries of `rows`, (m,) i32; -1 if there is none.
+        costs: Receives the costs of the pairs, (m,) f64; inf if there is none.
     """
     i = rows[s]
     partners[s], costs[s] = -1, np.inf
@@ -171,13 +183,13 @@ def match(order, partners, most, taken, pairs):
 
     Args:
         order: Entries of `partners`, (m,) i64.
-        partners: Of each, (m,) i32; -1 is none.
-        most: Pairs to take at most.
-        taken: False; receives whose pair was taken, (m,) bool.
-        pairs: Receives them, (most, 2) i32.
+        partners: Partner of each entry, (m,) i32; -1 is none.
+        most: Largest number of pairs.
+        taken: Initially False; receives whether an entry is in a selected pair, (m,) bool.
+        pairs: Receives the selected pairs, (most, 2) i32.
 
     Returns:
-        How many there are.
+        Number of selected pairs.
     """
     found = 0
     for s in order:
@@ -201,21 +213,23 @@ def match(order, partners, most, taken, pairs):
 def merge(
     p, pairs, rows, positions, covariances, masses, volumes, opacities, sh, velocities, merged, gone
 ):
-    """Put each pair into the row of its heavier splat; of equally heavy ones, the first.
+    """Write each merged pair to the row of its heavier splat, or of the first if they are equally
+    heavy.
 
     Args:
-        pairs: Entries of `rows`, (p, 2) i32, none twice.
-        rows: Of the splats that are left, (m,) i32.
-        positions, covariances, masses, volumes, opacities, sh: Of all rows; are changed.
-        velocities: Likewise, (n, 3) f32, or (n, 0).
-        merged: Receives True for rows that are another splat now, (n,) bool.
-        gone: Receives True for rows that are none any more, (n,) bool.
+        pairs: Entries of `rows`, (p, 2) i32, each at most once.
+        rows: Rows of the remaining splats, (m,) i32.
+        positions, covariances, masses, volumes, opacities, sh: Values of all rows; changed in
+            place.
+        velocities: Values of all rows, (n, 3) f32, or (n, 0); changed in place.
+        merged: Receives True for rows that contain a merged splat, (n,) bool.
+        gone: Receives True for rows that were removed, (n,) bool.
     """
     i, j = rows[pairs[p, 0]], rows[pairs[p, 1]]
     if masses[j] > masses[i] or (masses[j] == masses[i] and j < i):
         i, j = j, i
     gone[j] = True
-    if masses[j] == 0:  # a point, or nothing to be seen
+    if masses[j] == 0:  # a point, or an invisible splat
         return
     merged[i] = True
     mass = masses[i] + masses[j]

@@ -106,12 +106,12 @@ GESTURES = (
     ("Right drag", "look around"),
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's values"),
-    ("Double click", "turn about what is there"),
+    ("Double click", "orbit the point under the pointer"),
     ("A", "frame everything"),
     ("Q W E R", "no manipulator, move, turn, scale"),
     ("X", "the manipulator's axes: the world's or the prim's own"),
     ("Drag a handle", "move the selected prim, also while it simulates"),
-    ("Drag the wipe", "cut the comparison elsewhere"),
+    ("Drag the wipe", "move the line of the comparison"),
     ("Drop a file", "open it in this window"),
 )
 """Gestures of the viewport, for the help."""

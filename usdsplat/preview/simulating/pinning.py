@@ -1,7 +1,7 @@
 """Separate parameters that a running simulation accepts from those that need a restart.
 
-A solver prepares for the features of all frames that it knows in advance, and reads constant values
-once. Both stay fixed during a run; changes to them are reported by name.
+A solver prepares for the features of all frames that are known in advance, and reads constant
+values once. Both stay fixed during a run; changes to them are reported by name.
 """
 
 from __future__ import annotations

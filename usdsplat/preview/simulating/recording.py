@@ -1,4 +1,4 @@
-"""A simulation that is baked to a file while one looks: what `usdsplat simulate` would write."""
+"""Record a simulation to a bake while the preview runs, with the result of `usdsplat simulate`."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
 
 class Recording(Job):
-    """One bake, of the stage as it is when it begins: edits that come later do not count.
+    """One bake of the stage in its state at the start; later edits have no effect.
 
     Args:
-        host: Whose stage is simulated.
-        device: Computes.
-        changed: Called when there is something new to say.
-        target, frames: As `simulate` takes them; None takes the stage's range.
-        existing: What becomes of a bake that is there already.
-        without: Layers of the session that do not count, by identifier.
-        after: Recordings that were stopped; they may still be writing, to the same files perhaps.
+        host: Document of the stage.
+        device: Runs the kernels.
+        changed: Called when status or message has changed.
+        target, frames: See `simulate`; None takes the stage's range.
+        existing: What to do with an existing bake.
+        without: Identifiers of session layers to leave out.
+        after: Stopped recordings to wait for, as they may still write to the same files.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class Recording(Job):
         self._left: Sequence[float] = ()
         self._last = 0.0
         self._after = after
-        # Here, where the caller has the lock: what is recorded is what the user sees.
+        # Copied here, where the caller has the lock, so that the recorded state is the visible one.
         self._stage = twin(host.stage, without)
 
     def work(self) -> None:
-        """Implements `Job.work`."""
+        """Implement `Job.work`."""
         for each in self._after:
             each.join()
         frames = self._frames if self._frames is not None else _range(self._stage)
@@ -74,7 +74,8 @@ class Recording(Job):
         self.message = f"{self.target}: {report.sentence()}"
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Implements `Progress.step`: frames that are done, of those that were left."""
+        """Implement `Progress.step`: count the finished frames of those that remained at the
+        start."""
         now = time.perf_counter()
         if label == "simulating" and done:
             frame = self._left[len(self._left) - total + done - 1]
@@ -88,27 +89,27 @@ class Recording(Job):
 
     @property
     def stopped(self) -> str:
-        """What is left where it is stopped now, a sentence."""
+        """Sentence about the result if the recording is stopped now."""
         done = "before its first frame" if self.frame is None else f"after frame {self.frame:g}"
         return f"{self.target}: stopped {done}; record to it again to resume"
 
 
 def can_resume(target: Path) -> bool:
-    """Whether a bake at a file was stopped after its first checkpoint, and can go on from it."""
+    """Return whether there is an unfinished bake with a checkpoint, which can be resumed."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(target), metadataOnly=True)
-    except RuntimeError:  # how pxr says that a file cannot be read
+    except RuntimeError:  # pxr's error for a file that cannot be read
         return False
     record = read_record(layer)
     return record is not None and bool(record.get("checkpoint"))
 
 
 def twin(stage: Usd.Stage, without: Sequence[str]) -> Usd.Stage:
-    """Another stage of the same layers, with a copy of what the session says of it now.
+    """Return another stage with the same layers and a copy of the session layer.
 
     Args:
-        stage: Its lock is held.
-        without: Sublayers of the session that are left out, by identifier.
+        stage: The stage; the caller holds its lock.
+        without: Identifiers of sublayers of the session layer to leave out.
     """
     session = Sdf.Layer.CreateAnonymous("recorded.usda")
     session.TransferContent(stage.GetSessionLayer())
@@ -127,7 +128,7 @@ def twin(stage: Usd.Stage, without: Sequence[str]) -> Usd.Stage:
 
 
 def _range(stage: Usd.Stage) -> list[float]:
-    """The frames of a stage."""
+    """Return the frames of a stage."""
     first, last = span(stage)
     if last is None or last - first >= LIMIT:
         found = "a stage without a range" if last is None else f"frames from {first:g} to {last:g}"

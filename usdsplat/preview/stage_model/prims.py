@@ -67,10 +67,10 @@ def children(
 ) -> tuple[PrimRow, ...]:
     """Return the children of a prim, in stage order.
 
-    Ten thousand children take about a second: ask for pages where that is possible.
+    Ten thousand children take about a second: request pages where that is possible.
 
     Args:
-        stage: Whose.
+        stage: The stage.
         path: Path of the prim; "/" for the roots.
         time: Time code; None is USD's default time.
         undefined: Whether prims that only have overrides are listed.

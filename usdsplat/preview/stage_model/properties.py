@@ -83,7 +83,7 @@ def properties(
     """Return a prim's properties at a time: computed ones first, then the others by name.
 
     Args:
-        stage: Whose.
+        stage: The stage.
         path: Path of the prim; an inactive one has only metadata.
         time: Time code; None is USD's default time.
 

@@ -1,8 +1,7 @@
 """The plug-in that usdview loads: a menu. Everything else is imported when a command is chosen.
 
-usdview calls the two methods below at its start, so they must be fast and must not fail, whatever
-Qt is used and whatever is not installed.
-Qt it has and whatever is not installed.
+usdview calls the two methods below at its start, so they must be fast. They must not fail either,
+with any version of Qt and with missing packages.
 """
 
 from __future__ import annotations

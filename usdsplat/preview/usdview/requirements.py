@@ -18,7 +18,7 @@ def check(window: object) -> None:
         window: Main window of usdview.
 
     Raises:
-        BackendError: If they cannot; the text says what to do.
+        BackendError: If they cannot; the message names the cure.
     """
     modules = (cls.__module__.partition(".")[0] for cls in type(window).__mro__)
     binding = next((name for name in modules if name.startswith("PySide")), "another Qt")

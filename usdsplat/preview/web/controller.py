@@ -108,7 +108,7 @@ class WebController:
         """Handle a page's message.
 
         Raises:
-            UsageError: If it refers to something that does not exist, or asks for too much at once.
+            UsageError: If it refers to something that does not exist, or exceeds a limit.
         """
         viewer = self._viewer
         match message:

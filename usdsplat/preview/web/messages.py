@@ -29,16 +29,16 @@ _PLACE = (0.0, float(MAX_SIDE))
 class _Size:
     """The size of the viewport."""
 
-    width: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
-    height: int = knob(MISSING, "of the viewport", unit="pixel", range=(16, MAX_SIDE))
+    width: int = knob(MISSING, "width of the viewport", unit="pixel", range=(16, MAX_SIDE))
+    height: int = knob(MISSING, "height of the viewport", unit="pixel", range=(16, MAX_SIDE))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Drag:
     """The distance that a pointer has moved."""
 
-    right: float = knob(0.0, "of the drag", range=_DRAG)
-    down: float = knob(0.0, "of the drag", range=_DRAG)
+    right: float = knob(0.0, "distance to the right", range=_DRAG)
+    down: float = knob(0.0, "distance downwards", range=_DRAG)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class TakeOver(_Size):
 class Acknowledge:
     """A frame was shown; the next one may be sent."""
 
-    number: int = knob(MISSING, "of the picture", range=(0, 2**53))
+    number: int = knob(MISSING, "number of the picture", range=(0, 2**53))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ class Pan(_Drag):
 class Dolly:
     """Move towards the target, or away from it."""
 
-    factor: float = knob(MISSING, "of the distance", range=(0.01, 100.0))
+    factor: float = knob(MISSING, "factor on the distance", range=(0.01, 100.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,35 +91,35 @@ class LookAround(_Drag):
 class Fly:
     """Set the flight direction, until the next message of this type or the end of the move."""
 
-    right: float = knob(0.0, "of the speed", range=_SPEED)
-    up: float = knob(0.0, "of the speed", range=_SPEED)
-    forward: float = knob(0.0, "of the speed", range=_SPEED)
+    right: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
+    up: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
+    forward: float = knob(0.0, "multiple of the flight speed", range=_SPEED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndMove:
-    """The pointer or keys were released: a picture of full quality is wanted."""
+    """The pointer or keys were released: a picture of full quality is requested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """Frame the selection, or everything."""
 
-    everything: bool = knob(False, "whether everything is framed, whatever is selected")
+    everything: bool = knob(False, "whether to frame everything instead of the selection")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UseCamera:
     """Look through a camera of the stage."""
 
-    path: str | None = knob(MISSING, "of the camera; None frames everything")
+    path: str | None = knob(MISSING, "path of the camera; None frames everything")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Play:
     """Start or stop playback."""
 
-    is_playing: bool = knob(MISSING, "whether it plays")
+    is_playing: bool = knob(MISSING, "whether playback runs")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,32 +156,32 @@ class SetLoops:
 class SetAov:
     """Show another AOV."""
 
-    name: str = knob(MISSING, "as in files")
+    name: str = knob(MISSING, "name of the AOV, as in files")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetSetting:
     """Set a render setting."""
 
-    name: str = knob(MISSING, "of the knob")
-    value: object = knob(MISSING, "of the knob's own type")
+    name: str = knob(MISSING, "name of the knob")
+    value: object = knob(MISSING, "value of the knob's type")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetDisplay:
     """Set a display setting."""
 
-    name: str = knob(MISSING, "of the knob")
-    value: object = knob(MISSING, "of the knob's own type")
+    name: str = knob(MISSING, "name of the knob")
+    value: object = knob(MISSING, "value of the knob's type")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetParameter:
     """Set a simulation parameter on the stage."""
 
-    path: str = knob(MISSING, "of the prim")
-    name: str = knob(MISSING, "of the knob")
-    value: object = knob(MISSING, "of the knob's own type")
+    path: str = knob(MISSING, "path of the prim")
+    name: str = knob(MISSING, "name of the knob")
+    value: object = knob(MISSING, "value of the knob's type")
     drag: int = knob(0, "number shared by all changes of one drag; 0 for a single change")
 
 
@@ -189,16 +189,16 @@ class SetParameter:
 class Simulate:
     """Control the simulation."""
 
-    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "of the simulation")
+    action: Literal["run", "pause", "step", "reset"] = knob(MISSING, "action on the simulation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pick:
     """Pick a pixel, and select its prim."""
 
-    x: float = knob(MISSING, "from the left", unit="pixel", range=_PLACE)
-    y: float = knob(MISSING, "from the top", unit="pixel", range=_PLACE)
-    is_target: bool = knob(False, "whether the camera orbits it from now on")
+    x: float = knob(MISSING, "distance from the left", unit="pixel", range=_PLACE)
+    y: float = knob(MISSING, "distance from the top", unit="pixel", range=_PLACE)
+    is_target: bool = knob(False, "whether the camera orbits the picked point from now on")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

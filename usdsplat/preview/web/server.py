@@ -56,7 +56,10 @@ class Server:
         time: float | None,
     ) -> None:
         self.url = ""
-        """URL to open in a browser; whoever knows it can do whatever the page can."""
+        """URL to open in a browser.
+
+        It contains the token: whoever has it can do whatever the page can.
+        """
         self._session = session
         self._host, self._port, self._token = host, port, token
         self._camera, self._time = camera, time

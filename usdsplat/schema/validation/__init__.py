@@ -134,7 +134,7 @@ def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:
 
 
 def _quietly(check: Check, sample: Sample) -> list[Finding]:
-    """Run a check without NumPy warnings: extreme numbers are among what it looks for."""
+    """Run a check without NumPy warnings, because checks also look for extreme numbers."""
     with np.errstate(all="ignore"):
         return list(check(sample))
 
@@ -148,7 +148,7 @@ def _stage_metadata(stage: Usd.Stage) -> Iterator[Finding]:
                 path="/",
                 attribute="",
                 name=f"no{name[0].upper()}{name[1:]}",
-                found=f"no {name}, so that it is taken for {assumed}",
+                found=f"no {name}, so that {assumed} is assumed",
                 expected=f"{name} in the root layer",
                 cure=f"author {name} in the root layer",
             )

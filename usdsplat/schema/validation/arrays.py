@@ -91,7 +91,7 @@ def identities(sample: Sample) -> Iterator[Finding]:
     repeated = ordered[1:][ordered[1:] == ordered[:-1]]
     if len(repeated):
         found = f"{len(repeated)} repeated (first: {repeated[0]})"
-        cure = "give every splat an id of its own, or remove the attribute"
+        cure = "give every splat a unique id, or remove the attribute"
         yield sample.finding("error", tokens.IDS, "repeatedIds", found, "each id once", cure)
 
 
@@ -101,7 +101,7 @@ def half_only(sample: Sample) -> Iterator[Finding]:
     halves = [half for name, half in names.items() if half != name and _has_values(sample, name)]
     if halves:
         listed = ", ".join(halves)
-        expected = "the float attributes, which others ask for"
+        expected = "the float attributes, which other applications require"
         cure = "convert to the float form for interchange"
         yield sample.finding("warning", halves[0], "halfOnly", f"only {listed}", expected, cure)
 
@@ -125,7 +125,7 @@ def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterato
         cure = f"author one value for each centre; {consequence}"
         yield sample.finding("error", name, "tooShort", counted(found, "value"), expected, cure)
     elif found > n:
-        cure = "author one value for each centre; readers cut the rest off"
+        cure = "author one value for each centre; readers ignore the rest"
         yield sample.finding("warning", name, "tooLong", counted(found, "value"), expected, cure)
 
 
@@ -155,7 +155,7 @@ def scales(sample: Sample) -> Iterator[Finding]:
         name = sample.name(tokens.SCALES)
         yield sample.finding("error", name, "negativeScale", found, "positive numbers", cure)
     if (lowest == 0).any():
-        cure = "give flat splats a small thickness: others ask for scales above 0"
+        cure = "give flat splats a small thickness: other applications require scales above 0"
         found = _rows(lowest == 0, deviations)
         name = sample.name(tokens.SCALES)
         yield sample.finding("warning", name, "zeroScale", found, "positive numbers", cure)

@@ -56,7 +56,7 @@ def coefficients(sample: Sample) -> Iterator[Finding]:
             "coefficientCount",
             counted(len(values), "coefficient"),
             f"{expected} ({counted(sample.count, 'splat')} of degree {sample.degree})",
-            cure + ("draw grey instead" if short else "cut the rest off"),
+            cure + ("draw grey instead" if short else "ignore the rest"),
         )
     yield from _metadata(sample, name)
 
@@ -92,7 +92,7 @@ def modes(sample: Sample) -> Iterator[Finding]:
         value = attribute.Get() if attribute else None
         if value is not None and value not in allowed:
             expected = f"one of {', '.join(allowed)}"
-            cure = f"author one of these; readers take it for {allowed[0]}"
+            cure = f"author one of these; readers assume {allowed[0]}"
             yield sample.finding("error", name, "unknownMode", repr(value), expected, cure)
 
 

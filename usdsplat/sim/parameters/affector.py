@@ -1,4 +1,4 @@
-"""SplatAffectorAPI: how a Sphere, Capsule, Cube, Plane, Mesh or Skeleton acts on splats."""
+"""SplatAffectorAPI: the effect of a Sphere, Capsule, Cube, Plane, Mesh or Skeleton on splats."""
 
 from __future__ import annotations
 

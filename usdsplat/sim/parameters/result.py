@@ -1,4 +1,4 @@
-"""What is drawn of a simulation, and what is written."""
+"""Parameters of the appearance of a simulation, and of its bake."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INF = math.inf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppearanceParameters:
-    """How shapes and colours follow."""
+    """How shapes and colours of splats follow a deformation."""
 
     covariance: Literal["full", "rigid", "volume"] = knob(
         "full",
@@ -36,7 +36,7 @@ class AppearanceParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverParameters:
-    """One driver, SplatDriverAPI:<name>: what the simulation knows drives what one sees."""
+    """One driver, SplatDriverAPI:<name>: controls an output by a value of the simulation."""
 
     source: Literal["u", "v", "vMinusU", "crowding", "age", "speed", "distance"] = knob(
         "v",
@@ -74,7 +74,7 @@ class DriverParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BakeParameters:
-    """The layer of results."""
+    """Contents of the layer of results."""
 
     mode: Literal["dense", "clips", "edit", "packed"] = knob(
         "dense",

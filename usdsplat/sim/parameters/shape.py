@@ -1,4 +1,4 @@
-"""Target positions of splats, and how they get there."""
+"""Parameters of the target positions of splats, and of their motion towards them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INF = math.inf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettleParameters:
-    """The way back after a push: critically damped, never beyond the goal."""
+    """Return to the target position after a push, critically damped and without overshoot."""
 
     omega: float = knob(
         8.0, "speed of settling; half the way takes 1.68 / omega; 0 turns it off", unit="1/s",
@@ -29,7 +29,7 @@ class SettleParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConformParameters:
-    """Onto a target: the mesh that rel splatSim:conform:target names."""
+    """Motion onto a target, the mesh of rel splatSim:conform:target."""
 
     weight: float = knob(
         0.0,
@@ -79,7 +79,7 @@ class ConformParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkinParameters:
-    """By joints: those of the skeleton that rel splatSim:skin:skeleton names."""
+    """Skinning by the joints of a skeleton, rel splatSim:skin:skeleton."""
 
     weight: float = knob(
         1.0,
@@ -100,8 +100,8 @@ class SkinParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeformParameters:
-    """One deformer of the stack, SplatDeformerAPI:<name>; in the space of the prim that rel
-    splatSim:deform:<name>:frame names, or the field's."""
+    """One deformer of the stack, SplatDeformerAPI:<name>, in the space of the prim of rel
+    splatSim:deform:<name>:frame, or of the field."""
 
     type: Literal["transform", "bend", "twist", "taper", "lattice", "noise", "curl", "wave"] = knob(
         "transform", "type of deformation", uniform=True
@@ -182,7 +182,7 @@ class ParticlesParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DissolveParameters:
-    """Splats let go, one after the other; or, time reversed, come together."""
+    """Dissolving: splats detach one after the other; or, reversed in time, assembling."""
 
     enabled: bool = knob(False, "whether splats detach")
     mode: Literal["dissolve", "assemble"] = knob(

@@ -1,4 +1,4 @@
-"""What the solver does with splats: clock, neighbours, reaction, redistribution, growth."""
+"""Parameters of the solver: clock, neighbours, reaction, redistribution, growth."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SimParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NeighborsParameters:
-    """Who is a neighbour of whom."""
+    """Neighbourhoods of splats."""
 
     target: float = knob(16.0, "number of neighbours wanted for each splat", range=(6.0, 48.0))
     gain: float = knob(
@@ -96,7 +96,7 @@ class NeighborsParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RdParameters:
-    """Gray and Scott's reaction-diffusion: the pattern."""
+    """Gray-Scott reaction-diffusion, which makes the pattern."""
 
     enabled: bool = knob(False, "whether a pattern grows")
     preset: Literal[
@@ -154,7 +154,7 @@ class RdParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelaxParameters:
-    """Even spacing."""
+    """Redistribution to an even spacing."""
 
     iterations: int = knob(
         20,
@@ -169,7 +169,7 @@ class RelaxParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrowthParameters:
-    """What a pattern makes grow."""
+    """Growth, births and deaths by the pattern."""
 
     rate: float = knob(
         0.0, "speed along the normal where v is high", unit="unit/s", range=(-INF, INF)

@@ -1,9 +1,9 @@
 """Read the binding of a field to a skeleton, and the skeleton's pose.
 
 Bind transforms are in the simulation's space, with the skeleton's placement at the start. A field
-whose own primvars name joints is bound by `skel:geomBindTransform`, as any prim of UsdSkel. A field
-that takes its joints from a mesh is bound where it is at the start, unless it has such a transform
-itself.
+whose own primvars name joints is bound by `skel:geomBindTransform`, like any prim of UsdSkel. A
+field that takes its joints from a mesh is bound where it is at the start, unless it has such a
+transform itself.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class BindingReader:
         by_triangles: Whether splats follow the mesh's triangles instead of joints.
 
     Raises:
-        StageError: If nothing says which joints splats follow, or it does not fit.
+        StageError: If the joints of the splats are not defined, or do not fit.
     """
 
     def __init__(

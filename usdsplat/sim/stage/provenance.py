@@ -74,7 +74,7 @@ class Provenance:
         """Compare with the record of a bake that is to be resumed.
 
         Raises:
-            StageError: If it was made of something else; the message says what.
+            StageError: If it was made of something else; the message names the difference.
         """
         mine = self.record(completed=0, checkpoint="")
         names = {

@@ -84,7 +84,7 @@ class StageRecipe:
         field: The splat field.
         rigs: Skinning of the stage.
         first: First frame that is simulated [time code].
-        said: Remarks that were already made about the simulation.
+        said: Remarks about the simulation that were made already.
         reading: Entered while the stage is read; it must be reentrant.
     """
 
@@ -145,7 +145,7 @@ class StageRecipe:
         return self._skin.binding if self._skin else None
 
     def at(self, time: float) -> Moment:
-        """Return what the stage says at a time code, whole or fractional.
+        """Return the values of the stage at a time code, whole or fractional.
 
         Raises:
             StageError: If a value is out of range.

@@ -123,8 +123,9 @@ class Simulation:
     Args:
         stage: With at least one SplatSim prim. It must not change, except between frames or while
             `reading` is not entered.
-        frames: Every frame, ascending, one apart [time code]. What the stage authors outside of
-            them is not prepared for, so that a run without an end must give as many as it may need.
+        frames: Every frame, ascending, one apart [time code]. Features that the stage uses only at
+            other times are not prepared, so a run without end must pass all frames that it may
+            need.
         device: Runs the kernels.
         lap: Receives the name of each piece of work when it is finished.
         reading: Entered whenever the stage is read.

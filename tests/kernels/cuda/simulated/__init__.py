@@ -1,1 +1,1 @@
-"""Tests that run on the simulated GPU, in processes of their own; `test_simulated` starts them."""
+"""Tests that run on the simulated GPU, in separate processes, which `test_simulated` starts."""

@@ -1,4 +1,4 @@
-"""Pictures of the GPU, by the simulator: few splats, few pixels."""
+"""Tests of fused pictures on the simulator, with few splats and pixels."""
 
 from __future__ import annotations
 

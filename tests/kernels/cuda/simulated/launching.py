@@ -1,4 +1,4 @@
-"""Functions of one item as loops of the simulated GPU: the tests of `test_launch` again."""
+"""The tests of `test_launch` on the simulated GPU: loops over functions of one item."""
 
 from __future__ import annotations
 

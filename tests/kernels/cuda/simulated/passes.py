@@ -1,4 +1,4 @@
-"""Everything that the delegate draws, by the simulator: few splats, few pixels."""
+"""Tests of everything that the delegate draws, on the simulator, with few splats and pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of nothing but colour, through the delegate, by the simulator."""
+"""Tests of colour-only pictures through the delegate, on the simulator."""
 
 from __future__ import annotations
 

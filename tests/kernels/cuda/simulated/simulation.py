@@ -1,5 +1,5 @@
-"""Kernels of the simulation on the simulated GPU: those whose threads work together, and one of
-each kind of the others."""
+"""Tests of kernels of the simulation on the simulated GPU: those whose threads cooperate, and one
+of each kind of the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A few frames of a simulation on the simulated GPU: what stays there, and what comes back."""
+"""Tests of a few frames of a simulation on the simulated GPU: resident and fetched arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated GPU itself: lanes wait for each other as CUDA's do."""
+"""Tests of the simulated GPU: lanes wait for each other as in CUDA."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
 """Sort splats by depth: sort shortened keys, then resolve ties.
 
 CUB sorts eight bits at a time. With few splats, two bytes of a key take half the time of four. The
-keys of a view are close together: relative to the smallest, and shortened to the bits that the
-largest needs, they are equal only for splats of almost the same depth. Those are sorted by their
-full keys, and splats of equal keys by rows, because the order of memory has no meaning. With many
-splats more of them are that close, and resolving ties takes longer than a pass.
+keys of a view are close together. Therefore the smallest key is subtracted, and keys are shortened
+to the bits that the largest one needs. Shortened keys are equal only for splats of almost the same
+depth. These are then sorted by their full keys, and splats of equal full keys by row, because their
+order in memory has no meaning. With many splats more keys are equal, and resolving ties takes
+longer than another pass of the sort.
 """
 
 from __future__ import annotations
@@ -31,7 +32,12 @@ def narrow(totals, bits, span, most, keys):
     """Shorten the keys of the existing splats to `most` bits, pad with the largest key, and clear
     totals[4].
 
-    bits: Of float32 keys, (m,) u32; span: of the least and the largest, (2,) u32; keys: (m,) u32.
+    Args:
+        totals: Number of existing splats in [0].
+        bits: Keys, as the bits of float32, (m,) u32.
+        span: Smallest and largest key, as the bits of float32, (2,) u32.
+        most: Number of bits of a shortened key.
+        keys: Receives shortened keys, (m,) u32.
     """
     k = cuda.grid(1)
     if k == 0:
@@ -47,16 +53,19 @@ def narrow(totals, bits, span, most, keys):
 
 @kernel
 def settle_ties(totals, narrowed, order, keys, names, counts, out, ordered_counts, long_runs):
-    """Sort splats of equal shortened keys, with their counts of tiles.
+    """Sort splats of equal shortened keys, and their numbers of tiles with them.
 
     Args:
-        totals: Splats that there are in [0]. [2] begins anew: splats of many tiles are counted from
-            here on. [4], which `narrow` has cleared, receives how many runs are long.
-        narrowed, order: As sorted, (m,).
-        keys, names, counts: Of each record: its key f32, who it is i64, and its tiles i32.
-        out: Receives the rows of the records in order, (m,) i32; those of long runs as they are.
-        ordered_counts: Receives their tiles, and 0 for what fills up the sort, (m + 1,) i32.
-        long_runs: Receives where those begin, (m // TIES + 1,) i32.
+        totals: Number of existing splats in [0]. [2] is set to 0: the number of splats of many
+            tiles, which later kernels count. [4], cleared by `narrow`, receives the number of long
+            runs.
+        narrowed, order: Sorted keys and rows of records, (m,).
+        keys, names, counts: Key f32, unique number i64 and number of tiles i32 of each record.
+        out: Receives the rows of the records in order, (m,) i32. The rows of long runs are not
+            sorted yet.
+        ordered_counts: Receives the number of tiles of each row in `out`, and 0 for padding, (m +
+            1,) i32.
+        long_runs: Receives the first index of each long run, (m // TIES + 1,) i32.
     """
     k = cuda.grid(1)
     m = narrowed.shape[0]

@@ -1,4 +1,4 @@
-"""Draw one picture of splats in colour alone: the order of the launches, and their buffers."""
+"""Draw one colour picture of splats: the order of the launches, and their buffers."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class FrameView:
 
     @property
     def arrays(self) -> tuple[npt.NDArray[Any], ...]:
-        """All of them, in one order."""
+        """Return all arrays, in a fixed order."""
         return self.cameras, self.matrices, self.sights, self.conversions, self.grid
 
 
@@ -112,14 +112,14 @@ class FramePicture:
         """Time that the host has waited for the two numbers so far [s]."""
 
     def draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
-        """Draw; the image stays on the device until the next picture.
+        """Draw a picture. The image stays on the device and is valid until the next picture.
 
         The second half is launched before its two numbers are known, with those of the last
         picture. It is launched again if they were too small.
 
         Returns:
-            Premultiplied colour and coverage, shape (height, width, 4) f32; None where there are
-            more than MOST_PAIRS pairs of splat and tile.
+            Premultiplied colour and coverage, shape (height, width, 4) f32; None if there are more
+            than MOST_PAIRS pairs of splat and tile.
 
         Raises:
             BackendError: If the GPU's driver or compiler fails.
@@ -151,7 +151,7 @@ class FramePicture:
         if guess is None or size[0] > guess[0] or size[1] > guess[1]:
             self._finish(*size)
         elif 2 * size[0] > guess[0] and 2 * size[1] > guess[1]:
-            size = guess  # launches that are recorded, and not much too large
+            size = guess  # use recorded launches that are not much too large
         self._guess = size
         return self._buffers["image"]
 
@@ -160,10 +160,10 @@ class FramePicture:
         """Size of the buffers on the device without splats [byte]."""
         return sum(int(array.nbytes) for array in self._buffers.values())
 
-    # --- what changes seldom ---------------------------------------------------------------
+    # --- buffers of the scene --------------------------------------------------------------
 
     def _adopt(self, groups: tuple[FrameGroup, ...], view: FrameView) -> None:
-        """Allocate buffers for other fields, or another size."""
+        """Allocate buffers for new fields or a new size of the picture."""
         grid = view.grid[0]
         width, height = int(grid["x1"] - grid["x0"]), int(grid["y1"] - grid["y0"])
         own = tuple(

@@ -1,9 +1,10 @@
-"""Which splats a view sees, and their records, in the order of storage.
+"""Find the splats that a view sees, and write their records, in the order of storage.
 
-`cull` closes blocks that the view cannot see. Of the others a CUDA block takes a PART of the splats
-of one instance. `see` marks those that touch the view in a bit each; a sum over the parts then
-says where each part's records go; `place` writes them. Both project a splat with the same bits, so
-nothing but marks passes between them: records take the room of what is seen, not of what is stored.
+`cull` marks blocks that the view cannot see. For the other blocks, a CUDA block processes a PART of
+the splats of one instance. `see` sets a bit for each splat that touches the view. A prefix sum over
+the parts then gives the position of each part's records, and `place` writes them. Both kernels
+project a splat with the same bits, so only the marks are stored between them: the records need
+memory for visible splats only.
 """
 
 from __future__ import annotations
@@ -45,17 +46,17 @@ from usdsplat.kernels.project import (
 )
 
 PART = 256
-"""Splats of a CUDA block, a thread each; a whole part of a BLOCK, which has a box."""
+"""Splats of a CUDA block, one per thread; divides a BLOCK, the splats that share a bounding box."""
 WORDS = PART // 32
-"""Words of marks of a part."""
+"""Number of 32-bit words with the marks of a part."""
 F4, F8 = np.uint64(4), np.uint64(8)
 
 
 @kernel
 def cull(cameras, matrices, group, instance, instances, first, boxes, closed):
-    """Say of each block of each instance whether none of it is seen: closed[first + item], u8.
+    """Set closed[first + item], u8, to whether a block of an instance is certainly invisible.
 
-    Other arguments are those of the other kernels.
+    For the other arguments see `make_see`.
     """
     item = cuda.grid(1)
     blocks = boxes.shape[0]
@@ -65,12 +66,16 @@ def cull(cameras, matrices, group, instance, instances, first, boxes, closed):
 
 
 def make_see(load: Any) -> Any:
-    """The kernel that marks what is seen, of splats as `load` reads them.
+    """Return the kernel that marks visible splats, for splats that are read with `load`.
 
-    Its arguments: a CAMERA for each group; the matrices of all instances, (m, 3, 4) f64; the number
-    of the group, of its first instance, of its first part and of its first block; how many parts an
-    instance has; n; `closed`, as `cull` wrote it; the splats' arrays; `marks` (WORDS a part) u32
-    and `found` (parts,) i32, which are written; `totals` and `span`, which begin anew.
+    The arguments of the kernel:
+
+    cameras: a CAMERA for each group. matrices: those of all instances, (m, 3, 4) f64.
+    group, instance, first, first_block: number of the group, of its first instance, of its first
+    part and of its first block.
+    parts: parts of an instance. n: splats of an instance. closed: written by `cull`.
+    splats: arrays of the splats. marks: receives marks, WORDS for each part, u32. found: receives
+    the number of visible splats, (parts,) i32. totals, span: are reset.
     """
 
     @kernel(name=f"cuda.frame.project.see({load.__name__})", exact=True)
@@ -79,7 +84,7 @@ def make_see(load: Any) -> Any:
         found, totals, span,
     ):  # fmt: skip
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
-        if first + item + t == 0:  # the others are launched after this
+        if first + item + t == 0:  # the other counters are set by kernels launched after this one
             totals[1] = totals[3] = 0
             span[0], span[1] = float32(np.inf), float32(-np.inf)
         part, owner = item % parts, item // parts
@@ -108,15 +113,17 @@ def make_see(load: Any) -> Any:
 
 
 def make_place(load: Any, shade: Any) -> Any:
-    """The kernel that writes records, colours and keys of what is seen.
+    """Return the kernel that writes records, colours and keys of visible splats.
 
-    `shade` gives the colour of splat i in a unit direction. Arguments besides those of the other
-    kernel: `sights` as `radiance` takes them; the degree in place of n; `conversions` (groups, 14)
-    f32, the last number 1 where a colour is converted; `starts`, the first record of each part,
-    (parts + 1,); how many records there is room for; `records` (room * RECORD,) f32, `keys` (room,)
-    f32, `rows` (room,) i32 and `names`, instance and row in the field, (room,) i64, which are
-    written; `span` (2,) f32, which is widened to hold all keys; `totals`, which receives their
-    number.
+    `shade` computes the colour of splat i for a unit view direction. The arguments of the kernel
+    besides those of `make_see`:
+
+    sights: see `radiance`. degree: degree of the harmonics. conversions: (groups, 14) f32, the last
+    number is 1 if colours are converted.
+    starts: first record of each part, (parts + 1,). room: capacity for records.
+    records: (room * RECORD,) f32, keys: (room,) f32, rows: (room,) i32 and names: (room,) i64,
+    instance and row in the field: receive the values of each record.
+    span: (2,) f32, widened to contain all keys. totals: receives the number of records in [0].
     """
 
     @kernel(name=f"cuda.frame.project.place({shade.__name__})", exact=True)
@@ -127,7 +134,7 @@ def make_place(load: Any, shade: Any) -> Any:
         item, t = cuda.blockIdx.x, cuda.threadIdx.x
         count, start = found[first + item], starts[first + item]
         if t == 0 and first + item == starts.shape[0] - 2:
-            totals[0] = start + count  # this is the last part of all
+            totals[0] = start + count  # this is the last part
         if count == 0:
             return
         part, owner = item % parts, instance + item // parts
@@ -185,7 +192,7 @@ def make_place(load: Any, shade: Any) -> Any:
 
 
 SEE = {False: make_see(load_floats), True: make_see(load_packed)}
-"""Whether splats are packed -> the kernel that reads them."""
+"""Whether splats are packed -> the kernel that finds visible ones."""
 _FLOATS = make_place(load_floats, shade_floats)
 PLACE = {
     (False, False): _FLOATS,
@@ -193,4 +200,5 @@ PLACE = {
     (True, False): make_place(load_packed, shade_packed_flat),
     (True, True): make_place(load_packed, shade_packed),
 }
-"""Whether splats are packed, and have harmonics above degree 0 -> the kernel that writes them."""
+"""(Whether splats are packed, whether they have degrees above 0) -> the kernel that writes
+records."""

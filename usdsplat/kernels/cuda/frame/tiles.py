@@ -1,8 +1,8 @@
-"""Lists of the tiles: pairs of tile and splat, in order of depth, then sorted by tile.
+"""Make the tile lists: pairs of tile and splat, in order of depth, then sorted by tile.
 
-A splat that crosses few rows of tiles is one thread's; of the others a warp takes four at a time, a
-row a lane. Those that touch many tiles would keep a team while all others rest: `fill` names
-them, and `fill_many` gives each a warp of its own.
+One thread processes a splat that crosses few rows of tiles. Splats of more rows are processed by a
+warp, four at a time, with a lane for each row. A splat that touches many tiles would keep its team
+busy while all others wait: `fill` lists such splats, and `fill_many` processes each with a warp.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ MANY = 32
 
 @cuda.jit(device=True, inline="always")
 def chosen(crowd, team):
-    """Return the lane whose splat is for the team of this number, of those in `crowd`; -1 for
-    none."""
+    """Return the lane whose splat is processed by the team of this number, among the lanes in
+    `crowd`; -1 if there is none."""
     for _ in range(team):
         crowd = without_lowest(crowd)
     return int32(cuda.ffs(crowd)) - int32(1)
@@ -47,7 +47,7 @@ def chosen(crowd, team):
 
 @cuda.jit(device=True, inline="always")
 def without_four(crowd):
-    """Return `crowd` without the lanes that the teams have taken."""
+    """Return `crowd` without the lanes whose splats the teams have processed."""
     for _ in range(LANES // TEAM):
         crowd = without_lowest(crowd)
     return crowd
@@ -63,10 +63,12 @@ def footprint(records, row, shape):
 
 @kernel
 def count(totals, grid, records, counts):
-    """Tiles that each of the `totals[0]` splats touches, and in `totals[1]` all of them; in
-    `totals[3]` 1 where those are more than MOST_PAIRS, which is all that `totals` can hold.
+    """Count the tiles of each of the `totals[0]` splats, and of all of them in `totals[1]`.
 
-    records (room * RECORD,) f32; counts (room,) i32.
+    `totals[3]` is set to 1 if the sum is more than MOST_PAIRS, the largest number that `totals` can
+    store.
+
+    records: (room * RECORD,) f32. counts: receives numbers of tiles, (room,) i32.
     """
     g = grid[0]
     n = min(totals[0], counts.shape[0])
@@ -129,17 +131,18 @@ def pad_pairs(at, stop, row, nothing, pair_tiles, pair_splats):
 def fill(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write all pairs in order of depth, but for those of splats of more than MANY; and fill up.
+    """Write the pairs of all splats of up to MANY tiles, in order of depth, and pad the rest.
 
     Args:
         order: Row of each rank in `records`, (m,) i32.
-        places: First pair of each rank, (m + 1,) i32, as `count` made them. A pair that is missing,
-            because two kernels rounded an edge otherwise, is one of tile `nothing`; one too many is
-            left out, and so is what there is no room for.
-        tiles: Of a row of the grid.
+        places: First pair of each rank, (m + 1,) i32, from the numbers of `count`. Two kernels may
+            round an edge differently: a missing pair is written as one of tile `nothing`, and a
+            surplus pair is dropped. Pairs beyond the capacity are dropped, too.
+        tiles: Tiles in a row of the grid.
         pair_tiles, pair_splats: Receive each pair's tile and row in `records`.
-        crowded: Receives the ranks of those, as many as `totals[2]` says, (m,) i32. In no order:
-            where their pairs go is settled.
+        crowded: Receives the ranks of splats of more than MANY tiles, (m,) i32, and `totals[2]`
+            their number. Their order does not matter, as `places` determines where their pairs are
+            written.
     """
     g = grid[0]
     n = min(totals[0], places.shape[0] - 1)
@@ -195,7 +198,7 @@ def fill(
                 other = cuda.shfl_up_sync(FULL, up_to, shift)
                 if member >= shift:
                     up_to += other
-            # all members write next to each other, whatever row their pairs are in
+            # All lanes of a team write adjacent pairs, whichever rows these belong to.
             leader = lane - member
             total = cuda.shfl_sync(FULL, up_to, leader + TEAM - 1)
             corner = int32(y * tiles + a - (up_to - own))
@@ -219,7 +222,7 @@ def fill(
 def fill_many(
     totals, grid, records, order, places, tiles, nothing, pair_tiles, pair_splats, crowded
 ):  # fmt: skip
-    """Write the pairs of the splats that `fill` has left, with a warp for each: a row of tiles at a
+    """Write the pairs of the splats in `crowded`, with a warp for each: one row of tiles at a
     time."""
     g = grid[0]
     lane = cuda.threadIdx.x % LANES
@@ -254,7 +257,10 @@ def fill_many(
 
 @kernel
 def bound(totals, pair_tiles, starts):
-    """starts[tile] = the first pair of a tile, (tiles + 1,) i32: a thread looks for one."""
+    """Set starts[tile] to the first pair of the tile, (tiles + 1,) i32.
+
+    Each thread searches for one.
+    """
     tile = cuda.grid(1)
     if tile < starts.shape[0]:
         n = min(totals[1], pair_tiles.shape[0])

@@ -1,1 +1,1 @@
-"""Kernels of the simulation whose threads work together."""
+"""CUDA kernels of the simulation whose threads cooperate."""

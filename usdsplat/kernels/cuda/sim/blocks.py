@@ -1,4 +1,4 @@
-"""What the threads of a block find out together: the largest of their numbers, a place in a list.
+"""Operations of a thread block: the maximum of all threads' values, and positions in a list.
 
 Source: Harris 2007, "Optimizing parallel reduction in CUDA", with shuffles in place of the last
 steps.
@@ -10,7 +10,7 @@ import numpy as np
 from numba import cuda
 
 THREADS = 256
-"""Of a block; all of them call these functions."""
+"""Threads of a block. All of them must call the functions of this module."""
 WARP = 32
 WARPS = THREADS // WARP
 FULL = 0xFFFFFFFF
@@ -19,14 +19,16 @@ NEVER = np.float32(-np.inf)
 
 @cuda.jit(device=True)
 def more(a, b):
-    """The larger of two numbers; a, if b is none."""
+    """Return the larger of two numbers; a if b is NaN."""
     return b if b > a else a
 
 
 @cuda.jit(device=True)
 def largest(value, shared):
-    """The largest of the block's values (f32), told to all of its threads; what is no number
-    counts for nothing. shared: (WARPS,) f32, which may be used again."""
+    """Return the largest value (f32) of the block, in each of its threads. NaN is ignored.
+
+    shared: (WARPS,) f32; it may be reused after the call.
+    """
     value = more(NEVER, value)
     for step in (16, 8, 4, 2, 1):
         value = more(value, cuda.shfl_xor_sync(FULL, value, step))
@@ -41,8 +43,10 @@ def largest(value, shared):
 
 @cuda.jit(device=True)
 def place_of(wanted, shared):
-    """How many of the block's threads before this one want a place, and how many do in all.
-    shared: (WARPS,) i32, which may be used again."""
+    """Return the number of threads before this one that have `wanted` set, and their total number.
+
+    shared: (WARPS,) i32; it may be reused after the call.
+    """
     votes = np.uint32(cuda.ballot_sync(FULL, wanted))
     lane, warp = cuda.threadIdx.x % WARP, cuda.threadIdx.x // WARP
     if lane == 0:

@@ -1,8 +1,8 @@
-"""Contacts, as `kernels.sim.contact`, in two launches.
+"""CUDA implementation of `kernels.sim.contact`, in two launches.
 
-The first finds, in float32, who may touch: each block of threads has a block of rows, and no more
-than the solids near its box. The second resolves those few in float64, a thread for each, with all
-the registers that this takes.
+The first launch finds in float32 the splats that may touch a solid: a block of threads processes a
+block of rows, and tests only the solids near the bounding box of these rows. The second launch
+resolves the few contacts found in float64, with one thread each, as it needs many registers.
 """
 
 from __future__ import annotations
@@ -40,14 +40,17 @@ from usdsplat.kernels.sim.contact import (
 from usdsplat.kernels.sim.solids import BOX, MESH, ROUND, box_distance, field_solid, round_distance
 
 RESOLVERS = 64
-"""Threads of a block that resolves."""
+"""Threads of a block of the second launch."""
 _TURN, _PLACE, _SIZE, _CLEARANCE, _BLEND, _KIND, _SHORT = 0, 9, 12, 16, 17, 18, 19
-"""Columns of what the first launch reads of each solid, float32, flat."""
+"""Columns of the table of solids that the first launch reads, float32, flat."""
 
 
 @kernel
 def _shorten(bodies, short, total):
-    """Of each solid, what finds contacts; the turn is into its own frame. total: becomes 0."""
+    """Copy the values of each solid that the first launch needs.
+
+    The rotation is into the solid's frame. total: is set to 0.
+    """
     j = cuda.blockIdx.x
     at = j * _SHORT
     if j == 0 and cuda.threadIdx.x == 0:
@@ -65,7 +68,7 @@ def _shorten(bodies, short, total):
 
 @cuda.jit(device=True)
 def _gap_to(bodies, short, j, fields, voxels, px, py, pz):
-    """Distance of a point from solid j, float32."""
+    """Return the distance of a point from solid j, float32."""
     at = j * _SHORT
     kind = short[at + _KIND]
     if kind == MESH:
@@ -88,10 +91,10 @@ def _find(
     bodies, short, fields, voxels, blend, clearance, flags, scales, positions, near, found,
     counts, listed, total,
 ):  # fmt: skip
-    """Near solids of each block, and the rows that may touch one.
+    """Find the solids near each block, and the rows that may touch one of them.
 
-    found: Receives how many solids are near each block, (blocks,) i32. listed: Receives rows, in
-    any order, (n,) i32; total: how many, (1,) i32, of zeros.
+    found: Receives the number of solids near each block, (blocks,) i32. listed: Receives the rows,
+    in any order, (n,) i32. total: Receives their number, (1,) i32, initially zero.
     """
     shared = cuda.shared.array(WARPS, np.float32)
     places = cuda.shared.array(WARPS, np.int32)
@@ -124,7 +127,7 @@ def _find(
             for axis in range(3):
                 slack = max(slack, abs(short[j * _SHORT + _PLACE + axis]))
         count += these
-    slack = MARGIN * (far + largest(slack, shared))  # and all see what is near
+    slack = MARGIN * (far + largest(slack, shared))  # with a barrier, after `near` is written
     if me == 0:
         found[block] = count
     if me < COUNTS:
@@ -177,7 +180,7 @@ def contact(
     device: CudaDevice, bodies, everyone, fields, voxels, dt, blend, clearance, least, started,
     flags, scales, positions, velocities, since, struck, near, counts,
 ):  # fmt: skip
-    """As `kernels.sim.contact.contact`."""
+    """Resolve all contacts at the end of a substep, see `kernels.sim.contact.contact`."""
     blocks, k = counts.shape[0], bodies.shape[0]
     if not blocks or not k:
         return

@@ -1,4 +1,4 @@
-"""Cells of a uniform grid, as `kernels.sim.grid`: points in their order, by CUB's radix sort."""
+"""CUDA implementation of `kernels.sim.grid`: points are sorted by cell with CUB's radix sort."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def _bounds(positions, lower, upper):
 
 
 def bounds(device: CudaDevice, positions, lower, upper):
-    """As `kernels.sim.grid.bounds`: a block of threads for each block of rows."""
+    """Compute bounds as `kernels.sim.grid.bounds` does, by one block of threads per block of
+    rows."""
     if lower.shape[0]:
         _bounds[lower.shape[0], THREADS, device.stream](positions, lower, upper)
 
@@ -45,7 +46,7 @@ def _number(rows):
 
 @kernel
 def _starts(entry, start):
-    """The first slot of each key: that of the first entry that is not less."""
+    """Write the first slot of each key: the first entry that is not less than the key."""
     for key in range(cuda.grid(1), start.shape[0], cuda.gridsize(1)):
         low, high = np.int32(0), np.int32(entry.shape[0])
         while low < high:
@@ -58,8 +59,10 @@ def _starts(entry, start):
 
 
 def sort_cells(device: CudaDevice, entry, bits, histogram, moved, rows, start, order):
-    """As `kernels.sim.grid.sort_cells`; `histogram` is not needed, `moved` receives the keys in
-    order."""
+    """Sort as `kernels.sim.grid.sort_cells` does.
+
+    `histogram` is not used; `moved` receives the sorted keys.
+    """
     n = entry.shape[0]
     if n:
         _number[BLOCKS, THREADS, device.stream](rows)

@@ -1,7 +1,7 @@
-"""Lists of neighbours, as `kernels.sim.lists`: a thread for each slot, the same lists to the bit.
+"""CUDA implementation of `kernels.sim.lists`, with a thread for each slot.
 
-Here `found` has room for `k_max` neighbours of each slot, from slot times `k_max` on: threads need
-not wait for each other, and `pack` closes the gaps.
+The lists are bit-identical. Here `found` has space for `k_max` neighbours of each slot, starting at
+slot times `k_max`, so that threads do not wait for each other. `pack` closes the gaps.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from usdsplat.kernels.sim.lists import MARGIN
 
 THREADS = 128
 LANES = 8
-"""Of a slot, that copy its list."""
+"""Threads that copy the list of a slot."""
 _BITS = 32
-"""Of a squared distance, and of a slot's number."""
+"""Bits of a squared distance, and bits of a slot's number."""
 
 
 @cuda.jit(device=True)
 def _squared(x, y, z, positions, c):
-    """`grid.squared_distance`, which must not be contracted here either."""
+    """Return `grid.squared_distance`, like there without contraction of products and sums."""
     dx, dy, dz = positions[c, 0] - x, positions[c, 1] - y, positions[c, 2] - z
     xx, yy, zz = libdevice.fmul_rn(dx, dx), libdevice.fmul_rn(dy, dy), libdevice.fmul_rn(dz, dz)
     return libdevice.fadd_rn(libdevice.fadd_rn(xx, yy), zz)
@@ -33,7 +33,7 @@ def _squared(x, y, z, positions, c):
 
 @cuda.jit(device=True)
 def _spans(x, y, z, far, inverse, bits):
-    """Wrapped cells about a point, of each axis as `span` gives them."""
+    """Return the wrapped cells around a point, for each axis in the form that `span` returns."""
     return (
         span(cell_of(x - far, inverse), cell_of(x + far, inverse), bits[0]),
         span(cell_of(y - far, inverse), cell_of(y + far, inverse), bits[1]),
@@ -43,7 +43,7 @@ def _spans(x, y, z, far, inverse, bits):
 
 @cuda.jit(device=True)
 def _row(spans, bits, p, q):
-    """First entry of the table of the q-th row of cells in the p-th layer."""
+    """Return the first table entry of row q of cells in layer p."""
     ya, yb, yc, _ = spans[1]
     za, zb, zc, _ = spans[2]
     wz = za + p if za + p < zb else zc + p - (zb - za)
@@ -53,18 +53,19 @@ def _row(spans, bits, p, q):
 
 @cuda.jit(device=True)
 def _rank(d2, slot):
-    """Orders by distance and then by slot."""
+    """Return a number that sorts by distance and then by slot."""
     return (np.uint64(np.uint32(libdevice.float_as_int(d2))) << np.uint64(_BITS)) | np.uint64(slot)
 
 
 @cuda.jit(device=True)
 def _scan(positions, reach, widest, start, spans, bits, i, limit, begin, found):
-    """Go through the neighbours of slot i whose rank is at most `limit`.
+    """Visit the neighbours of slot i whose rank is at most `limit`.
 
-    found: Receives those for which there is room from `begin` on; of no entries, nothing.
+    found: Receives the neighbours from `begin` on, as far as there is space; may be empty.
 
     Returns:
-        how many they are, and how many points are at this one's place.
+        the number of these neighbours, and the number of points at the same position, including
+        this point.
     """
     x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
     h2 = libdevice.fmul_rn(h, h)
@@ -115,7 +116,7 @@ def _search(
     hits, same = _scan(positions, reach, widest, start, spans, bits, i, every, np.int64(0), room)
     twins[i] = same > 1
     if hits > k_max:
-        # The largest rank that no more than k_max reach, bit by bit.
+        # Find the largest limit with at most k_max neighbours, bit by bit.
         limit = np.uint64(0)
         for bit in range(2 * _BITS - 1, -1, -1):
             trial = limit | (np.uint64(1) << np.uint64(bit))
@@ -134,7 +135,8 @@ def search(
     device: CudaDevice, positions, reach, widest, start, inverse, bits, k_max, begin, found,
     counts, dropped, twins,
 ):  # fmt: skip
-    """As `kernels.sim.lists.search`, but for where `found` has them."""
+    """Find neighbours as `kernels.sim.lists.search` does, but with the layout of `found` described
+    above."""
     blocks = dropped.shape[0]
     end = min(positions.shape[0], begin + blocks * BLOCK)
     _clear[1, THREADS, device.stream](dropped)
@@ -161,5 +163,5 @@ def _pack(found, k_max, rows, neighbors):
 
 
 def pack(device: CudaDevice, found, k_max, blocks, rows, neighbors):
-    """As `kernels.sim.lists.pack`, of what `search` found here."""
+    """Close the gaps in `found` as `kernels.sim.lists.pack` does, for the layout of this module."""
     _pack[BLOCKS, THREADS, device.stream](found, k_max, rows, neighbors)

@@ -1,7 +1,7 @@
-"""Gray and Scott's reaction, as `kernels.sim.reaction`: some lanes of a warp share a point.
+"""CUDA implementation of `kernels.sim.reaction`: several lanes of a warp share a point.
 
-So their loads of neighbours and weights lie side by side, and sums have a fixed order: each lane's
-in turn, then lanes in pairs.
+The lanes' loads of neighbours and weights are therefore adjacent. Sums have a fixed order: each
+lane adds its own terms, then lanes are added in pairs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.sim.reaction import ZERO, reacted
 
 LANES = 8
-"""Of a point; a graph has some 20 neighbours."""
+"""Lanes that share a point; a point has about 20 neighbours."""
 THREADS = 256
 FULL = 0xFFFFFFFF
 _HALF = np.uint64(32)
@@ -23,7 +23,7 @@ _HALF = np.uint64(32)
 
 @cuda.jit(device=True)
 def _pair(pairs, i):
-    """u and v of a point, by one load."""
+    """Return u and v of a point, by one load."""
     bits = pairs[i]
     return (
         libdevice.int_as_float(np.int32(bits)),
@@ -55,7 +55,7 @@ def _step(row, nbr, w, pairs, feed, kill, du, dv, step, out):
 
 
 def gray_scott(device: CudaDevice, row, nbr, w, uv, feed, kill, du, dv, step, out):
-    """As `kernels.sim.reaction.gray_scott`."""
+    """Make one step of the reaction, see `kernels.sim.reaction.gray_scott`."""
     blocks = -(-(row.shape[0] - 1) * LANES // THREADS)
     if blocks:
         _step[blocks, THREADS, device.stream](

@@ -1,5 +1,8 @@
-"""Sweeps, as `kernels.sim.sweep`, in two launches: which solids may pass a splat of each block, and
-those splats, a thread for each."""
+"""CUDA implementation of `kernels.sim.sweep`, in two launches.
+
+The first finds the solids that may pass a splat of each block. The second sweeps these splats, with
+a thread each.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ SWEEPERS = 128
 
 @cuda.jit(device=True)
 def _box(rows, first, last, shared):
-    """Box of the block's points, as (middle (3), half (3))."""
+    """Return the bounding box of the block's points, as (centre (3), half extent (3))."""
     none = np.float32(-np.inf)
     lx, ly, lz, hx, hy, hz = none, none, none, none, none, none
     for i in range(first + cuda.threadIdx.x, last, THREADS):
@@ -38,7 +41,7 @@ def _box(rows, first, last, shared):
 
 @kernel
 def _cull(bodies, clearance, started, scales, positions, near, found, counts):
-    """Near solids of each block; found: receives how many, (blocks,) i32."""
+    """Find the solids near each block. found: receives their number, (blocks,) i32."""
     shared = cuda.shared.array(WARPS, np.float32)
     places = cuda.shared.array(WARPS, np.int32)
     block, me = cuda.blockIdx.x, cuda.threadIdx.x
@@ -94,7 +97,7 @@ def sweep(
     device: CudaDevice, bodies, fields, voxels, dt, clearance, started, flags, scales, positions,
     velocities, since, struck, near, counts,
 ):  # fmt: skip
-    """As `kernels.sim.sweep.sweep`."""
+    """Sweep solids past splats, see `kernels.sim.sweep.sweep`."""
     blocks, n = counts.shape[0], positions.shape[0]
     if not blocks:
         return
