@@ -1,8 +1,9 @@
 """Count the samples of deep pixels in the order of centres, or write them where they belong.
 
 `walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
-time, also while contributions are merged; only finished samples are written one by one. Counting
-and writing are one function, compiled once, so that they cannot disagree about a sample.
+time, also while contributions are merged. What a row of 16 pixels sees is first staged, splat by
+splat, and then written pixel by pixel: each pixel's samples one after another, without a branch
+for each. Counting and writing are one function, so that they cannot disagree about a sample.
 
 Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
 """
@@ -12,16 +13,21 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, lay_row, load_batch, load_paints
+from .batch import FIELDS, LOOK, lay_row, load_batch
 from .bins import TILE
 from .blend import END, alphas_at
 from .jit import parallel, scalar, serial
 from .lane_keys import any_of
-from .lanes import bits, choose, fused, lower, lowest_bit, ramp, size, spread, store
+from .lanes import bits, choose, fused, lower, lowest_bit, ramp, size, spread, store, store_mixed
 from .project import DEPTH
+from .quads import copy_quad, scale_quad
 
-BATCH = (FIELDS + 3) * LOOK
-"""Floats of a batch of splats and their paint."""
+BATCH = FIELDS * LOOK
+"""Floats of a batch of splats."""
+PAINT = 4
+"""Floats of the paint of a splat: red, green, blue, 1."""
+MERGED = 6 * TILE
+"""Floats of 16 staged samples: RGBA of each, then their near depths, then their far ones."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -54,35 +60,167 @@ def merge(seen, run, weight, error):
 
 
 @scalar
-def store_samples(planes, red, green, blue, cover, front, back):
-    """Lay the samples that are made of 16 pixels out in memory."""
-    store(planes, np.uint64(0), red)
-    store(planes, np.uint64(TILE), green)
-    store(planes, np.uint64(2 * TILE), blue)
-    store(planes, np.uint64(3 * TILE), cover)
-    store(planes, np.uint64(4 * TILE), front)
-    store(planes, np.uint64(5 * TILE), back)
+def load_splats(records, column, lists, begin, first, count, paints, depths):
+    """Load paint and depth of some splats of a tile's list, from number `first` on."""
+    for i in range(first, first + count):
+        k, j = np.uint64(lists[begin + i]), np.uint64(i * PAINT)
+        paints[j] = records[k, column]
+        paints[j + np.uint64(1)] = records[k, column + 1]
+        paints[j + np.uint64(2)] = records[k, column + 2]
+        depths[i] = records[k, DEPTH]
 
 
 @scalar
-def write_samples(planes, done, last, near, far, color):
-    """Write finished samples, and go on to the next place.
+def stage_merged(number, red, green, blue, cover, front, back, staged):
+    """Stage the present samples of 16 pixels as number `number`."""
+    at = np.uint64(number * MERGED)
+    store_mixed(staged, at, red, green, blue, cover)
+    store(staged, at + np.uint64(4 * TILE), front)
+    store(staged, at + np.uint64(5 * TILE), back)
+
+
+@scalar
+def write_contributions(x, first, end, count, opacities, paints, depths, out):
+    """Write the samples of pixel x of a row, each of one contribution.
+
+    A place is written until a contribution counts; nothing behind the last place is.
 
     Args:
-        planes: What `store_samples` laid out.
-        done: Bits of the pixels whose samples are finished.
-        last: Places of the samples.
-        near, far, color: As `deep` takes them.
+        first, end: Place of its first sample, and of that behind its last one.
+        count: Contributions to the row, from near to far.
+        opacities: Of each contribution in 16 pixels, 0 where it does not count.
+        paints, depths: Of the contributions.
+        out: (near, far, color) as `deep` takes them, color flat.
     """
-    while done != np.uint64(0):
-        x = lowest_bit(done)
-        done &= done - np.uint64(1)
-        j = np.uint64(last[x])
-        last[x] += 1
-        near[j] = planes[x + np.uint64(4 * TILE)]
-        far[j] = planes[x + np.uint64(5 * TILE)]
-        for c in range(4):
-            color[j, c] = planes[x + np.uint64(c * TILE)]
+    near, _, color = out
+    j = np.uint64(first)
+    for k in range(count):
+        if j == np.uint64(end):
+            break
+        opacity = opacities[np.uint64(k * TILE + x)]
+        scale_quad(color, j * np.uint64(PAINT), opacity, paints, np.uint64(k * PAINT))
+        near[j] = depths[np.uint64(k)]
+        j += np.uint64(opacity > np.float32(0))
+
+
+@scalar
+def write_merged(x, first, end, count, staged, finished, out):
+    """Write the samples of pixel x of a row, where they are merged.
+
+    Args:
+        first, end, out: See `write_contributions`.
+        count: How often samples were staged.
+        staged: What `stage_merged` wrote.
+        finished: Bits of the pixels whose staged sample is finished.
+    """
+    near, far, color = out
+    j = np.uint64(first)
+    for k in range(count):
+        if j == np.uint64(end):
+            break
+        at = np.uint64(k * MERGED)
+        copy_quad(color, j * np.uint64(PAINT), staged, at + np.uint64(x * PAINT))
+        near[j] = staged[at + np.uint64(4 * TILE + x)]
+        far[j] = staged[at + np.uint64(5 * TILE + x)]
+        j += (finished[np.uint64(k)] >> np.uint64(x)) & np.uint64(1)
+
+
+@scalar
+def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
+    """Count the samples of 16 pixels, or stage them.
+
+    `writes` and `merges` are constants where this is inlined, so that each caller has a loop of its
+    own.
+
+    Args:
+        y: Row of the tile.
+        tile: (records, column, lists, begin, n, left, top) of the tile.
+        splats: What is loaded of its splats: (batches, spans, paints, depths), and scratch for
+            `lay_row`.
+        loaded: How many are.
+        inside: The pixels to draw.
+        error, writes: As `deep` takes them.
+        merges: Whether `error` is not 0.
+        staging: Receives what is staged, (staged, paints, depths, finished) as
+            `write_contributions` and `write_merged` read it; or 16 counts.
+
+    Returns:
+        (loaded, how often samples were staged).
+    """
+    records, column, lists, begin, n, left, top = tile
+    batches, spans, paints, depths, slopes = splats
+    staged, staged_paints, staged_depths, finished = staging
+    xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+    through = choose(inside, np.float32(1), -np.float32(1))
+    seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
+    red = green = blue = cover = front = back = spread(zero)
+    opened, number = np.uint64(0), 0
+    for first in range(0, n, LOOK):
+        if not any_of(through > zero):
+            break
+        count = min(LOOK, n - first)
+        batch = batches[first // LOOK * BATCH : (first // LOOK + 1) * BATCH]
+        rows = spans[2 * first : 2 * (first + LOOK)]
+        if first == loaded:
+            load_batch(
+                records, lists, begin + first, count, np.float32(left), np.float32(top), batch, rows
+            )
+            if writes:
+                load_splats(records, column, lists, begin, first, count, paints, depths)
+            loaded += LOOK
+        there = ~np.uint64(0) >> np.uint64(64 - count)
+        touched = lay_row(batch, rows, np.float32(y), slopes) & there
+        while touched != np.uint64(0):
+            i = lowest_bit(touched)
+            touched &= touched - one
+            alpha = alphas_at(
+                xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
+                slopes[i + np.uint64(LOOK)],
+            )  # fmt: skip
+            weight = alpha * through
+            remains = through - weight
+            goes_on = remains >= END
+            weight = choose(goes_on, weight, zero)
+            through = choose(goes_on, remains, -size(through))
+            if not writes and not merges:
+                samples = samples + choose(weight > zero, np.float32(1), zero)
+                continue
+            seen, run, own, begins = merge(seen, run, weight, error)
+            if not writes:
+                samples = samples + begins
+                continue
+            splat = np.uint64(first) + i
+            paint, depth = splat * np.uint64(PAINT), depths[splat]
+            counted, begun = own > zero, begins > zero
+            if not merges:
+                if any_of(counted):
+                    store(staged, np.uint64(number * TILE), own)
+                    copy_quad(staged_paints, np.uint64(number * PAINT), paints, paint)
+                    staged_depths[np.uint64(number)] = depth
+                    number += 1
+                continue
+            done = bits(begun) & opened
+            if done != np.uint64(0):
+                stage_merged(number, red, green, blue, cover, front, back, staged)
+                finished[np.uint64(number)] = done
+                number += 1
+            opened |= bits(begun)
+            here = paints[paint]
+            part = (np.float32(1) - cover) * own
+            red = choose(begun, own * here, choose(counted, red + part * here, red))
+            here = paints[paint + np.uint64(1)]
+            green = choose(begun, own * here, choose(counted, green + part * here, green))
+            here = paints[paint + np.uint64(2)]
+            blue = choose(begun, own * here, choose(counted, blue + part * here, blue))
+            cover = choose(begun, own, cover + part)
+            front, back = choose(begun, depth, front), choose(counted, depth, back)
+    if not writes:
+        store(staged, np.uint64(0), samples)
+    elif merges:
+        stage_merged(number, red, green, blue, cover, front, back, staged)
+        finished[np.uint64(number)] = opened
+        number += 1
+    return loaded, number
 
 
 @serial(writes=("offsets",), gpu="deep.place")
@@ -123,78 +261,51 @@ def deep(
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
-        width = g.x1 - g.x0
-        xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+        xs, merges = ramp(), error > np.float32(0)
         inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
-        batches = np.ones((n + LOOK - 1) // LOOK * BATCH, np.float32)
-        spans = np.empty((n + LOOK - 1) // LOOK * 2 * LOOK, np.float32)
+        whole = (n + LOOK - 1) // LOOK
+        batches = np.ones(whole * BATCH, np.float32)
+        spans = np.empty(whole * 2 * LOOK, np.float32)
         slopes, loaded = np.empty(2 * LOOK, np.float32), 0
-        depths, planes = np.empty(n, np.float32), np.empty(6 * TILE, np.float32)
-        last = np.empty(TILE, np.int64)
-        # Row by row: the samples of 16 pixels stay in the cache until all of them are there.
+        kept = n if writes else 0
+        paints, depths = np.ones(kept * PAINT, np.float32), np.empty(kept, np.float32)
+        # Every contribution may finish the samples before it, and those of the last one are staged.
+        staged = np.empty((kept + 1) * (MERGED if merges else TILE), np.float32)
+        staged_paints, staged_depths = np.empty_like(paints), np.empty_like(depths)
+        finished = np.empty(kept + 1, np.uint64)
+        of_tile = records, column, lists, begin, n, left, top
+        splats = batches, spans, paints, depths, slopes
+        staging = staged, staged_paints, staged_depths, finished
+        out = near, far, color.reshape(color.size)
+        # Row by row: what 16 pixels see stays in the cache until it is written.
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             row, first_pixel = top + y - g.y0, left + x0 - g.x0
-            if writes:  # the place of the sample that is made of each pixel
-                for x in range(x0, x1):
-                    last[x] = offsets[row * width + first_pixel + x - x0]
-            through = choose(inside, np.float32(1), -np.float32(1))
-            seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
-            red = green = blue = cover = front = back = spread(zero)
-            opened = np.uint64(0)
-            for first in range(0, n, LOOK):
-                if not any_of(through > zero):
-                    break
-                count = min(LOOK, n - first)
-                batch = batches[first // LOOK * BATCH : (first // LOOK + 1) * BATCH]
-                rows = spans[2 * first : 2 * (first + LOOK)]
-                if first == loaded:
-                    load_batch(
-                        records, lists, begin + first, count, np.float32(left), np.float32(top),
-                        batch, rows,
-                    )  # fmt: skip
-                    load_paints(records, column, lists, begin + first, count, batch)
-                    for i in range(count):
-                        depths[first + i] = records[lists[begin + first + i], DEPTH]
-                    loaded += LOOK
-                there = ~np.uint64(0) >> np.uint64(64 - count)
-                touched = lay_row(batch, rows, np.float32(y), slopes) & there
-                while touched != np.uint64(0):
-                    i = lowest_bit(touched)
-                    touched &= touched - one
-                    alpha = alphas_at(
-                        xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
-                        slopes[i + np.uint64(LOOK)],
-                    )  # fmt: skip
-                    weight = alpha * through
-                    remains = through - weight
-                    goes_on = remains >= END
-                    weight = choose(goes_on, weight, zero)
-                    through = choose(goes_on, remains, -size(through))
-                    seen, run, own, begins = merge(seen, run, weight, error)
-                    if not writes:
-                        samples = samples + begins
-                        continue
-                    counted, begun = own > zero, begins > zero
-                    done = bits(begun) & opened
-                    if done != np.uint64(0):
-                        store_samples(planes, red, green, blue, cover, front, back)
-                        write_samples(planes, done, last, near, far, color)
-                    opened |= bits(begun)
-                    depth = depths[np.uint64(first) + i]
-                    here = batch[i + np.uint64(7 * LOOK)]
-                    part = (np.float32(1) - cover) * own
-                    red = choose(begun, own * here, choose(counted, red + part * here, red))
-                    here = batch[i + np.uint64(8 * LOOK)]
-                    green = choose(begun, own * here, choose(counted, green + part * here, green))
-                    here = batch[i + np.uint64(9 * LOOK)]
-                    blue = choose(begun, own * here, choose(counted, blue + part * here, blue))
-                    cover = choose(begun, own, cover + part)
-                    front, back = choose(begun, depth, front), choose(counted, depth, back)
-            if writes:
-                store_samples(planes, red, green, blue, cover, front, back)
-                write_samples(planes, opened, last, near, far, color)
+            pixel = row * (g.x1 - g.x0) + first_pixel
             if not writes:
-                store(planes, np.uint64(0), samples)
+                if merges:
+                    loaded, _ = draw_row(
+                        y, of_tile, splats, loaded, inside, error, False, True, staging
+                    )
+                else:
+                    loaded, _ = draw_row(
+                        y, of_tile, splats, loaded, inside, error, False, False, staging
+                    )
                 for x in range(x0, x1):
-                    counts[row, first_pixel + x - x0] = np.uint32(planes[x])
+                    counts[row, first_pixel + x - x0] = np.uint32(staged[x])
+            elif merges:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, True, True, staging
+                )
+                for x in range(x0, x1):
+                    first, end = offsets[pixel + x - x0], offsets[pixel + x - x0 + 1]
+                    write_merged(x, first, end, number, staged, finished, out)
+            else:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, True, False, staging
+                )
+                for x in range(x0, x1):
+                    first, end = offsets[pixel + x - x0], offsets[pixel + x - x0 + 1]
+                    write_contributions(
+                        x, first, end, number, staged, staged_paints, staged_depths, out
+                    )
