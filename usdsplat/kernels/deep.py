@@ -1,9 +1,9 @@
 """Count the samples of deep pixels in the order of centres, or write them where they belong.
 
 `walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
-time, also while contributions are merged. What a row of 16 pixels sees is first staged, splat by
-splat, and then written pixel by pixel: each pixel's samples one after another, without a branch
-for each. Counting and writing are one function, so that they cannot disagree about a sample.
+time, also while contributions are merged. The samples of a row of 16 pixels are first staged in the
+cache, splat by splat, and then written pixel by pixel, one after another in memory. Counting and
+writing are one function, so that they cannot disagree about a sample.
 
 Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
 """
@@ -28,6 +28,8 @@ PAINT = 4
 """Floats of the paint of a splat: red, green, blue, 1."""
 MERGED = 6 * TILE
 """Floats of 16 staged samples: RGBA of each, then their near depths, then their far ones."""
+WORD = 64
+"""Staged rows whose bits of one pixel are collected at a time."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -80,76 +82,85 @@ def stage_merged(number, red, green, blue, cover, front, back, staged):
 
 
 @scalar
-def write_contributions(x, first, end, count, opacities, paints, depths, out):
-    """Write the samples of pixel x of a row, each of one contribution.
+def rows_of_pixel(x, first, masks):
+    """Return in which of WORD staged rows, from `first` on, pixel x has a sample, as bits."""
+    found = np.uint64(0)
+    for k in range(WORD):
+        bit = masks[np.uint64(first + k)] >> np.uint64(x) & np.uint64(1)
+        found |= bit << np.uint64(k)
+    return found
 
-    A place is written until a contribution counts; nothing behind the last place is.
+
+@scalar
+def write_contributions(x, first, end, number, masks, opacities, paints, depths, out):
+    """Write the samples of pixel x of a row, where each is one contribution.
 
     Args:
-        first, end: Place of its first sample, and of that behind its last one.
-        count: Contributions to the row, from near to far.
-        opacities: Of each contribution in 16 pixels, 0 where it does not count.
-        paints, depths: Of the contributions.
+        first, end: Place of its first sample, and the place behind its last one.
+        number: Staged rows.
+        masks: For each of them, bits of the pixels that have a sample; 0 for WORD rows more.
+        opacities: Of the samples, 16 for each row.
+        paints, depths: Of the splats, one for each row.
         out: (near, far, color) as `deep` takes them, color flat.
     """
     near, _, color = out
     j = np.uint64(first)
-    for k in range(count):
-        if j == np.uint64(end):
-            break
-        opacity = opacities[np.uint64(k * TILE + x)]
-        scale_quad(color, j * np.uint64(PAINT), opacity, paints, np.uint64(k * PAINT))
-        near[j] = depths[np.uint64(k)]
-        j += np.uint64(opacity > np.float32(0))
+    for k in range(0, number, WORD):
+        left = rows_of_pixel(x, k, masks)
+        while left != np.uint64(0) and j != np.uint64(end):
+            at = np.uint64(k) + lowest_bit(left)
+            left &= left - np.uint64(1)
+            opacity = opacities[at * np.uint64(TILE) + np.uint64(x)]
+            scale_quad(color, j * np.uint64(PAINT), opacity, paints, at * np.uint64(PAINT))
+            near[j] = depths[at]
+            j += np.uint64(1)
 
 
 @scalar
-def write_merged(x, first, end, count, staged, finished, out):
-    """Write the samples of pixel x of a row, where they are merged.
+def write_merged(x, first, end, number, masks, staged, out):
+    """Write the samples of pixel x of a row, where contributions are merged.
 
     Args:
-        first, end, out: See `write_contributions`.
-        count: How often samples were staged.
-        staged: What `stage_merged` wrote.
-        finished: Bits of the pixels whose staged sample is finished.
+        staged: What `stage_merged` wrote, for each row.
+        first, end, number, masks, out: See `write_contributions`.
     """
     near, far, color = out
     j = np.uint64(first)
-    for k in range(count):
-        if j == np.uint64(end):
-            break
-        at = np.uint64(k * MERGED)
-        copy_quad(color, j * np.uint64(PAINT), staged, at + np.uint64(x * PAINT))
-        near[j] = staged[at + np.uint64(4 * TILE + x)]
-        far[j] = staged[at + np.uint64(5 * TILE + x)]
-        j += (finished[np.uint64(k)] >> np.uint64(x)) & np.uint64(1)
+    for k in range(0, number, WORD):
+        left = rows_of_pixel(x, k, masks)
+        while left != np.uint64(0) and j != np.uint64(end):
+            at = (np.uint64(k) + lowest_bit(left)) * np.uint64(MERGED)
+            left &= left - np.uint64(1)
+            copy_quad(color, j * np.uint64(PAINT), staged, at + np.uint64(x * PAINT))
+            near[j] = staged[at + np.uint64(4 * TILE + x)]
+            far[j] = staged[at + np.uint64(5 * TILE + x)]
+            j += np.uint64(1)
 
 
 @scalar
 def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
     """Count the samples of 16 pixels, or stage them.
 
-    `writes` and `merges` are constants where this is inlined, so that each caller has a loop of its
-    own.
+    `writes` and `merges` are constants where this is inlined, so each call is a loop of its own.
 
     Args:
         y: Row of the tile.
-        tile: (records, column, lists, begin, n, left, top) of the tile.
-        splats: What is loaded of its splats: (batches, spans, paints, depths), and scratch for
-            `lay_row`.
-        loaded: How many are.
+        tile: (records, column, lists, begin, n, left, top): of the n splats of the tile.
+        splats: (batches, spans, paints, depths, slopes): receives what is loaded of them. `slopes`
+            is scratch for `lay_row`.
+        loaded: Number of splats that are loaded, in whole batches.
         inside: The pixels to draw.
         error, writes: As `deep` takes them.
         merges: Whether `error` is not 0.
-        staging: Receives what is staged, (staged, paints, depths, finished) as
-            `write_contributions` and `write_merged` read it; or 16 counts.
+        staging: (masks, staged, paints, depths): receives what `write_contributions` or
+            `write_merged` reads, or 16 counts in `staged`.
 
     Returns:
-        (loaded, how often samples were staged).
+        (loaded, number of staged rows).
     """
     records, column, lists, begin, n, left, top = tile
     batches, spans, paints, depths, slopes = splats
-    staged, staged_paints, staged_depths, finished = staging
+    masks, staged, staged_paints, staged_depths = staging
     xs, zero, one = ramp(), np.float32(0), np.uint64(1)
     through = choose(inside, np.float32(1), -np.float32(1))
     seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
@@ -194,6 +205,7 @@ def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
             counted, begun = own > zero, begins > zero
             if not merges:
                 if any_of(counted):
+                    masks[np.uint64(number)] = bits(counted)
                     store(staged, np.uint64(number * TILE), own)
                     copy_quad(staged_paints, np.uint64(number * PAINT), paints, paint)
                     staged_depths[np.uint64(number)] = depth
@@ -202,7 +214,7 @@ def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
             done = bits(begun) & opened
             if done != np.uint64(0):
                 stage_merged(number, red, green, blue, cover, front, back, staged)
-                finished[np.uint64(number)] = done
+                masks[np.uint64(number)] = done
                 number += 1
             opened |= bits(begun)
             here = paints[paint]
@@ -216,10 +228,13 @@ def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
             front, back = choose(begun, depth, front), choose(counted, depth, back)
     if not writes:
         store(staged, np.uint64(0), samples)
-    elif merges:
+        return loaded, number
+    if merges:
         stage_merged(number, red, green, blue, cover, front, back, staged)
-        finished[np.uint64(number)] = opened
+        masks[np.uint64(number)] = opened
         number += 1
+    for k in range(WORD):
+        masks[np.uint64(number + k)] = np.uint64(0)
     return loaded, number
 
 
@@ -273,39 +288,39 @@ def deep(
         # Every contribution may finish the samples before it, and those of the last one are staged.
         staged = np.empty((kept + 1) * (MERGED if merges else TILE), np.float32)
         staged_paints, staged_depths = np.empty_like(paints), np.empty_like(depths)
-        finished = np.empty(kept + 1, np.uint64)
+        masks = np.empty(kept + 1 + WORD, np.uint64)
         of_tile = records, column, lists, begin, n, left, top
         splats = batches, spans, paints, depths, slopes
-        staging = staged, staged_paints, staged_depths, finished
+        staging = masks, staged, staged_paints, staged_depths
         out = near, far, color.reshape(color.size)
         # Row by row: what 16 pixels see stays in the cache until it is written.
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             row, first_pixel = top + y - g.y0, left + x0 - g.x0
             pixel = row * (g.x1 - g.x0) + first_pixel
-            if not writes:
-                if merges:
-                    loaded, _ = draw_row(
-                        y, of_tile, splats, loaded, inside, error, False, True, staging
-                    )
-                else:
-                    loaded, _ = draw_row(
-                        y, of_tile, splats, loaded, inside, error, False, False, staging
-                    )
-                for x in range(x0, x1):
-                    counts[row, first_pixel + x - x0] = np.uint32(staged[x])
-            elif merges:
+            if writes and merges:
                 loaded, number = draw_row(
                     y, of_tile, splats, loaded, inside, error, True, True, staging
                 )
-                for x in range(x0, x1):
-                    first, end = offsets[pixel + x - x0], offsets[pixel + x - x0 + 1]
-                    write_merged(x, first, end, number, staged, finished, out)
-            else:
+            elif writes:
                 loaded, number = draw_row(
                     y, of_tile, splats, loaded, inside, error, True, False, staging
                 )
-                for x in range(x0, x1):
-                    first, end = offsets[pixel + x - x0], offsets[pixel + x - x0 + 1]
+            elif merges:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, False, True, staging
+                )
+            else:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, False, False, staging
+                )
+            for x in range(x0, x1):
+                at = pixel + x - x0
+                if not writes:
+                    counts[row, first_pixel + x - x0] = np.uint32(staged[x])
+                elif merges:
+                    write_merged(x, offsets[at], offsets[at + 1], number, masks, staged, out)
+                else:
                     write_contributions(
-                        x, first, end, number, staged, staged_paints, staged_depths, out
-                    )
+                        x, offsets[at], offsets[at + 1], number, masks, staged, staged_paints,
+                        staged_depths, out,
+                    )  # fmt: skip
