@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from usdsplat.render.buffers import Buffer, BufferGroup, KernelBuffers, Sizes
+from usdsplat.render.buffers import Buffer, BufferGroup, KernelBuffers, LentMemory, Sizes
 from usdsplat.render.frame_buffers import FrameBuffers
 
 
@@ -66,6 +66,42 @@ def test_two_groups_share_nothing() -> None:
     """Oracle: addresses."""
     first, second = Splats(np.empty), Splats(np.empty)
     assert not np.shares_memory(first.rows(3), second.rows(3))
+
+
+def test_lent_memory_is_used_again_once_nothing_refers_to_it() -> None:
+    """Oracle: addresses; what was allocated."""
+    asked = []
+
+    def empty(size: int, dtype: np.dtype) -> np.ndarray:
+        asked.append(size)
+        return np.empty(size, dtype)
+
+    lent = LentMemory(empty)
+    first = lent.take(100)
+    assert (first.shape, first.dtype, first.flags.writeable) == ((100,), np.float32, True)
+    address, part = first.ctypes.data, first[40:80].reshape(8, 5)[2]
+    part[:] = 7
+    del first  # a part of it remains
+    second = lent.take(100)
+    second[:] = 3
+    assert not np.shares_memory(part, second) and (part == 7).all()
+    del part
+    third = lent.take(120)
+    assert third.ctypes.data == address and not np.shares_memory(third, second)
+    assert asked == [0, 150, 150]
+    del second, third
+    assert len(lent.take(200)) == 200 and asked[3:] == [300]
+    assert len(lent.take(0)) == 0
+
+
+def test_memory_outlives_who_lent_it() -> None:
+    """Oracle: numbers written before."""
+    lent = LentMemory(np.empty)
+    kept = lent.take(1000)
+    kept[:] = 5
+    del lent
+    others = [np.full(1000, 1, np.float32) for _ in range(20)]
+    assert (kept == 5).all() and len(others) == 20
 
 
 def test_kernels_get_declared_and_other_buffers_by_name() -> None:

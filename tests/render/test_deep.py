@@ -16,6 +16,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from tests.render import everything
 from tests.render.rendering import (
     lens,
     picture,
@@ -30,7 +31,9 @@ from usdsplat.core.errors import UsageError
 from usdsplat.delegate.default_camera import frame_subject
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
+from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
+from usdsplat.render import frame
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import FieldSpec, Framing, InstanceSpec, View
@@ -218,6 +221,49 @@ def test_flatten_equals_beauty_whatever_holds_out(case, sorting) -> None:
     deep = deep_of(scene, view, **options)
     assert np.abs(flattened(deep) - beauty).max() < 1e-3
     assert deep.depth.min() >= 0.01
+
+
+@pytest.mark.parametrize("name", everything.DEEP)
+def test_strips_join_without_a_seam(monkeypatch, name) -> None:
+    """In strips of one row of tiles, of which the first and the last are cut.
+    Oracle: the same picture in one strip, bit for bit."""
+    case = everything.CASES[name]
+    scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
+    window = (7, 5, 315, 230)
+    view = replace(view, framing=replace(view.framing, data_window=window))
+    settings = settings_of(**case.settings, deep_error=0.01)
+
+    def drawn():
+        holdout = everything.holdout_of(case)
+        return list(
+            Renderer(CpuDevice()).render_deep(
+                scene, view, settings, holdout=holdout, band_pixels=SIZE[0] * SIZE[1]
+            )
+        )
+
+    ((y0, y1, whole),) = drawn()
+    assert (y0, y1) == (window[1], window[3])
+    monkeypatch.setattr(frame, "DEEP_PIXELS", 16 * 308)
+    strips = drawn()
+    assert [y1 for _, y1, _ in strips] == [*range(16, 230, 16), 230]
+    for field in ("counts", "depth", "depth_back", "color", "left"):
+        joined = np.concatenate([getattr(strip, field) for _, _, strip in strips])
+        np.testing.assert_array_equal(joined, getattr(whole, field), err_msg=field)
+
+
+def test_memory_of_samples_is_used_again_once_they_are_released(monkeypatch) -> None:
+    """Oracle: addresses of the samples, of all strips of two pictures."""
+    monkeypatch.setattr(frame, "DEEP_PIXELS", 1)
+    scene, view = scene_of((random_cloud(1), np.eye(4))), view_of(lens())
+    renderer = Renderer(CpuDevice())
+    fullest = max(len(s.depth) for _, _, s in renderer.render_deep(scene, view, settings_of()))
+    renderer._idle[0].samples.take(6 * fullest)  # from here on, each strip fits in the first place
+    addresses = []
+    for _ in range(2):
+        for _, _, samples in renderer.render_deep(scene, view, settings_of()):
+            addresses.append(samples.color.ctypes.data)
+        del samples
+    assert len(addresses) > 8 and len(set(addresses)) <= 2
 
 
 def test_centres_at_a_distance_cannot_be_deep() -> None:

@@ -14,6 +14,7 @@ from usdsplat.kernels import project
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
 from usdsplat.render.buffers import Sizes
+from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import PictureRequest
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
@@ -145,6 +146,21 @@ def test_every_aov_and_sample_takes_more(scene):
     assert needed(scene, settings=blurred).band - plain == 16 * 64 * 256
     assert needed(scene, deep=True).band > needed(scene, baked=True).band > plain
     assert needed(scene, holds_out=True).splats > needed(scene).splats
+
+
+def test_deep_samples_are_those_of_a_strip_not_of_a_band(scene):
+    """Oracle: of 32 more rows only the offsets grow, 8 bytes a pixel, where a strip has 32 rows;
+    of the 32 rows of the strip also the samples."""
+
+    def extra(rows):
+        size = DEEP_PIXELS // 32, 128
+        deep, flat = (
+            needed(scene, size=size, rows=rows, deep=is_deep).band for is_deep in (True, False)
+        )
+        return deep - flat
+
+    assert extra(64) - extra(32) == 8 * DEEP_PIXELS
+    assert extra(32) - extra(16) == (8 + 48 * 80) * DEEP_PIXELS // 2
 
 
 def test_a_band_is_linear_in_its_rows(scene):

@@ -279,7 +279,7 @@ class Engine:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
-        """Return all contributions to every pixel, band by band: (y0, y1, samples).
+        """Return all contributions to every pixel, in strips of a band: (y0, y1, samples).
 
         Colours are premultiplied, linear, in the working space; sorted by zDepth or rayHitDistance.
         Arguments are those of `render`.

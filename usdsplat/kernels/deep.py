@@ -1,8 +1,9 @@
 """Count the samples of deep pixels in the order of centres, or write them where they belong.
 
 `walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
-time, also while contributions are merged; only finished samples are written one by one. Counting
-and writing are one function, compiled once, so that they cannot disagree about a sample.
+time, also while contributions are merged. The samples of a row of 16 pixels are first staged in the
+cache, splat by splat, and then written pixel by pixel, one after another in memory. Counting and
+writing are one function, so that they cannot disagree about a sample.
 
 Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
 """
@@ -12,16 +13,23 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .batch import FIELDS, LOOK, lay_row, load_batch, load_paints
+from .batch import FIELDS, LOOK, lay_row, load_batch
 from .bins import TILE
 from .blend import END, alphas_at
 from .jit import parallel, scalar, serial
 from .lane_keys import any_of
-from .lanes import bits, choose, fused, lower, lowest_bit, ramp, size, spread, store
+from .lanes import bits, choose, fused, lower, lowest_bit, ramp, size, spread, store, store_mixed
 from .project import DEPTH
+from .quads import copy_quad, scale_quad
 
-BATCH = (FIELDS + 3) * LOOK
-"""Floats of a batch of splats and their paint."""
+BATCH = FIELDS * LOOK
+"""Floats of a batch of splats."""
+PAINT = 4
+"""Floats of the paint of a splat: red, green, blue, 1."""
+MERGED = 6 * TILE
+"""Floats of 16 staged samples: RGBA of each, then their near depths, then their far ones."""
+WORD = 64
+"""Staged rows whose bits of one pixel are collected at a time."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -54,35 +62,180 @@ def merge(seen, run, weight, error):
 
 
 @scalar
-def store_samples(planes, red, green, blue, cover, front, back):
-    """Lay the samples that are made of 16 pixels out in memory."""
-    store(planes, np.uint64(0), red)
-    store(planes, np.uint64(TILE), green)
-    store(planes, np.uint64(2 * TILE), blue)
-    store(planes, np.uint64(3 * TILE), cover)
-    store(planes, np.uint64(4 * TILE), front)
-    store(planes, np.uint64(5 * TILE), back)
+def load_splats(records, column, lists, begin, first, count, paints, depths):
+    """Load paint and depth of some splats of a tile's list, from number `first` on."""
+    for i in range(first, first + count):
+        k, j = np.uint64(lists[begin + i]), np.uint64(i * PAINT)
+        paints[j] = records[k, column]
+        paints[j + np.uint64(1)] = records[k, column + 1]
+        paints[j + np.uint64(2)] = records[k, column + 2]
+        depths[i] = records[k, DEPTH]
 
 
 @scalar
-def write_samples(planes, done, last, near, far, color):
-    """Write finished samples, and go on to the next place.
+def stage_merged(number, red, green, blue, cover, front, back, staged):
+    """Stage the present samples of 16 pixels as number `number`."""
+    at = np.uint64(number * MERGED)
+    store_mixed(staged, at, red, green, blue, cover)
+    store(staged, at + np.uint64(4 * TILE), front)
+    store(staged, at + np.uint64(5 * TILE), back)
+
+
+@scalar
+def rows_of_pixel(x, first, masks):
+    """Return in which of WORD staged rows, from `first` on, pixel x has a sample, as bits."""
+    found = np.uint64(0)
+    for k in range(WORD):
+        bit = masks[np.uint64(first + k)] >> np.uint64(x) & np.uint64(1)
+        found |= bit << np.uint64(k)
+    return found
+
+
+@scalar
+def write_contributions(x, first, end, number, masks, opacities, paints, depths, out):
+    """Write the samples of pixel x of a row, where each is one contribution.
 
     Args:
-        planes: What `store_samples` laid out.
-        done: Bits of the pixels whose samples are finished.
-        last: Places of the samples.
-        near, far, color: As `deep` takes them.
+        first, end: Place of its first sample, and the place behind its last one.
+        number: Staged rows.
+        masks: For each of them, bits of the pixels that have a sample; 0 for WORD rows more.
+        opacities: Of the samples, 16 for each row.
+        paints, depths: Of the splats, one for each row.
+        out: (near, far, color) as `deep` takes them, color flat.
     """
-    while done != np.uint64(0):
-        x = lowest_bit(done)
-        done &= done - np.uint64(1)
-        j = np.uint64(last[x])
-        last[x] += 1
-        near[j] = planes[x + np.uint64(4 * TILE)]
-        far[j] = planes[x + np.uint64(5 * TILE)]
-        for c in range(4):
-            color[j, c] = planes[x + np.uint64(c * TILE)]
+    near, _, color = out
+    j = np.uint64(first)
+    for k in range(0, number, WORD):
+        left = rows_of_pixel(x, k, masks)
+        while left != np.uint64(0) and j != np.uint64(end):
+            at = np.uint64(k) + lowest_bit(left)
+            left &= left - np.uint64(1)
+            opacity = opacities[at * np.uint64(TILE) + np.uint64(x)]
+            scale_quad(color, j * np.uint64(PAINT), opacity, paints, at * np.uint64(PAINT))
+            near[j] = depths[at]
+            j += np.uint64(1)
+
+
+@scalar
+def write_merged(x, first, end, number, masks, staged, out):
+    """Write the samples of pixel x of a row, where contributions are merged.
+
+    Args:
+        staged: What `stage_merged` wrote, for each row.
+        first, end, number, masks, out: See `write_contributions`.
+    """
+    near, far, color = out
+    j = np.uint64(first)
+    for k in range(0, number, WORD):
+        left = rows_of_pixel(x, k, masks)
+        while left != np.uint64(0) and j != np.uint64(end):
+            at = (np.uint64(k) + lowest_bit(left)) * np.uint64(MERGED)
+            left &= left - np.uint64(1)
+            copy_quad(color, j * np.uint64(PAINT), staged, at + np.uint64(x * PAINT))
+            near[j] = staged[at + np.uint64(4 * TILE + x)]
+            far[j] = staged[at + np.uint64(5 * TILE + x)]
+            j += np.uint64(1)
+
+
+@scalar
+def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
+    """Count the samples of 16 pixels, or stage them.
+
+    `writes` and `merges` are constants where this is inlined, so each call is a loop of its own.
+
+    Args:
+        y: Row of the tile.
+        tile: (records, column, lists, begin, n, left, top): of the n splats of the tile.
+        splats: (batches, spans, paints, depths, slopes): receives what is loaded of them. `slopes`
+            is scratch for `lay_row`.
+        loaded: Number of splats that are loaded, in whole batches.
+        inside: The pixels to draw.
+        error, writes: As `deep` takes them.
+        merges: Whether `error` is not 0.
+        staging: (masks, staged, paints, depths): receives what `write_contributions` or
+            `write_merged` reads, or 16 counts in `staged`.
+
+    Returns:
+        (loaded, number of staged rows).
+    """
+    records, column, lists, begin, n, left, top = tile
+    batches, spans, paints, depths, slopes = splats
+    masks, staged, staged_paints, staged_depths = staging
+    xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+    through = choose(inside, np.float32(1), -np.float32(1))
+    seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
+    red = green = blue = cover = front = back = spread(zero)
+    opened, number = np.uint64(0), 0
+    for first in range(0, n, LOOK):
+        if not any_of(through > zero):
+            break
+        count = min(LOOK, n - first)
+        batch = batches[first // LOOK * BATCH : (first // LOOK + 1) * BATCH]
+        rows = spans[2 * first : 2 * (first + LOOK)]
+        if first == loaded:
+            load_batch(
+                records, lists, begin + first, count, np.float32(left), np.float32(top), batch, rows
+            )
+            if writes:
+                load_splats(records, column, lists, begin, first, count, paints, depths)
+            loaded += LOOK
+        there = ~np.uint64(0) >> np.uint64(64 - count)
+        touched = lay_row(batch, rows, np.float32(y), slopes) & there
+        while touched != np.uint64(0):
+            i = lowest_bit(touched)
+            touched &= touched - one
+            alpha = alphas_at(
+                xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
+                slopes[i + np.uint64(LOOK)],
+            )  # fmt: skip
+            weight = alpha * through
+            remains = through - weight
+            goes_on = remains >= END
+            weight = choose(goes_on, weight, zero)
+            through = choose(goes_on, remains, -size(through))
+            if not writes and not merges:
+                samples = samples + choose(weight > zero, np.float32(1), zero)
+                continue
+            seen, run, own, begins = merge(seen, run, weight, error)
+            if not writes:
+                samples = samples + begins
+                continue
+            splat = np.uint64(first) + i
+            paint, depth = splat * np.uint64(PAINT), depths[splat]
+            counted, begun = own > zero, begins > zero
+            if not merges:
+                if any_of(counted):
+                    masks[np.uint64(number)] = bits(counted)
+                    store(staged, np.uint64(number * TILE), own)
+                    copy_quad(staged_paints, np.uint64(number * PAINT), paints, paint)
+                    staged_depths[np.uint64(number)] = depth
+                    number += 1
+                continue
+            done = bits(begun) & opened
+            if done != np.uint64(0):
+                stage_merged(number, red, green, blue, cover, front, back, staged)
+                masks[np.uint64(number)] = done
+                number += 1
+            opened |= bits(begun)
+            here = paints[paint]
+            part = (np.float32(1) - cover) * own
+            red = choose(begun, own * here, choose(counted, red + part * here, red))
+            here = paints[paint + np.uint64(1)]
+            green = choose(begun, own * here, choose(counted, green + part * here, green))
+            here = paints[paint + np.uint64(2)]
+            blue = choose(begun, own * here, choose(counted, blue + part * here, blue))
+            cover = choose(begun, own, cover + part)
+            front, back = choose(begun, depth, front), choose(counted, depth, back)
+    if not writes:
+        store(staged, np.uint64(0), samples)
+        return loaded, number
+    if merges:
+        stage_merged(number, red, green, blue, cover, front, back, staged)
+        masks[np.uint64(number)] = opened
+        number += 1
+    for k in range(WORD):
+        masks[np.uint64(number + k)] = np.uint64(0)
+    return loaded, number
 
 
 @serial(writes=("offsets",), gpu="deep.place")
@@ -123,78 +276,51 @@ def deep(
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
-        width = g.x1 - g.x0
-        xs, zero, one = ramp(), np.float32(0), np.uint64(1)
+        xs, merges = ramp(), error > np.float32(0)
         inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
         begin, n = starts[tile], starts[tile + 1] - starts[tile]
-        batches = np.ones((n + LOOK - 1) // LOOK * BATCH, np.float32)
-        spans = np.empty((n + LOOK - 1) // LOOK * 2 * LOOK, np.float32)
+        whole = (n + LOOK - 1) // LOOK
+        batches = np.ones(whole * BATCH, np.float32)
+        spans = np.empty(whole * 2 * LOOK, np.float32)
         slopes, loaded = np.empty(2 * LOOK, np.float32), 0
-        depths, planes = np.empty(n, np.float32), np.empty(6 * TILE, np.float32)
-        last = np.empty(TILE, np.int64)
-        # Row by row: the samples of 16 pixels stay in the cache until all of them are there.
+        kept = n if writes else 0
+        paints, depths = np.ones(kept * PAINT, np.float32), np.empty(kept, np.float32)
+        # Every contribution may finish the samples before it, and those of the last one are staged.
+        staged = np.empty((kept + 1) * (MERGED if merges else TILE), np.float32)
+        staged_paints, staged_depths = np.empty_like(paints), np.empty_like(depths)
+        masks = np.empty(kept + 1 + WORD, np.uint64)
+        of_tile = records, column, lists, begin, n, left, top
+        splats = batches, spans, paints, depths, slopes
+        staging = masks, staged, staged_paints, staged_depths
+        out = near, far, color.reshape(color.size)
+        # Row by row: what 16 pixels see stays in the cache until it is written.
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             row, first_pixel = top + y - g.y0, left + x0 - g.x0
-            if writes:  # the place of the sample that is made of each pixel
-                for x in range(x0, x1):
-                    last[x] = offsets[row * width + first_pixel + x - x0]
-            through = choose(inside, np.float32(1), -np.float32(1))
-            seen, run, samples = spread(np.float32(1)), spread(zero), spread(zero)
-            red = green = blue = cover = front = back = spread(zero)
-            opened = np.uint64(0)
-            for first in range(0, n, LOOK):
-                if not any_of(through > zero):
-                    break
-                count = min(LOOK, n - first)
-                batch = batches[first // LOOK * BATCH : (first // LOOK + 1) * BATCH]
-                rows = spans[2 * first : 2 * (first + LOOK)]
-                if first == loaded:
-                    load_batch(
-                        records, lists, begin + first, count, np.float32(left), np.float32(top),
-                        batch, rows,
+            pixel = row * (g.x1 - g.x0) + first_pixel
+            if writes and merges:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, True, True, staging
+                )
+            elif writes:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, True, False, staging
+                )
+            elif merges:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, False, True, staging
+                )
+            else:
+                loaded, number = draw_row(
+                    y, of_tile, splats, loaded, inside, error, False, False, staging
+                )
+            for x in range(x0, x1):
+                at = pixel + x - x0
+                if not writes:
+                    counts[row, first_pixel + x - x0] = np.uint32(staged[x])
+                elif merges:
+                    write_merged(x, offsets[at], offsets[at + 1], number, masks, staged, out)
+                else:
+                    write_contributions(
+                        x, offsets[at], offsets[at + 1], number, masks, staged, staged_paints,
+                        staged_depths, out,
                     )  # fmt: skip
-                    load_paints(records, column, lists, begin + first, count, batch)
-                    for i in range(count):
-                        depths[first + i] = records[lists[begin + first + i], DEPTH]
-                    loaded += LOOK
-                there = ~np.uint64(0) >> np.uint64(64 - count)
-                touched = lay_row(batch, rows, np.float32(y), slopes) & there
-                while touched != np.uint64(0):
-                    i = lowest_bit(touched)
-                    touched &= touched - one
-                    alpha = alphas_at(
-                        xs - batch[i], batch[i + np.uint64(2 * LOOK)], slopes[i],
-                        slopes[i + np.uint64(LOOK)],
-                    )  # fmt: skip
-                    weight = alpha * through
-                    remains = through - weight
-                    goes_on = remains >= END
-                    weight = choose(goes_on, weight, zero)
-                    through = choose(goes_on, remains, -size(through))
-                    seen, run, own, begins = merge(seen, run, weight, error)
-                    if not writes:
-                        samples = samples + begins
-                        continue
-                    counted, begun = own > zero, begins > zero
-                    done = bits(begun) & opened
-                    if done != np.uint64(0):
-                        store_samples(planes, red, green, blue, cover, front, back)
-                        write_samples(planes, done, last, near, far, color)
-                    opened |= bits(begun)
-                    depth = depths[np.uint64(first) + i]
-                    here = batch[i + np.uint64(7 * LOOK)]
-                    part = (np.float32(1) - cover) * own
-                    red = choose(begun, own * here, choose(counted, red + part * here, red))
-                    here = batch[i + np.uint64(8 * LOOK)]
-                    green = choose(begun, own * here, choose(counted, green + part * here, green))
-                    here = batch[i + np.uint64(9 * LOOK)]
-                    blue = choose(begun, own * here, choose(counted, blue + part * here, blue))
-                    cover = choose(begun, own, cover + part)
-                    front, back = choose(begun, depth, front), choose(counted, depth, back)
-            if writes:
-                store_samples(planes, red, green, blue, cover, front, back)
-                write_samples(planes, opened, last, near, far, color)
-            if not writes:
-                store(planes, np.uint64(0), samples)
-                for x in range(x0, x1):
-                    counts[row, first_pixel + x - x0] = np.uint32(planes[x])

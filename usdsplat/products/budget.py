@@ -10,12 +10,11 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
 from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
-DEEP_PIXELS = 1 << 17
-"""Pixels of a band of a deep picture, whose pixels hold any number of samples."""
 TALLER = 4
 """Factor on the height of bands with several samples, because each band projects the splats again
 for each sample."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, overload
@@ -150,6 +151,43 @@ class Memory:
     def nbytes(self) -> int:
         """Bytes that are allocated."""
         return 0 if self._array is None else int(self._array.nbytes)
+
+
+class LentMemory:
+    """Memory of float32 results that a caller may keep.
+
+    It is used again as soon as no array refers to it: writing to new memory takes two to nine times
+    as long, because the system has to provide each page. Memory of a GPU is not used again, because
+    the caller gets copies on the host.
+
+    Args:
+        empty: Allocates memory.
+    """
+
+    def __init__(self, empty: Empty) -> None:
+        self._empty = empty
+        self._reuses = isinstance(empty(0, np.float32), np.ndarray)
+        self._idle: list[npt.NDArray[np.float32]] = []
+
+    def take(self, count: int) -> Any:
+        """Return a flat array of `count` numbers; its contents are undefined."""
+        if not self._reuses:
+            return self._empty(count, np.float32)
+        memory = next((each for each in self._idle if each.size >= count), None)
+        if memory is None:
+            self._idle.clear()  # released before more is allocated
+            # Half more than needed, for a later band: pages that are never touched take no memory.
+            memory = self._empty(max(1, count + count // 2), np.float32)
+        else:
+            self._idle = [each for each in self._idle if each is not memory]
+        # Slices of an array refer to the array that owns the memory, but not through a memoryview:
+        # there they refer to `lent`.
+        lent = np.frombuffer(memory.data, np.float32, count)
+        weakref.finalize(lent, self._take_back, memory).atexit = False
+        return lent
+
+    def _take_back(self, memory: npt.NDArray[np.float32]) -> None:
+        self._idle.append(memory)
 
 
 class BufferGroup:

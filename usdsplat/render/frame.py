@@ -42,6 +42,8 @@ from usdsplat.render.tile_lists import DeepSamples, TileLists
 
 MOTION = {"motionForward", "motionBackward"}
 """AOVs that need the neighbouring frames."""
+DEEP_PIXELS = 1 << 17
+"""Pixels of a strip, whose deep samples are drawn at a time: a pixel holds any number of them."""
 
 
 def render_frame(
@@ -99,20 +101,24 @@ def average_band(
 def render_deep(
     frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
 ) -> Iterator[tuple[int, int, DeepSamples]]:
-    """Return all contributions to each pixel, band by band: (y0, y1, samples)."""
+    """Return all contributions to each pixel, in strips of a band: (y0, y1, samples)."""
     sample = prepare(frame, sampling.Sample(), screen.window, ())
-    for y0, y1 in screen.bands(band_pixels):
-        tiles, _, surfaces = bin_band(frame, sample, (y0, y1))
-        samples = tiles.deep(frame.settings.deep_error)
-        if camera.exposure != 1.0:
-            samples.color[:, :3] *= np.float32(camera.exposure)
+    x0, _, x1, _ = screen.window
+    for top, bottom in screen.bands(band_pixels):
+        tiles, _, surfaces = bin_band(frame, sample, (top, bottom))
         if surfaces is not None:
             fetch = frame.device.fetch
             is_drawn = fetch(surfaces.covered) == surface.DRAWN
-            color = fetch(frame.output.surfaces(surfaces.color))
-            samples = samples.with_surfaces(fetch(surfaces.depth), is_drawn, color)
-        frame.clock.lap("deep")
-        yield y0, y1, samples
+            color, depth = fetch(frame.output.surfaces(surfaces.color)), fetch(surfaces.depth)
+        for y0, y1 in replace(screen, window=(x0, top, x1, bottom)).bands(DEEP_PIXELS):
+            samples = tiles.rows_between(y0, y1).deep(frame.settings.deep_error)
+            if camera.exposure != 1.0:
+                samples.color[:, :3] *= np.float32(camera.exposure)
+            if surfaces is not None:
+                rows = slice(y0 - top, y1 - top)
+                samples = samples.with_surfaces(depth[rows], is_drawn[rows], color[rows])
+            frame.clock.lap("deep")
+            yield y0, y1, samples
 
 
 def prepare(

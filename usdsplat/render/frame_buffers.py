@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from usdsplat.kernels import cryptomatte, feature, project, ray_hit, sort, weigh
-from usdsplat.render.buffers import Buffer, BufferGroup, Empty, KernelBuffers
+from usdsplat.render.buffers import Buffer, BufferGroup, Empty, KernelBuffers, LentMemory
 
 F32, I32, I64, U8, U32 = np.float32, np.int32, np.int64, np.uint8, np.uint32
 
@@ -243,6 +243,8 @@ class FrameBuffers:
     def __init__(self, empty: Empty) -> None:
         for name, group in self.groups().items():
             setattr(self, name, group(empty))
+        self.samples = LentMemory(empty)
+        """Memory of deep samples, which the caller keeps."""
         self.fused: Any = None
         """State that a device keeps for its fused path, see `Rasterizer.draw_color`."""
 

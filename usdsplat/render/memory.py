@@ -20,6 +20,7 @@ from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.draw_list import DrawList, Group
+from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
@@ -42,8 +43,8 @@ UNEVEN = 1.5
 DEEP_SAMPLES = 48
 """Mean number of samples in a deep pixel, as a dense capture that fills the picture has."""
 DEEP_SAMPLE = 80
-"""Bytes of a deep sample: 24 in arrays, 24 in the copy with surfaces, and rows that are being
-written."""
+"""Bytes of a deep sample: 24 in arrays, 24 in the copy with surfaces, 24 that the caller still has
+of the strip before, and rows that are being written."""
 WRITER, WRITER_ROWS = 4, 64
 """Copies and number of the rows that are being written to a file at a time."""
 
@@ -137,7 +138,10 @@ def estimate(
     by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene)
     if "display.records" in used:
         by_splat += RANKS * sizes.visible
-    kept = DEEP_SAMPLES * DEEP_SAMPLE if request.deep else 0
+    kept = 0
+    if request.deep:
+        top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
+        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * DEEP_SAMPLE
     channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
     in_band += pixels * (HOLDOUT_ROWS * request.holds_out + _of_view(settings, request))
@@ -145,7 +149,7 @@ def estimate(
         held=_held(scene),
         splats=request.pictures * by_splat
         + (PER_SPLAT_LAID + MAKING) * sum(n for n in laid.values() if n >= LEAST),
-        band=request.pictures * in_band + pixels * kept + writing,
+        band=request.pictures * in_band + kept + writing,
         rows=end - begin,
     )
 

@@ -46,6 +46,12 @@ class Occluders:
     """Kind of surface, see `kernels.surface`, shape (h, w); empty without surfaces."""
     holdout: DeepHoldout = NO_HOLDOUT
 
+    def rows(self, first: int, end: int, width: int) -> Occluders:
+        """Return the occluders of rows `first` to `end` - 1 of a band of `width` columns."""
+        offsets, depths, through = self.holdout
+        held = offsets[first * width : end * width + 1], depths, through
+        return Occluders(self.depth[first:end], self.covered[first:end], held)
+
 
 def with_holdout(
     device: Device,

@@ -184,7 +184,10 @@ class Renderer:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
-        """Return the contributions to every pixel, band by band: (y0, y1, samples).
+        """Return the contributions to every pixel, in strips of a band: (y0, y1, samples).
+
+        Samples stay valid as long as anything refers to their arrays. Memory of those that are
+        released is used for the strips that follow.
 
         The picture has one sharp sample, blended in the working space. Surfaces are opaque samples.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
@@ -111,6 +112,7 @@ class TileLists:
         sort_by_ray_hit: bool,
     ) -> None:
         x0, y0, x1, y1 = window
+        self.window = window
         self.shape = (y1 - y0, x1 - x0)
         self._device = device
         self._buffers = buffers
@@ -135,6 +137,22 @@ class TileLists:
         """Product -> buffers that the walk for colour has filled too."""
         self.rows = 0
         """Number of rows of 16 pixels blended so far; a GPU does not count them."""
+
+    def rows_between(self, y0: int, y1: int) -> TileLists:
+        """Return the lists of rows y0 to y1 - 1 of the display window.
+
+        They share the arrays of these. y0 and y1 are multiples of `bins.TILE`, or ends of the
+        band.
+        """
+        x0, top, x1, _ = self.window
+        part = copy.copy(self)
+        part.window, part.shape = (x0, y0, x1, y1), (y1 - y0, x1 - x0)
+        part._grid = bins.grid_of(*part.window)
+        first = (y0 // bins.TILE - top // bins.TILE) * int(part._grid["columns"][0])
+        part._starts = self._starts[first : first + bins.tiles_in(part._grid) + 1]
+        part._occluders = self._occluders.rows(y0 - top, y1 - top, x1 - x0)
+        part._walked = {}
+        return part
 
     # --- rasterizing -----------------------------------------------------------------------
 
@@ -227,8 +245,10 @@ class TileLists:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
         offsets = self._buffers.pixels.deep_offsets(*self.shape)
         total = int(self._device.run(deep.place, held, offsets))
-        near, color = resident((total,), np.float32), resident((total, 4), np.float32)
-        far = near if error == 0 else resident((total,), np.float32)
+        memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
+        color = memory[: 4 * total].reshape((total, 4))
+        near = memory[4 * total : 5 * total]
+        far = near if error == 0 else memory[5 * total :]
         left = np.broadcast_to(np.float32(1), self.shape)
         if walks:
             left = left.copy()
