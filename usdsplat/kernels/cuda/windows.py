@@ -1,8 +1,8 @@
 """Keep the contributions of a pixel that wait for their turn, in windows on a GPU.
 
 A window consists of depths and places in the list, shape (slots, threads), and each thread has a
-column. Short windows are sorted rings, where most contributions are inserted near the end. Long ones
-are binary heaps.
+column. Short windows are sorted rings, where most contributions are inserted near the end. Long
+ones are binary heaps.
 """
 
 from __future__ import annotations
