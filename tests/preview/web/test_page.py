@@ -14,7 +14,7 @@ from tests.preview.web.seats import Seat, animated
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.picking import pick
-from usdsplat.preview.values import Picture
+from usdsplat.preview.values import FreeCamera, Picture
 
 MIDDLE = (340, 300)
 """Of the viewport, in the browser's window [CSS pixel]."""
@@ -52,6 +52,12 @@ def drag(seat: Seat, by: tuple[int, int], *, button: str = "left", key: str = ""
     return seat.rested(accept=lambda picture: picture.state.camera != before)
 
 
+def own_camera(seat: Seat) -> FreeCamera:
+    """Turn the camera a little from the view of everything; return it, which is now the user's."""
+    look_at_everything(seat)
+    return seat.picture(drag(seat, (1, 5))).state.camera
+
+
 def look_at_everything(seat: Seat) -> int:
     """Have nobody's camera; returns the number of the picture that is final."""
     seat.page.get_by_label("Camera").select_option(label="frame everything")
@@ -78,9 +84,7 @@ def test_the_page_shows_the_session_s_picture(seat: Seat) -> None:
 )
 def test_drags_move_the_camera(seat: Seat, button: str, key: str) -> None:
     """Oracle: an orbit keeps the distance and the target; a pan moves both alike."""
-    look_at_everything(seat)
-    drag(seat, (1, 5))
-    before = seat.session._state.camera
+    before = own_camera(seat)
     number = drag(seat, (120, 30), button=button, key=key)
     after = seat.picture(number).state.camera
     assert after != before
@@ -96,7 +100,7 @@ def test_drags_move_the_camera(seat: Seat, button: str, key: str) -> None:
 
 def test_the_right_button_looks_around(seat: Seat) -> None:
     """Oracle: the eye stays where it is."""
-    before = seat.session._state.camera
+    before = own_camera(seat)
     after = seat.picture(drag(seat, (60, 10), button="right")).state.camera
     np.testing.assert_allclose(after.eye, before.eye, atol=1e-9)
     assert after.target != before.target
@@ -104,7 +108,7 @@ def test_the_right_button_looks_around(seat: Seat) -> None:
 
 def test_the_wheel_goes_nearer_and_away(seat: Seat) -> None:
     """Oracle: the distance is multiplied, and by as much as it was divided."""
-    first = seat.session._state.camera
+    first = own_camera(seat)
     seat.page.mouse.move(*MIDDLE)
     seat.page.mouse.wheel(0, -200)
     number = seat.rested(accept=lambda picture: picture.state.camera != first)
@@ -118,8 +122,8 @@ def test_the_wheel_goes_nearer_and_away(seat: Seat) -> None:
 
 def test_held_keys_fly(seat: Seat) -> None:
     """Oracle: forward is towards the target, and letting go stops."""
+    first = own_camera(seat)
     before, _ = seat.canvas()
-    first = seat.session._state.camera
     seat.page.locator("#picture").focus()
     seat.page.keyboard.down("KeyW")
     seat.page.wait_for_function(
