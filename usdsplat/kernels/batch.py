@@ -10,12 +10,15 @@ import numpy as np
 
 from .bins import SLACK, TILE, spans
 from .jit import scalar
-from .lanes import bits, floor, higher, load, lower, store
-from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+from .lanes import bits, fetch, floor, higher, load, lower, store
+from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, RECORD, A, B, C, U, V
 from .ray_hit import CENTER, REACH
 
 LOOK = 32
 """Splats per batch. Saturated rows of a tile are detected once per batch."""
+AHEAD = 3 * LOOK
+"""Splats between prefetching a record and reading it. The prefetch runs while batches are drawn; it
+reaches into the next tile's list."""
 FIELDS = 7
 """Rows of LOOK floats: u v a b c ln(opacity) half-height, with exponents divided by 8. (u, v) is
 relative to the tile. Paint follows them."""
@@ -67,6 +70,10 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
         rows: Receives the first row of each, then one past the last, whole numbers in f32.
     """
     for i in range(count):
+        if first + i + AHEAD < lists.shape[0]:
+            later = np.uint64(lists[first + i + AHEAD]) * np.uint64(RECORD)
+            fetch(records, later)
+            fetch(records, later + np.uint64(RECORD - 1))
         k, j = np.uint64(lists[first + i]), np.uint64(i)
         batch[j] = records[k, U] - left
         batch[j + np.uint64(LOOK)] = records[k, V] - top
@@ -82,10 +89,10 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
 def load_paints(paints, column, lists, first, count, batch):
     """Load the paint of `count` splats of a list into the batch of `load_batch`."""
     for i in range(count):
-        k = lists[first + i]
-        batch[7 * LOOK + i] = paints[k, column]
-        batch[8 * LOOK + i] = paints[k, column + 1]
-        batch[9 * LOOK + i] = paints[k, column + 2]
+        k, j, c = np.uint64(lists[first + i]), np.uint64(i), np.uint64(column)
+        batch[j + np.uint64(7 * LOOK)] = paints[k, c]
+        batch[j + np.uint64(8 * LOOK)] = paints[k, c + np.uint64(1)]
+        batch[j + np.uint64(9 * LOOK)] = paints[k, c + np.uint64(2)]
 
 
 @scalar

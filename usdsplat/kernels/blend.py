@@ -176,6 +176,9 @@ def blend_row(state, batch, slopes, touched):
     xs, one = ramp(), np.uint64(1)
     through, red = load(state, np.uint64(0)), load(state, np.uint64(TILE))
     green, blue = load(state, np.uint64(2 * TILE)), load(state, np.uint64(3 * TILE))
+    # `remains` is multiplied on after saturation, too: splats then depend on each other by one
+    # multiplication only, and their other operations overlap. It never rises above END again.
+    remains = through
     while touched != np.uint64(0):
         i = lowest_bit(touched)
         touched &= touched - one
@@ -183,10 +186,15 @@ def blend_row(state, batch, slopes, touched):
             xs - number(batch, i), number(batch, i + np.uint64(2 * LOOK)), number(slopes, i),
             number(slopes, i + np.uint64(LOOK)),
         )  # fmt: skip
-        through, weight = pass_through(through, alpha)
+        weight = alpha * remains
+        remains = fused(-alpha, remains, remains)
+        goes_on = remains >= END
+        weight = choose(goes_on, weight, np.float32(0))
+        through = choose(goes_on, remains, through)
         red = red + weight * number(batch, i + np.uint64(7 * LOOK))
         green = green + weight * number(batch, i + np.uint64(8 * LOOK))
         blue = blue + weight * number(batch, i + np.uint64(9 * LOOK))
+    through = choose(remains >= END, through, -size(through))
     store(state, np.uint64(0), through)
     store(state, np.uint64(TILE), red)
     store(state, np.uint64(2 * TILE), green)
