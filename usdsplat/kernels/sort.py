@@ -14,12 +14,15 @@ import numpy as np
 from numba import prange
 
 from .jit import parallel, scalar, serial
+from .lanes import fetch
 from .launch import kernel
 
 DIGIT_BITS = 11
 DIGITS = 1 << DIGIT_BITS
 PASSES = 3
 """3 x 11 bits cover the 32 of a key."""
+AHEAD = 16
+"""Number of rows between prefetching and copying a row."""
 
 
 # --- 2. CPU ----------------------------------------------------------------------------
@@ -111,9 +114,22 @@ def name_rows(at, rows, sources):
 @kernel(over="order", writes=("out",))
 def gather(k, order, records, out):
     """Set out[k] to records[order[k]], so that blending reads memory in order."""
-    slot = order[k]
-    for c in range(records.shape[1]):
-        out[k, c] = records[slot, c]
+    width = np.uint64(records.shape[1])
+    at, slot = np.uint64(k), np.uint64(order[k])
+    if k + AHEAD < order.shape[0]:
+        later = np.uint64(order[k + AHEAD]) * width
+        fetch(records, later)
+        fetch(records, later + width - np.uint64(1))
+    c = np.uint64(0)
+    while c + np.uint64(3) < width:  # four at a time: one register
+        d, e, f = c + np.uint64(1), c + np.uint64(2), c + np.uint64(3)
+        first, second = records[slot, c], records[slot, d]
+        third, fourth = records[slot, e], records[slot, f]
+        out[at, c], out[at, d], out[at, e], out[at, f] = first, second, third, fourth
+        c += np.uint64(4)
+    while c < width:
+        out[at, c] = records[slot, c]
+        c += np.uint64(1)
 
 
 @serial(writes=("slots", "work"), gpu="sort.settle")
