@@ -71,10 +71,10 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
     """
     for i in range(count):
         if first + i + AHEAD < lists.shape[0]:
-            later = np.uint64(lists[first + i + AHEAD]) * np.uint64(RECORD)
+            later = np.uint64(lists[np.uint64(first + i + AHEAD)]) * np.uint64(RECORD)
             fetch(records, later)
             fetch(records, later + np.uint64(RECORD - 1))
-        k, j = np.uint64(lists[first + i]), np.uint64(i)
+        k, j = np.uint64(lists[np.uint64(first + i)]), np.uint64(i)
         batch[j] = records[k, U] - left
         batch[j + np.uint64(LOOK)] = records[k, V] - top
         batch[j + np.uint64(2 * LOOK)] = records[k, A] * SHRINK
@@ -89,7 +89,7 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
 def load_paints(paints, column, lists, first, count, batch):
     """Load the paint of `count` splats of a list into the batch of `load_batch`."""
     for i in range(count):
-        k, j, c = np.uint64(lists[first + i]), np.uint64(i), np.uint64(column)
+        k, j, c = np.uint64(lists[np.uint64(first + i)]), np.uint64(i), np.uint64(column)
         batch[j + np.uint64(7 * LOOK)] = paints[k, c]
         batch[j + np.uint64(8 * LOOK)] = paints[k, c + np.uint64(1)]
         batch[j + np.uint64(9 * LOOK)] = paints[k, c + np.uint64(2)]
