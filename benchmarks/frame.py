@@ -3,7 +3,7 @@
     python -m benchmarks.frame [--quick] [--json FILE]
 
 The floor is blending where it has nothing to look for (`probe_ns`), in this process and by as many
-threads, times the rows of 16 pixels that the frame blends. `shared/peers/yardstick.py`,
+threads, times the blocks of 4x4 pixels that the frame blends. `shared/peers/yardstick.py`,
 where it is present, draws the same garden in the same run, picture after picture in turns with
 ours.
 """
@@ -49,7 +49,7 @@ REPEATS = 9
 
 
 def probe_ns(device: Device) -> float:
-    """CPU nanoseconds that a row of 16 pixels takes to blend where nothing else is to do: tiles
+    """CPU nanoseconds that a block of 4x4 pixels takes to blend where nothing else is to do: tiles
     that many faint splats cover; the median of 5."""
     tiles, splats = 128, 512
     records = np.zeros((splats, project.RECORD), np.float32)
@@ -118,10 +118,10 @@ class Stages:
     def __init__(self, report: Report, probe_time: float) -> None:
         self._report, self._probe = report, probe_time
         self._table = Table(
-            title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a row"
+            title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a block"
         )
         for name in (
-            "scene", "size", "splats", "visible", "pairs", "rows", *STAGES, "total", "floor",
+            "scene", "size", "splats", "visible", "pairs", "blocks", *STAGES, "total", "floor",
             "× floor",
         ):  # fmt: skip
             self._table.add_column(name, justify="right")
@@ -130,11 +130,11 @@ class Stages:
         """Add a line; returns the total in CPU-ms."""
         wall, cpu = totals(stats, "wall_ms"), totals(stats, "cpu_ms")
         last = stats[-1]
-        floor = last.rows * self._probe * 1e-6
+        floor = last.blocks * self._probe * 1e-6
         width, height = view.framing.resolution
         self._table.add_row(
             name, f"{width}×{height}", f"{last.splats:,}", f"{last.visible:,}", f"{last.pairs:,}",
-            f"{last.rows:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
+            f"{last.blocks:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
             f"{floor:.0f}", f"{cpu[-1] / floor:.2f}",
         )  # fmt: skip
         whole = [sum(each.wall_ms.get(stage, 0.0) for stage in STAGES) for each in stats]

@@ -62,12 +62,12 @@ def _touched_rows(batch, rows):
 
 
 @scalar
-def load_batch(records, lists, first, count, left, top, batch, rows):
-    """Load `count` splats of a list, and find the rows of this tile that each touches.
+def load_fields(records, lists, first, count, left, top, batch, look=LOOK):
+    """Load `count` splats of a list.
 
     Args:
-        batch: Receives FIELDS rows of LOOK floats.
-        rows: Receives the first row of each, then one past the last, whole numbers in f32.
+        left, top: Of the tile [pixel], f32.
+        batch: Receives FIELDS rows of `look` floats.
     """
     for i in range(count):
         if first + i + AHEAD < lists.shape[0]:
@@ -76,23 +76,34 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
             fetch(records, later + np.uint64(RECORD - 1))
         k, j = np.uint64(lists[np.uint64(first + i)]), np.uint64(i)
         batch[j] = records[k, U] - left
-        batch[j + np.uint64(LOOK)] = records[k, V] - top
-        batch[j + np.uint64(2 * LOOK)] = records[k, A] * SHRINK
-        batch[j + np.uint64(3 * LOOK)] = records[k, B] * SHRINK
-        batch[j + np.uint64(4 * LOOK)] = records[k, C] * SHRINK
-        batch[j + np.uint64(5 * LOOK)] = records[k, LOG_OPACITY] * SHRINK
-        batch[j + np.uint64(6 * LOOK)] = records[k, HALF_HEIGHT]
+        batch[j + np.uint64(look)] = records[k, V] - top
+        batch[j + np.uint64(2 * look)] = records[k, A] * SHRINK
+        batch[j + np.uint64(3 * look)] = records[k, B] * SHRINK
+        batch[j + np.uint64(4 * look)] = records[k, C] * SHRINK
+        batch[j + np.uint64(5 * look)] = records[k, LOG_OPACITY] * SHRINK
+        batch[j + np.uint64(6 * look)] = records[k, HALF_HEIGHT]
+
+
+@scalar
+def load_batch(records, lists, first, count, left, top, batch, rows):
+    """Load `count` splats of a list, and find the rows of this tile that each touches.
+
+    Args:
+        batch: Receives FIELDS rows of LOOK floats.
+        rows: Receives the first row of each, then one past the last, whole numbers in f32.
+    """
+    load_fields(records, lists, first, count, left, top, batch)
     _touched_rows(batch, rows)
 
 
 @scalar
-def load_paints(paints, column, lists, first, count, batch):
-    """Load the paint of `count` splats of a list into the batch of `load_batch`."""
+def load_paints(paints, column, lists, first, count, batch, look=LOOK):
+    """Load the paint of `count` splats of a list into a batch, whose rows have `look` floats."""
     for i in range(count):
         k, j, c = np.uint64(lists[np.uint64(first + i)]), np.uint64(i), np.uint64(column)
-        batch[j + np.uint64(7 * LOOK)] = paints[k, c]
-        batch[j + np.uint64(8 * LOOK)] = paints[k, c + np.uint64(1)]
-        batch[j + np.uint64(9 * LOOK)] = paints[k, c + np.uint64(2)]
+        batch[j + np.uint64(7 * look)] = paints[k, c]
+        batch[j + np.uint64(8 * look)] = paints[k, c + np.uint64(1)]
+        batch[j + np.uint64(9 * look)] = paints[k, c + np.uint64(2)]
 
 
 @scalar

@@ -19,7 +19,7 @@ from .lanes import fetch
 from .launch import kernel
 
 DIGIT_BITS = 12
-"""Maximum number of bits by which a pass sorts. The counters of more do not fit the fastest cache."""
+"""Maximum number of bits by which a pass sorts. Counters of more do not fit the fastest cache."""
 DIGITS = 1 << DIGIT_BITS
 FEW = 16
 """Number of equal keys up to which they are sorted by insertion, which allocates nothing."""
