@@ -127,6 +127,7 @@ def test_pixels_of_a_tile_come_back_at_their_places():
     """Oracle: the numbers of blocks and lanes, put in order by NumPy; other pixels stay."""
     for x0, x1, y0, y1 in ((0, 16, 0, 16), (0, 16, 3, 9), (5, 7, 0, 16), (2, 13, 4, 5)):
         grid = bins.grid_of(0, 0, TILE, TILE)
+        grid = grid.view(np.recarray) if numba.config.DISABLE_JIT else grid
         depths = np.arange(TILE * TILE, dtype=np.float32).reshape(TILE, TILE)
         state, live = np.zeros(BLOCKS * STATE, np.float32), np.zeros(BLOCKS, np.uint8)
         image = np.full((TILE, TILE * CHANNELS), -1, np.float32)
