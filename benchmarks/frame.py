@@ -3,7 +3,7 @@
     python -m benchmarks.frame [--quick] [--json FILE]
 
 The floor is the time to blend without any search (`probe_ns`), measured in this process with as
-many threads, times the number of rows of 16 pixels that the frame blends.
+many threads, times the number of blocks of 4x4 pixels that the frame blends.
 `shared/peers/yardstick.py`, if it is available, draws the same garden in the same run; its pictures
 and ours take turns.
 """
@@ -49,8 +49,8 @@ REPEATS = 9
 
 
 def probe_ns(device: Device) -> float:
-    """Return the CPU nanoseconds to blend a row of 16 pixels in tiles that many faint splats cover
-    completely, so that no time goes into anything else; the median of 5."""
+    """Return the CPU nanoseconds to blend a block of 4x4 pixels in tiles that many faint splats
+    cover completely, so that no time goes into anything else; the median of 5."""
     tiles, splats = 128, 512
     records = np.zeros((splats, project.RECORD), np.float32)
     records[:, project.U] = records[:, project.V] = np.random.default_rng(0).uniform(0, 15, splats)
@@ -119,10 +119,10 @@ class Stages:
     def __init__(self, report: Report, probe_time: float) -> None:
         self._report, self._probe = report, probe_time
         self._table = Table(
-            title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a row"
+            title=f"one frame: wall ms / CPU ms by stage; probe {probe_time:.1f} ns a block"
         )
         for name in (
-            "scene", "size", "splats", "visible", "pairs", "rows", *STAGES, "total", "floor",
+            "scene", "size", "splats", "visible", "pairs", "blocks", *STAGES, "total", "floor",
             "× floor",
         ):  # fmt: skip
             self._table.add_column(name, justify="right")
@@ -131,11 +131,11 @@ class Stages:
         """Add a line, and return the total [CPU-ms]."""
         wall, cpu = totals(stats, "wall_ms"), totals(stats, "cpu_ms")
         last = stats[-1]
-        floor = last.rows * self._probe * 1e-6
+        floor = last.blocks * self._probe * 1e-6
         width, height = view.framing.resolution
         self._table.add_row(
             name, f"{width}×{height}", f"{last.splats:,}", f"{last.visible:,}", f"{last.pairs:,}",
-            f"{last.rows:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
+            f"{last.blocks:,}", *(f"{w:.1f}/{c:.1f}" for w, c in zip(wall, cpu, strict=True)),
             f"{floor:.0f}", f"{cpu[-1] / floor:.2f}",
         )  # fmt: skip
         whole = [sum(each.wall_ms.get(stage, 0.0) for stage in STAGES) for each in stats]

@@ -10,12 +10,15 @@ import numpy as np
 
 from .bins import SLACK, TILE, spans
 from .jit import scalar
-from .lanes import bits, floor, higher, load, lower, store
-from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+from .lanes import bits, fetch, floor, higher, load, lower, store
+from .project import HALF_HEIGHT, LOG_CUTOFF, LOG_OPACITY, RECORD, A, B, C, U, V
 from .ray_hit import CENTER, REACH
 
 LOOK = 32
 """Splats per batch. Saturated rows of a tile are detected once per batch."""
+AHEAD = 3 * LOOK
+"""Splats between prefetching a record and reading it. The prefetch runs while batches are drawn; it
+reaches into the next tile's list."""
 FIELDS = 7
 """Rows of LOOK floats: u v a b c ln(opacity) half-height, with exponents divided by 8. (u, v) is
 relative to the tile. Paint follows them."""
@@ -59,6 +62,29 @@ def _touched_rows(batch, rows):
 
 
 @scalar
+def load_fields(records, lists, first, count, left, top, batch, look=LOOK):
+    """Load `count` splats of a list.
+
+    Args:
+        left, top: Of the tile [pixel], f32.
+        batch: Receives FIELDS rows of `look` floats.
+    """
+    for i in range(count):
+        if first + i + AHEAD < lists.shape[0]:
+            later = np.uint64(lists[np.uint64(first + i + AHEAD)]) * np.uint64(RECORD)
+            fetch(records, later)
+            fetch(records, later + np.uint64(RECORD - 1))
+        k, j = np.uint64(lists[np.uint64(first + i)]), np.uint64(i)
+        batch[j] = records[k, U] - left
+        batch[j + np.uint64(look)] = records[k, V] - top
+        batch[j + np.uint64(2 * look)] = records[k, A] * SHRINK
+        batch[j + np.uint64(3 * look)] = records[k, B] * SHRINK
+        batch[j + np.uint64(4 * look)] = records[k, C] * SHRINK
+        batch[j + np.uint64(5 * look)] = records[k, LOG_OPACITY] * SHRINK
+        batch[j + np.uint64(6 * look)] = records[k, HALF_HEIGHT]
+
+
+@scalar
 def load_batch(records, lists, first, count, left, top, batch, rows):
     """Load `count` splats of a list, and find the rows of this tile that each touches.
 
@@ -66,26 +92,18 @@ def load_batch(records, lists, first, count, left, top, batch, rows):
         batch: Receives FIELDS rows of LOOK floats.
         rows: Receives the first row of each, then one past the last, whole numbers in f32.
     """
-    for i in range(count):
-        k, j = np.uint64(lists[first + i]), np.uint64(i)
-        batch[j] = records[k, U] - left
-        batch[j + np.uint64(LOOK)] = records[k, V] - top
-        batch[j + np.uint64(2 * LOOK)] = records[k, A] * SHRINK
-        batch[j + np.uint64(3 * LOOK)] = records[k, B] * SHRINK
-        batch[j + np.uint64(4 * LOOK)] = records[k, C] * SHRINK
-        batch[j + np.uint64(5 * LOOK)] = records[k, LOG_OPACITY] * SHRINK
-        batch[j + np.uint64(6 * LOOK)] = records[k, HALF_HEIGHT]
+    load_fields(records, lists, first, count, left, top, batch)
     _touched_rows(batch, rows)
 
 
 @scalar
-def load_paints(paints, column, lists, first, count, batch):
-    """Load the paint of `count` splats of a list into the batch of `load_batch`."""
+def load_paints(paints, column, lists, first, count, batch, look=LOOK):
+    """Load the paint of `count` splats of a list into a batch, whose rows have `look` floats."""
     for i in range(count):
-        k = lists[first + i]
-        batch[7 * LOOK + i] = paints[k, column]
-        batch[8 * LOOK + i] = paints[k, column + 1]
-        batch[9 * LOOK + i] = paints[k, column + 2]
+        k, j, c = np.uint64(lists[np.uint64(first + i)]), np.uint64(i), np.uint64(column)
+        batch[j + np.uint64(7 * look)] = paints[k, c]
+        batch[j + np.uint64(8 * look)] = paints[k, c + np.uint64(1)]
+        batch[j + np.uint64(9 * look)] = paints[k, c + np.uint64(2)]
 
 
 @scalar

@@ -180,18 +180,19 @@ def count_rows(records, grid, counts):
     n, chunks = records.shape[0], counts.shape[0]
     for t in prange(chunks):
         g = grid[0]
-        for y in range(counts.shape[1]):
-            counts[t, y] = 0
+        row = counts[t]
+        row[:] = 0
         for k in range(n * t // chunks, n * (t + 1) // chunks):
-            v, half = records[k, V], records[k, HALF_HEIGHT]
+            at = np.uint64(k)  # unsigned indices need no test for negative ones
+            v, half = records[at, V], records[at, HALF_HEIGHT]
             first, end = tiles_between(v - half, v + half, g.top, g.y0, g.y1)
             if first < end:
-                counts[t, first] += 1
-                counts[t, end] -= 1
+                row[np.uint64(first)] += 1
+                row[np.uint64(end)] -= 1
         total = 0
         for y in range(counts.shape[1]):
-            total += counts[t, y]
-            counts[t, y] = total
+            total += row[y]
+            row[y] = total
 
 
 @serial
@@ -246,25 +247,27 @@ def find_spans(records, grid, counts, crossings):
         fields = np.ones(7 * TILE, np.float32)
         splats, rows = np.empty(TILE, np.int32), np.empty(TILE, np.int32)
         waiting = 0
+        places = counts[t]
         last = n * (t + 1) // chunks
         for k in range(n * t // chunks, last + 1):
             first, end = np.int32(0), np.int32(0)
+            splat = np.uint64(k)
             if k < last:
-                v, half = records[k, V], records[k, HALF_HEIGHT]
+                v, half = records[splat, V], records[splat, HALF_HEIGHT]
                 first, end = tiles_between(v - half, v + half, g.top, g.y0, g.y1)
             # once more at the end, for the rest
             for y in range(first, end if k < last else np.int32(1)):
                 if k < last:
                     j = np.uint64(waiting)
                     splats[j], rows[j] = k, y
-                    fields[j] = records[k, U]
-                    fields[j + np.uint64(TILE)] = np.float32(g.top + y * TILE) - records[k, V]
-                    fields[j + np.uint64(2 * TILE)] = records[k, A]
-                    fields[j + np.uint64(3 * TILE)] = records[k, B]
-                    fields[j + np.uint64(4 * TILE)] = records[k, C]
-                    reach = np.float32(2) * (records[k, LOG_OPACITY] - LOG_CUTOFF)
+                    fields[j] = records[splat, U]
+                    fields[j + np.uint64(TILE)] = np.float32(g.top + y * TILE) - records[splat, V]
+                    fields[j + np.uint64(2 * TILE)] = records[splat, A]
+                    fields[j + np.uint64(3 * TILE)] = records[splat, B]
+                    fields[j + np.uint64(4 * TILE)] = records[splat, C]
+                    reach = np.float32(2) * (records[splat, LOG_OPACITY] - LOG_CUTOFF)
                     fields[j + np.uint64(5 * TILE)] = reach
-                    fields[j + np.uint64(6 * TILE)] = records[k, HALF_WIDTH]
+                    fields[j + np.uint64(6 * TILE)] = records[splat, HALF_WIDTH]
                     waiting += 1
                     if waiting < TILE:
                         continue
@@ -272,8 +275,9 @@ def find_spans(records, grid, counts, crossings):
                 for i in range(waiting):
                     j = np.uint64(i)
                     left, right = np.int32(fields[j]), np.int32(fields[j + np.uint64(TILE)])
-                    at = np.uint64(counts[t, rows[j]])
-                    counts[t, rows[j]] += 1
+                    row = np.uint64(rows[j])
+                    at = np.uint64(places[row])
+                    places[row] += 1
                     crossings[at, 0] = splats[j]
                     crossings[at, 1] = left | right << np.int32(16)
                 waiting = 0
@@ -297,9 +301,9 @@ def count_columns(crossings, ends, columns, counts):
         row = counts[y]
         row[:] = 0
         for k in range(ends[y - 1] if y > 0 else 0, ends[y]):
-            both = crossings[k, 1]
-            row[both & 0xFFFF] += 1
-            row[both >> 16] -= 1
+            both = crossings[np.uint64(k), 1]
+            row[np.uint64(both & 0xFFFF)] += 1
+            row[np.uint64(both >> 16)] -= 1
         total = 0
         for x in range(columns):
             total += row[x]
@@ -323,7 +327,7 @@ def fill_tiles(crossings, ends, starts, counts, lists):
         for x in range(columns):
             row[x] = starts[y * columns + x]
         for k in range(ends[y - 1] if y > 0 else 0, ends[y]):
-            splat, both = crossings[k, 0], crossings[k, 1]
+            splat, both = crossings[np.uint64(k), 0], crossings[np.uint64(k), 1]
             for x in range(both & 0xFFFF, both >> 16):
                 at = row[np.uint64(x)]
                 lists[np.uint64(at)] = splat

@@ -1,9 +1,10 @@
 """Blend each tile's list front to back: colour and coverage.
 
-Lists are processed in batches, and within a batch by rows of the tile. Transmittance, red, green
-and blue of 16 pixels stay in four registers (see `lanes`) for all splats of the batch that touch
-the row, which are found by a bit mask. A saturated pixel keeps its transmittance with the sign
-inverted: it neither changes again nor decays into denormals.
+Lists are processed in batches, and within a batch by blocks of 4x4 pixels. Transmittance, red,
+green and blue of a block stay in four registers (see `lanes`) for all splats of the batch that
+touch it, which are found by a bit mask. A splat of a capture touches two thirds to three quarters
+as many blocks as rows of 16 pixels. Between batches, a saturated pixel has its transmittance with
+the sign inverted.
 
 If there are surfaces, each splat is compared with them pixel by pixel, at its ray hit. Splats
 behind them are skipped and the pixel continues, because a list in the order of centres is not in
@@ -21,19 +22,27 @@ import math
 import numpy as np
 from numba import prange
 
-from .batch import (
-    FIELDS,
-    LEAST,
-    LOOK,
-    behind_surfaces,
-    lay_row,
-    load_batch,
-    load_occluder_depth,
-    load_paints,
-)
+from .batch import FIELDS, LEAST, LOOK, behind_surfaces, load_fields, load_paints
 from .batch import SHRINK as SHRINK
 from .bins import SLACK, TILE, span
 from .jit import exact, parallel, routine, scalar
+from .lane_blocks import (
+    ACROSS,
+    BLOCKS,
+    MANY,
+    SIDE,
+    STATE,
+    begin_tile,
+    columns,
+    lay_rows,
+    load_stops,
+    repeated,
+    rows,
+    store_tile,
+    touched_rows,
+    touched_splats,
+)
+from .lane_blocks import CHANNELS as CHANNELS
 from .lanes import (
     apart,
     bits,
@@ -45,16 +54,11 @@ from .lanes import (
     lowest_bit,
     number,
     place,
-    ramp,
     size,
     store,
-    store_mixed,
 )
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
-CHANNELS = 4
-ROW = CHANNELS * TILE
-"""Floats of one row of a tile's state."""
 END = np.float32(1e-4)
 """A pixel is saturated before the splat that would bring its transmittance under this value."""
 MOST = np.float32(math.log(0.999)) * SHRINK
@@ -142,57 +146,100 @@ def rows_touched(a, b, c, log_opacity, half_height, u, v):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@scalar
-def _store(state, image, top, left, y0, y1, x0, x1):
-    """Write the pixels of a tile that lie in rows y0 to y1 - 1 and columns x0 to x1 - 1 of it."""
-    for y in range(y0, y1):
-        at = np.uint64(y * ROW)
-        row = image[top + y]
-        if x1 - x0 == TILE:
-            through = size(load(state, at))
-            store_mixed(
-                row, np.uint64(left * CHANNELS), load(state, at + np.uint64(TILE)),
-                load(state, at + np.uint64(2 * TILE)), load(state, at + np.uint64(3 * TILE)),
-                np.float32(1) - through,
-            )  # fmt: skip
-            continue
-        first = np.uint64((left + x0) * CHANNELS)
-        for x in range(x1 - x0):
-            j = at + np.uint64(x0 + x)
-            k = first + np.uint64(x * CHANNELS)
-            row[k] = state[j + np.uint64(TILE)]
-            row[k + np.uint64(1)] = state[j + np.uint64(2 * TILE)]
-            row[k + np.uint64(2)] = state[j + np.uint64(3 * TILE)]
-            row[k + np.uint64(3)] = np.float32(1) - abs(state[j])
-
-
 @routine
-def blend_row(state, batch, slopes, touched):
-    """Blend the splats of a batch that touch a row of a tile. Return 1 if the row is not saturated.
+def blend_block(state, batch, spans, slopes, left, top, count):
+    """Blend the splats of a batch that touch a block.
 
-    The arguments are addresses: of the row's state, and of the results of `load_batch` and
-    `lay_row`.
+    Args:
+        state, batch, spans, slopes: Addresses: of the block's state, and of the results of
+            `load_fields` and `load_paints`; of `touched_rows`, for the block's column; and of
+            `lay_rows`, from the block's first row on.
+        left, top: Of the block, in the tile [pixel], f32.
+        count: Number of splats.
+
+    Returns:
+        Twice the number of splats blended, plus 1 if the block is not saturated.
     """
     apart()
-    xs, one = ramp(), np.uint64(1)
+    one = np.uint64(1)
+    xs = columns(left)
     through, red = load(state, np.uint64(0)), load(state, np.uint64(TILE))
     green, blue = load(state, np.uint64(2 * TILE)), load(state, np.uint64(3 * TILE))
-    while touched != np.uint64(0):
-        i = lowest_bit(touched)
-        touched &= touched - one
-        alpha = alphas_at(
-            xs - number(batch, i), number(batch, i + np.uint64(2 * LOOK)), number(slopes, i),
-            number(slopes, i + np.uint64(LOOK)),
-        )  # fmt: skip
-        through, weight = pass_through(through, alpha)
-        red = red + weight * number(batch, i + np.uint64(7 * LOOK))
-        green = green + weight * number(batch, i + np.uint64(8 * LOOK))
-        blue = blue + weight * number(batch, i + np.uint64(9 * LOOK))
+    # `remains` is multiplied on after saturation, too: splats then depend on each other by one
+    # multiplication only, and their other operations overlap. It never rises above END again.
+    remains, done = through, 0
+    for base in range(0, count, LOOK):
+        touched = touched_splats(spans, base, top)
+        done += count_bits(touched)
+        while touched != np.uint64(0):
+            i = lowest_bit(touched) + np.uint64(base)
+            touched &= touched - one
+            at = i * np.uint64(2 * TILE)
+            alpha = alphas_at(
+                xs - number(batch, i), number(batch, i + np.uint64(2 * MANY)),
+                repeated(slopes, at), repeated(slopes, at + np.uint64(TILE)),
+            )  # fmt: skip
+            weight = alpha * remains
+            remains = fused(-alpha, remains, remains)
+            goes_on = remains >= END
+            weight = choose(goes_on, weight, np.float32(0))
+            through = choose(goes_on, remains, through)
+            red = red + weight * number(batch, i + np.uint64(7 * MANY))
+            green = green + weight * number(batch, i + np.uint64(8 * MANY))
+            blue = blue + weight * number(batch, i + np.uint64(9 * MANY))
+        if bits(remains >= END) == np.uint64(0):
+            break
+    through = choose(remains >= END, through, -size(through))
     store(state, np.uint64(0), through)
     store(state, np.uint64(TILE), red)
     store(state, np.uint64(2 * TILE), green)
     store(state, np.uint64(3 * TILE), blue)
-    return is_alive(through)
+    return done * 2 + is_alive(through)
+
+
+@scalar
+def blend_block_behind(
+    state, batch, spans, slopes, left, top, count, ranks, mixed, ray_hits, stop, is_parallel
+):
+    """Return `blend_block`, but compare splats of mask `mixed` with surfaces pixel by pixel.
+
+    Args:
+        ranks: Part of the tile's list.
+        stop: Place of the depths of surfaces in the block.
+    """
+    one, done = np.uint64(1), 0
+    xs, ys = columns(left), rows(top)
+    through, red = load(state, np.uint64(0)), load(state, np.uint64(TILE))
+    green, blue = load(state, np.uint64(2 * TILE)), load(state, np.uint64(3 * TILE))
+    for base in range(0, count, LOOK):
+        touched = touched_splats(spans, base, top)
+        done += count_bits(touched)
+        while touched != np.uint64(0):
+            i = lowest_bit(touched) + np.uint64(base)
+            touched &= touched - one
+            dx, dy = xs - number(batch, i), ys - number(batch, i + np.uint64(MANY))
+            at = i * np.uint64(2 * TILE)
+            alpha = alphas_at(
+                dx, number(batch, i + np.uint64(2 * MANY)),
+                repeated(slopes, at), repeated(slopes, at + np.uint64(TILE)),
+            )  # fmt: skip
+            if (mixed >> i) & one:
+                k = np.uint64(ranks[i])
+                d0, d1, d2 = row_at(ray_hits[k, HX], ray_hits[k, HY], ray_hits[k, HZ], dy)
+                depth = ray_hits_at(
+                    dx, ray_hits[k, GX], ray_hits[k, GY], d0, d1, d2, ray_hits[k, CENTER],
+                    ray_hits[k, REACH], is_parallel,
+                )  # fmt: skip
+                alpha = choose(depth <= load(stop, np.uint64(0)), alpha, np.float32(0))
+            through, weight = pass_through(through, alpha)
+            red = red + weight * number(batch, i + np.uint64(7 * MANY))
+            green = green + weight * number(batch, i + np.uint64(8 * MANY))
+            blue = blue + weight * number(batch, i + np.uint64(9 * MANY))
+    store(state, np.uint64(0), through)
+    store(state, np.uint64(TILE), red)
+    store(state, np.uint64(2 * TILE), green)
+    store(state, np.uint64(3 * TILE), blue)
+    return done * 2 + is_alive(through)
 
 
 @parallel(writes=("image", "work"), gpu="blend.blend")
@@ -210,86 +257,59 @@ def blend(
         is_parallel: Whether all rays are parallel, as for an orthographic camera.
         image: Receives premultiplied paint and coverage of the band, shape
             (y1 - y0, (x1 - x0) * 4) f32.
-        work: Receives the rows of 16 pixels blended in each tile, shape (tiles,) i64.
+        work: Receives the pairs of a splat and a block blended in each tile, shape (tiles,) i64.
     """
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
         left = g.left + tile % g.columns * TILE
         top = g.top + tile // g.columns * TILE
-        xs, zero, one = ramp(), np.uint64(0), np.uint64(1)
-        state = np.zeros(TILE * ROW, np.float32)
+        zero = np.uint64(0)
+        state = np.zeros(BLOCKS * STATE, np.float32)
+        live = np.zeros(BLOCKS, np.uint8)
         x0, x1 = max(0, g.x0 - left), min(TILE, g.x1 - left)
         y0, y1 = max(0, g.y0 - top), min(TILE, g.y1 - top)
-        inside = (xs >= np.float32(x0)) & (xs < np.float32(x1))
-        live = np.zeros(TILE, np.uint8)
-        for y in range(y0, y1):
-            store(state, np.uint64(y * ROW), choose(inside, np.float32(1), np.float32(0)))
-            live[y] = 1
-        alive = y1 - y0
+        alive = begin_tile(state, live, x0, x1, y0, y1)
         least, most = np.float32(np.inf), np.float32(np.inf)
         stop = np.empty(TILE * TILE, np.float32)
         if occluder_depth.shape[0] > 0:
-            least, most = load_occluder_depth(occluder_depth, top, left, g, stop)
-        batch = np.ones((FIELDS + 3) * LOOK, np.float32)
-        rows = np.empty(2 * LOOK, np.float32)
-        slopes = np.empty(2 * LOOK, np.float32)
+            least, most = load_stops(occluder_depth, top, left, g, stop)
+        batch = np.ones((FIELDS + 3) * MANY, np.float32)
+        spans = np.empty(ACROSS * 2 * MANY, np.float32)
+        slopes = np.empty(2 * TILE * MANY, np.float32)
         done = 0
         end = starts[tile + 1]
-        for first in range(starts[tile], end, LOOK):
+        for first in range(starts[tile], end, MANY):
             if alive == 0:
                 break
-            count = min(LOOK, end - first)
-            load_batch(records, lists, first, count, np.float32(left), np.float32(top), batch, rows)
-            load_paints(paints, column, lists, first, count, batch)
-            there = ~np.uint64(0) >> np.uint64(64 - count)
-            mixed = np.uint64(0)
+            count = min(MANY, end - first)
+            x, y = np.float32(left), np.float32(top)
+            load_fields(records, lists, first, count, x, y, batch, MANY)
+            load_paints(paints, column, lists, first, count, batch, MANY)
+            touched_rows(batch, spans, count)
+            lay_rows(batch, slopes, count)
+            mixed = zero
             if least < np.float32(np.inf):
                 hidden, mixed = behind_surfaces(ray_hits, lists, first, count, least, most)
-                there &= ~hidden
-            for y in range(TILE):
-                if live[y] == 0:
+                while hidden != zero:
+                    for k in range(ACROSS):
+                        spans[np.uint64((2 * k + 1) * MANY) + lowest_bit(hidden)] = np.float32(0)
+                    hidden &= hidden - np.uint64(1)
+            for k in range(BLOCKS):
+                if live[k] == 0:
                     continue
-                touched = lay_row(batch, rows, np.float32(y), slopes) & there
-                done += count_bits(touched)
-                at = np.uint64(y * ROW)
-                if touched & mixed == zero:
-                    goes_on = blend_row(
-                        place(state, at), place(batch, zero), place(slopes, zero), touched
-                    )
-                    live[y] = goes_on
-                    alive -= 1 - goes_on
-                    continue
-                through = load(state, at)
-                red = load(state, at + np.uint64(TILE))
-                green = load(state, at + np.uint64(2 * TILE))
-                blue = load(state, at + np.uint64(3 * TILE))
-                while touched != np.uint64(0):
-                    i = lowest_bit(touched)
-                    touched &= touched - one
-                    dx = xs - batch[i]
-                    alpha = alphas_at(
-                        dx, batch[i + np.uint64(2 * LOOK)], slopes[i], slopes[i + np.uint64(LOOK)]
-                    )
-                    if (mixed >> i) & one:
-                        k = np.uint64(lists[first + np.int64(i)])
-                        dy = np.float32(y) - batch[i + np.uint64(LOOK)]
-                        d0, d1, d2 = row_at(ray_hits[k, HX], ray_hits[k, HY], ray_hits[k, HZ], dy)
-                        depth = ray_hits_at(
-                            dx, ray_hits[k, GX], ray_hits[k, GY], d0, d1, d2, ray_hits[k, CENTER],
-                            ray_hits[k, REACH], is_parallel,
-                        )  # fmt: skip
-                        behind = load(stop, np.uint64(y * TILE))
-                        alpha = choose(depth <= behind, alpha, np.float32(0))
-                    through, weight = pass_through(through, alpha)
-                    red = red + weight * batch[i + np.uint64(7 * LOOK)]
-                    green = green + weight * batch[i + np.uint64(8 * LOOK)]
-                    blue = blue + weight * batch[i + np.uint64(9 * LOOK)]
-                store(state, at, through)
-                store(state, at + np.uint64(TILE), red)
-                store(state, at + np.uint64(2 * TILE), green)
-                store(state, at + np.uint64(3 * TILE), blue)
-                goes_on = is_alive(through)
-                live[y] = goes_on
-                alive -= 1 - goes_on
+                here, there = place(state, np.uint64(k * STATE)), place(batch, zero)
+                touched = place(spans, np.uint64(k % ACROSS * 2 * MANY))
+                laid = place(slopes, np.uint64(k // ACROSS * SIDE))
+                x, y = np.float32(k % ACROSS * SIDE), np.float32(k // ACROSS * SIDE)
+                if mixed == zero:
+                    found = blend_block(here, there, touched, laid, x, y, count)
+                else:
+                    found = blend_block_behind(
+                        here, there, touched, laid, x, y, count, lists[first:end], mixed,
+                        ray_hits, place(stop, np.uint64(k * TILE)), is_parallel,
+                    )  # fmt: skip
+                done += found >> 1
+                live[k] = found & 1
+                alive -= 1 - (found & 1)
         work[tile] = done
-        _store(state, image, top - g.y0, left - g.x0, y0, y1, x0, x1)
+        store_tile(state, image, top - g.y0, left - g.x0, y0, y1, x0, x1)

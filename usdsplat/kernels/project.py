@@ -212,10 +212,10 @@ def project(
         end = min(first + block, n)
         if closed.shape[0] > 0 and closed[item]:
             end = first
-        for i in range(first, end):
+        for row in range(first, end):
+            i, at = np.uint64(row), np.uint64(slot + count)
             if volumes.shape[0] > 0 and not is_left(volumes, crops[item // blocks], positions[i]):
                 continue
-            at = slot + count
             if project_one(
                 cam, m, positions[i], rotations[i], scales[i], opacities[i], records[at]
             ):
@@ -223,6 +223,6 @@ def project(
                     keys[at] = squared_distance(m, positions[i])
                 else:
                     keys[at] = records[at, DEPTH]
-                sources[at] = rows[i] if rows.shape[0] > 0 else i
+                sources[at] = rows[i] if rows.shape[0] > 0 else row
                 count += 1
         found[item] = count

@@ -13,12 +13,13 @@ import math
 
 import numpy as np
 
+from .coefficients import coefficients
 from .color import convert
 from .jit import scalar
 from .lanes import fetch
 from .launch import kernel
 
-AHEAD = 12
+AHEAD = 16
 """Number of splats between prefetching harmonics and reading them. In spatial order their rows are
 scattered, and the CPU cannot predict them."""
 LINE = 16
@@ -125,6 +126,7 @@ def radiance(
             later = np.uint64(sources[at + AHEAD])
             for c in range(0, width, LINE):
                 fetch(sh, later * stride + np.uint64(c))
+            fetch(sh, later * stride + np.uint64(width - 1))  # rows begin anywhere in a line
             if degree > 0:
                 fetch(positions, later * np.uint64(3))
         i = sources[at]
@@ -140,9 +142,10 @@ def radiance(
                 np.float32(dy * inverse),
                 np.float32(dz * inverse),
             )
-        r = harmonics(sh[i], 0, degree, x, y, z)
-        g = harmonics(sh[i], 1, degree, x, y, z)
-        b = harmonics(sh[i], 2, degree, x, y, z)
+        row = coefficients(sh, np.uint64(i))
+        r = harmonics(row, 0, degree, x, y, z)
+        g = harmonics(row, 1, degree, x, y, z)
+        b = harmonics(row, 2, degree, x, y, z)
         if converts:
             r, g, b = convert(r, g, b, conversion)
         paints[at, column], paints[at, column + 1], paints[at, column + 2] = r, g, b

@@ -210,7 +210,7 @@ def draw_band(
     tiles, occluders, surfaces = bin_band(frame, sample, rows)
     resolver = AovResolver(frame, sample, tiles, occluders, surfaces)
     arrays = resolver.resolve(aovs, motion, rows[0], raw=raw)
-    frame.stats.rows += tiles.rows
+    frame.stats.blocks += tiles.blocks
     return arrays
 
 

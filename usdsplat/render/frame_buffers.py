@@ -101,7 +101,7 @@ class TileBuffers(KernelBuffers):
     lists = Buffer(lambda pairs: (pairs,), I32)
     """Splats of each tile, tile after tile, shape (pairs,)."""
     work = Buffer(lambda tile_rows, tile_columns: (tile_rows * tile_columns,), I64)
-    """Rows of 16 pixels blended in each tile, shape (tiles,)."""
+    """Pairs of a splat and a block of 4x4 pixels blended in each tile, shape (tiles,)."""
 
 
 class ImageBuffers(BufferGroup):

@@ -18,8 +18,8 @@ class FrameStats:
     """Splats that may touch the data window."""
     pairs: int = 0
     """Pairs of a splat and a tile that it touches."""
-    rows: int = 0
-    """Rows of 16 pixels that were blended; 0 on a GPU, which does not count them."""
+    blocks: int = 0
+    """Pairs of a splat and a block of 4x4 pixels that were blended; 0 on a GPU."""
     failed: int = 0
     """Pixels whose captured colour the view cannot produce; only for `inverseView`."""
     asked: int = 0

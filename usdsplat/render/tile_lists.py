@@ -135,8 +135,9 @@ class TileLists:
             raise UsageError("band", f"{self.pairs} pairs of splat and tile", "less than 2**31")
         self._walked: dict[str, Any] = {}
         """Product -> buffers that the walk for colour has filled too."""
-        self.rows = 0
-        """Number of rows of 16 pixels blended so far; a GPU does not count them."""
+        self.blocks = 0
+        """Number of pairs of a splat and a block of 4x4 pixels blended so far; a GPU does not count
+        them."""
 
     def rows_between(self, y0: int, y1: int) -> TileLists:
         """Return the lists of rows y0 to y1 - 1 of the display window.
@@ -286,7 +287,7 @@ class TileLists:
             image.reshape((height, 4 * width)), work,
         )  # fmt: skip
         if isinstance(work, np.ndarray):  # a GPU does not count
-            self.rows += int(work.sum())
+            self.blocks += int(work.sum())
         return image
 
     def _deep(

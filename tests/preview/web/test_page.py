@@ -14,7 +14,7 @@ from tests.preview.web.seats import Seat, animated
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.picking import pick
-from usdsplat.preview.values import FreeCamera, Picture
+from usdsplat.preview.values import Picture
 
 MIDDLE = (340, 300)
 """Of the viewport, in the browser's window [CSS pixel]."""
