@@ -1,18 +1,19 @@
 """Measure the cost of each AOV or setting relative to plain colour, and of a deep file to a flat
 one.
 
-    python -m benchmarks.passes [deep] [--device cpu | cuda] [scene ...]
+    python -m benchmarks.passes [plain | deep] [--device cpu | cuda] [--json FILE] [scene ...]
 
 1920x1080, all in one run, with pictures taking turns; medians. Times are those of whole pictures,
-including everything: splats are projected again for each, and pixels are copied to the host. `deep`
-prints only the second table. Scenes are SCENES, without those that the test data lack, and `noise`,
-which needs no data.
+including everything: splats are projected again for each, and pixels are copied to the host.
+`plain` prints only the first table, `deep` the second. Scenes are SCENES, without those that the
+test data lack, and `noise`, which needs no data.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -21,9 +22,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.report import Report
 from benchmarks.scenes import DATA, afresh, capture, garden, scaled, scene_of, view_of
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.images import open_writer
@@ -137,7 +138,7 @@ def draw(
         pass
 
 
-def show_passes(device: str, scenes: Sequence[str]) -> None:
+def show_passes(device: str, scenes: Sequence[str], report: Report) -> None:
     """Print the cost of each AOV and setting."""
     title = f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS}: wall ms, CPU ms, CPU ÷ plain's"
     rows: dict[str, list[str]] = {}
@@ -181,7 +182,7 @@ def show_passes(device: str, scenes: Sequence[str]) -> None:
         table.add_column(name, justify="right")
     for what, cells in rows.items():
         table.add_row(what, *cells)
-    Console(width=110).print(table)
+    report.show(table, 110)
 
 
 def write_flat(renderer: Renderer, scene: RenderScene, view: View, path: Path) -> None:
@@ -214,7 +215,7 @@ def draw_deep(renderer: Renderer, scene: RenderScene, view: View, settings: Rend
     )
 
 
-def show_deep(device: str, scenes: Sequence[str]) -> None:
+def show_deep(device: str, scenes: Sequence[str], report: Report) -> None:
     """Print the cost of a deep file."""
     table = Table(title=f"{SIZE[0]}x{SIZE[1]}, median of {REPEATS} [wall s], and CPU ÷ flat's")
     for name in (
@@ -253,16 +254,22 @@ def show_deep(device: str, scenes: Sequence[str]) -> None:
                     f"{path.stat().st_size / 2**20:.0f}",
                 )  # fmt: skip
             table.add_section()
-    Console(width=110).print(table)
+    report.show(table, 110)
+
+
+def main(arguments: list[str]) -> None:
+    """Print both tables, or the second one."""
+    with Report("passes", arguments) as report:
+        options = argparse.ArgumentParser()
+        options.add_argument("--device", default="auto")
+        options.add_argument("what", nargs="*")
+        given = options.parse_intermixed_args(report.arguments)
+        tables = {"plain": show_passes, "deep": show_deep}
+        asked = [name for name in given.what if name not in tables]
+        there = asked or [name for name in SCENES if is_there(name)] or ["noise"]
+        for name in [name for name in tables if name in given.what] or tables:
+            tables[name](given.device, there, report)
 
 
 if __name__ == "__main__":
-    options = argparse.ArgumentParser()
-    options.add_argument("--device", default="auto")
-    options.add_argument("what", nargs="*")
-    given = options.parse_args()
-    asked = [name for name in given.what if name != "deep"]
-    there = asked or [name for name in SCENES if is_there(name)] or ["noise"]
-    if "deep" not in given.what:
-        show_passes(given.device, there)
-    show_deep(given.device, there)
+    main(sys.argv[1:])
