@@ -42,7 +42,8 @@ def save_arrays(
         target: Path of the file.
         arrays: Arrays by name, of any shape and any dtype but object.
         meta: Anything that JSON can hold.
-        checked: Compute checksums of the arrays. Without them a checked read reports damage.
+        checked: Compute checksums of the arrays. A file without them can only be read with
+            `checked=False`.
 
     Raises:
         OutputError: If the file cannot be written.

@@ -38,31 +38,31 @@ EDGE = 1.2
 """Half axes of a splat's ellipse, in standard deviations."""
 
 DRAWN = 64
-"""Points drawn for each carrier at most, where the distance is automatic."""
+"""Maximum number of points drawn per carrier if the distance is automatic."""
 DENSITY = 4.0
-"""Points on an ellipse per squared distance: enough for a sample without gaps."""
+"""Density of the points drawn on an ellipse [1/distance^2]: enough for a sample without gaps."""
 
 MOST_POINTS = 256
 """Largest number of points on one ellipse."""
 
 SWEEPS = 20
-"""Relaxation sweeps, before and again after points that are too close on the surface are
-dropped."""
+"""Number of relaxation sweeps. They are made twice: before and after dropping points that are too
+close on the surface."""
 
 CLOSEST = 0.8
-"""Least distance after dropping, as a fraction of the first sample's."""
+"""Least distance after dropping, as a fraction of the least distance of the first sample."""
 
 PER_DISTANCE = 1.25
-"""Mean spacing of a Poisson disk sample, in its least distance."""
+"""Mean spacing of a Poisson disk sample, as a multiple of its least distance."""
 
 FEWEST = 4
-"""Neighbours below which a carrier is isolated, and dropped."""
+"""Number of neighbours below which a carrier is isolated and dropped."""
 
 NEAREST = 8
-"""Carriers that a splat reads."""
+"""Number of carriers that a splat reads."""
 
 WIDEN = 1.2
-"""Radius of the weights of these carriers, as a multiple of the distance to the last."""
+"""Radius of the weights of these carriers, as a multiple of the distance to the farthest."""
 
 REACH = 3.0
 """Distance to the first carrier above which a splat reads none, in spacings."""
@@ -170,8 +170,7 @@ class _Ellipses:
     """Half axes [unit], shape (n, 3)."""
     short: F32
     areas: F32
-    """A quarter of the area of each ellipse's bounding box [unit^2], shape (n,); lines count as
-    wide as they are."""
+    """Product of the half axes of each ellipse [unit^2], shape (n,)."""
     ids: I64
 
     @classmethod
@@ -195,15 +194,19 @@ class _Ellipses:
         )
 
     def counts(self, distance: float) -> I64:
-        """Return the number of points on each ellipse at a distance, shape (n,)."""
+        """Return the number of points on each ellipse for a sample of this distance, shape (n,)."""
         half = np.linalg.norm(self.long, axis=1).astype(np.float64)
         wide = np.maximum(np.linalg.norm(self.short, axis=1), distance / 4)
         counts = np.minimum(1 + np.pi * DENSITY * half * wide / distance**2, MOST_POINTS)
         return np.where(half < distance / 2, 1, counts).astype(np.int64)
 
     def points(self, device: Device, distance: float, seed: int) -> tuple[F32, F32]:
-        """Draw points on all ellipses, dense enough that any two further apart than `distance` have
-        one between them, and the order in which they are tried, centres first."""
+        """Draw candidates for a Poisson disk sample on all ellipses.
+
+        Returns:
+            Points [unit], shape (m, 3), and their priority, shape (m,). Candidates are tried in
+            ascending priority; centres come first.
+        """
         counts = self.counts(distance)
         first = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(counts, out=first[1:])

@@ -54,8 +54,9 @@ def save(target: Path, checkpoint: Checkpoint) -> None:
 
 
 def load(source: Path) -> Checkpoint:
-    """Read a checkpoint, bit for bit. Arrays are new; those that were one array (`sh` and
-    `rest_sh`) are one again.
+    """Read a checkpoint, bit for bit.
+
+    Arrays are new. If `sh` and `rest_sh` were the same array, they are the same array again.
 
     Raises:
         FormatError: If the file is damaged or not a checkpoint.

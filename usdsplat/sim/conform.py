@@ -21,15 +21,15 @@ from usdsplat.sim.relaxing import relax
 from usdsplat.sim.specs import Surface
 
 NEIGHBORS = 16
-"""Neighbours of a splat to which the capture's surface is fitted, and that give its spacing."""
+"""Number of neighbours of a splat that define its spacing, and the capture's surface around it."""
 MOST_GROWTH = 4.0
 """Largest factor by which splats grow or shrink as their spacing changes."""
 FLAT = 0.15
 """Thickness of a flat splat, as a fraction of its mean size along the surface."""
 
 SWEEPS = 240
-"""Redistribution sweeps over the target, at most. A target that is crowded on one side needs them
-all."""
+"""Maximum number of redistribution sweeps over the target. All of them are needed if most splats
+start on one side of it."""
 
 _OWN, _ROWS = "own:", ("rest", "ids", "select", "axes", "flats")
 """Keys of the rest data of splats, which is stored because children are not in the capture."""
@@ -315,8 +315,12 @@ class Conform:
         self._memory["ranks"] = ranks
 
     def _slide(self, mesh: _Target, positions: F32, way: F32) -> tuple[I32, F32, F32, F32]:
-        """Return points below straight paths, and the heights over the mesh where the paths
-        start."""
+        """Return the mesh points nearest to straight paths.
+
+        Returns:
+            Faces and barycentric weights of these points, the points on the paths, and the heights
+            of the starts of the paths over the mesh.
+        """
         bound = self._memory
         line = np.empty_like(positions)
         surface = mesh.surface
@@ -324,7 +328,7 @@ class Conform:
             kernels.approach, positions, bound["faces"], bound["places"],
             (surface.points, surface.triangles), way, line,
         )  # fmt: skip
-        # splats that wait or have arrived are at the point that they are bound to
+        # splats before their start or after their arrival use the point that they are bound to
         faces, places, over = bound["faces"].copy(), bound["places"].copy(), np.zeros_like(way)
         rows = np.flatnonzero((way > 0) & (way < 1))
         under, start = mesh.tree.closest(line[rows]), mesh.tree.closest(positions[rows])

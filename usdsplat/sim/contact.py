@@ -24,9 +24,9 @@ SIGMA = "contact:sigma"
 """In `State.globals`: largest standard deviation that clearance is measured in [unit], shape
 (1,)."""
 USUAL = 3.0
-"""Multiple of the median of the splats' largest deviations at which clearance stops growing.
-Captures have a few huge, faint splats, which nothing should push from far away; on real captures
-the limit is about the 95th percentile."""
+"""Upper limit of the standard deviations that clearance is measured in, as a multiple of the median
+of each splat's largest one. Without the limit, the few huge, faint splats of a capture would be
+pushed from far away. On real captures it is about the 95th percentile."""
 LEAST = 1e-7
 """Distance outside a solid at which splats are put, in radii of the smallest solid."""
 
@@ -40,7 +40,7 @@ class ContactCounts:
     struck: int = 0
     """Hits by solids that would have passed a splat."""
     marched: int = 0
-    """Splats that took more than Newton's steps."""
+    """Splats that Newton's method did not move out, so that many small steps were used."""
     trapped: int = 0
     """Splats that are still inside, between solids without a way out."""
 
@@ -67,8 +67,9 @@ class Contacts:
     ) -> ContactCounts:
         """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
 
-        Pinned splats stay. All others end outside every enabled affector of the role collide, by
-        its clearance times their size at rest; a stretched splat does not push itself away.
+        Pinned splats stay. All others end outside every enabled affector of the role collide, at
+        least by its clearance times their size at rest. The current size is not used, because a
+        contact that stretches a splat would then push it farther away.
 
         Args:
             started: Positions at the start of the substep [unit], shape (n, 3).

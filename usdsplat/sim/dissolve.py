@@ -166,8 +166,11 @@ class Dissolve:
         )
 
     def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
-        """Return the factors of opacity and size, shapes (n,) and (n,), by how long a splat has
-        been flying, or still will be."""
+        """Return the factors of opacity and size, each of shape (n,).
+
+        They depend on the time since a splat detached (mode dissolve) or until it arrives (mode
+        assemble).
+        """
         times = state.memory[TIMES]
         p = self.parameters
         n = len(times)

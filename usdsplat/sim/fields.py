@@ -96,8 +96,12 @@ def bake_field(
 
 
 def _sign(tree: Triangles, axes: list[F32], size: float, distances: F32) -> None:
-    """Make distances inside negative. A voxel takes the side of its neighbour in the row where both
-    distances exclude a surface between them."""
+    """Make distances inside negative.
+
+    If the distances of two adjacent voxels of a row add up to more than a voxel, no surface lies
+    between them, and the second gets the sign of the first. Winding numbers are computed for all
+    other voxels.
+    """
     asked = np.ones(distances.shape, bool)
     asked[..., 1:] = distances[..., 1:] + distances[..., :-1] <= 1.001 * size
     z, y, x = np.nonzero(asked)

@@ -64,8 +64,9 @@ class LocalGradients:
         directions that cannot be measured keep the identity. A splat whose neighbours all moved
         with it gets the identity bit for bit.
 
-        Where neighbours move apart in a way that is far from linear, the stretch in F is reduced,
-        starting at a tenth of the rest distances, and then the rotation too.
+        Where neighbours move apart in a way that is far from linear, F is reduced towards the
+        identity: the stretch if the displacements that F does not explain exceed a tenth of the
+        rest distances, the rotation if they exceed three tenths.
 
         Args:
             positions: Positions now [unit], shape (n, 3).

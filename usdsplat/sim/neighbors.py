@@ -1,7 +1,7 @@
 """Neighbour lists that are kept until a splat has moved far.
 
-Lists are built with radii enlarged by a skin and kept until a neighbour might be missing, so that
-readers must test the distance again. Source: Verlet 1967.
+Lists are built with radii enlarged by a skin and kept until a neighbour might be missing. They may
+contain splats beyond the radius, so that callers must test the distance. Source: Verlet 1967.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = ["Graph", "Neighbors", "nearest"]
 WIDEST_RATIO = 8.0
 """Largest ratio of the radii that one grid serves."""
 WAVE = 1 << 26
-"""Room for neighbours that are searched at once."""
+"""Maximum number of neighbours in the buffer of one search; larger searches are split."""
 SAMPLE = 1 << 16
-"""Radii in the sample of which the median is taken."""
+"""Approximate number of radii that the median is computed from."""
 
 NOBODY = np.zeros(0, np.int32)
 
@@ -258,8 +258,7 @@ class Neighbors:
 
 
 def _even(radius: float) -> float:
-    """Return the nearest of four numbers in an octave, so that limits do not change with every
-    radius."""
+    """Round a radius to a power of 2^(1/4), so that limits do not change with every radius."""
     return 2.0 ** (round(4 * math.log2(radius)) / 4) if radius > 0 else 0.0
 
 

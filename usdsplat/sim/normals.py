@@ -51,8 +51,9 @@ def captured(device: Device, graph: Graph, rotations: F32, scales: F32) -> F32:
         scales: [unit], shape (n, 3).
 
     Returns:
-        Unit vectors by row, shape (n, 3). The splat of a part that is farthest from the mean of all
-        faces away from it; the others follow their neighbours.
+        Unit vectors by row, shape (n, 3). In each connected part, the normal of the splat that is
+        farthest from the mean of all positions points away from this mean. The signs of the others
+        follow from their neighbours.
     """
     return oriented(device, graph, axes(device, rotations, scales))
 

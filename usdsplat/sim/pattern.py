@@ -78,7 +78,7 @@ class Pattern:
             self._measure_rest(state, first)
         elif self._uses.collides:  # pushed sheets need normals of any sign
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
-        found = np.zeros(len(_AUTOMATIC))  # 0 for parameters that nothing used
+        found = np.zeros(len(_AUTOMATIC))  # 0 for automatic parameters that are unused
         if self._needs_graph:
             found[2:] = self.dimension, *self._neighbors.limits
         state.globals[RESOLVED] = found

@@ -30,7 +30,7 @@ class Reaction:
 
     Args:
         device: Runs the kernels.
-        graph: Positions and neighbours of n points. A skin only costs time.
+        graph: Positions and neighbours of n points. Lists without a skin are faster.
         parameters: Parameters of the reaction. All may change by `adopt`.
         dimension: 2 where points lie on a surface, 3 where they fill a volume; one number or shape
             (n,).

@@ -102,7 +102,7 @@ def spacing(target: float, dimension: int) -> float:
 
 
 def _planes(device: Device, graph: Graph, before: F32 | None) -> F32:
-    """Return normals by row; zeros, which move freely, where neighbours are all around."""
+    """Return normals by row; zeros for splats with neighbours all around, which move freely."""
     start = np.zeros((len(graph.order), 3), np.float32) if before is None else before
     normals, surfaceness = grown(device, graph, start)
     normals[surfaceness < FLAT] = 0

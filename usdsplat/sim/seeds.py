@@ -38,14 +38,15 @@ def nuclei(
     Args:
         device: Runs the kernels.
         positions: [unit], shape (n, 3).
-        parameters: `rd:seedMode` and `rd:seedDensity`. In the mode noise, patches cover the same
-            fraction of the points as balls would.
+        parameters: `rd:seedMode` and `rd:seedDensity`. In the mode noise, the patches cover
+            the same fraction of the points as separate balls of that density.
         scale: Length of a lattice unit [unit].
         seed: Seed of the random numbers.
         ids: Identities by which points are chosen, shape (n,); rows by default.
         selection: Weight of each point, shape (n,); None selects all.
-        graph: Neighbours of the points. With it, every connected part that has room for half a ball
-            gets a nucleus, because a pattern does not spread from one part to another.
+        graph: Neighbours of the points. With it, every connected part whose expected number of
+            nuclei is at least one half gets one, because a pattern does not spread from one part to
+            another.
     """
     n, density = len(positions), parameters.seed_density
     result = np.zeros(n, np.float32)
@@ -74,7 +75,7 @@ def nuclei(
 def _in_every_part(
     device: Device, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
 ) -> None:
-    """Choose the point with the lowest number in each large part that has none."""
+    """Choose the point with the lowest random number in each large part without a nucleus."""
     n = len(drawn)
     label = np.full(n, -1, np.int32)
     queue = np.empty(n, np.int32)

@@ -29,8 +29,8 @@ def settle_back(
     max_speed: float = math.inf,
 ) -> None:
     """Advance `positions` and `velocities` of a state by one substep, and `memory[SINCE]` and,
-    where targets move, `memory[SPEEDS]`. Without the latter, targets are taken to have moved evenly
-    before.
+    where targets move, `memory[SPEEDS]`. If the latter is missing, the targets are assumed to have
+    had the velocity of this substep before.
 
     A splat of weight w is attracted by a critically damped spring of omega w. With weight 0 or
     omega 0 it keeps its offset from the target. For `delay` after a contact only the damper acts.

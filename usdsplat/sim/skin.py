@@ -24,7 +24,7 @@ from usdsplat.sim.parameters import SkinParameters
 from usdsplat.sim.specs import SkinBinding, SkinPose, Surface
 
 STRONGEST = 8
-"""Joints that a splat keeps of those it takes from a mesh."""
+"""Maximum number of joints of a splat that takes them from a mesh; the strongest are kept."""
 
 NO_GRADIENT: F32 = np.zeros((0, 3, 3), np.float32)
 

@@ -244,7 +244,7 @@ class Solver:
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
     ) -> F32:
         """Update pattern, growth, births and deaths; return the positions at the start of the step
-        by row."""
+        for the rows that the state has then."""
         state, growth, sim = self.state, moment.parameters.growth, moment.parameters.sim
         reacts = moment.parameters.rd.enabled
         if is_first:

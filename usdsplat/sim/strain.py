@@ -17,10 +17,10 @@ from usdsplat.sim.state import FREE, State
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
 NEIGHBORS = 12
-"""Neighbours at rest that a deformation is estimated from."""
+"""Number of neighbours at rest that a deformation is estimated from."""
 OFF = 1e-3
-"""Offset from its target, as a fraction of its largest deviation, from which a splat counts as
-pushed."""
+"""Distance from the target position beyond which a splat counts as pushed, as a fraction of its
+largest standard deviation."""
 
 
 class Strain:
@@ -95,7 +95,7 @@ class Strain:
         place[used] = np.arange(len(used), dtype=np.int32)
         here = place[rows]
         neighbours = np.full((len(used), NEIGHBORS), -1, np.int32)
-        neighbours[here] = place[found]  # -1 is the last row, which has no place
+        neighbours[here] = place[found]  # place[-1] is always -1
         local = LocalGradients.of(self._device, rest[used], neighbours, normals[used])
         out = np.empty((len(used), 3, 3), np.float32)
         chosen = np.zeros(len(used), np.uint8)

@@ -79,7 +79,7 @@ def fits(neighbors: Neighbors, support: F32, count: F32) -> bool:
 
 
 def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = STEPS) -> F32:
-    """Return radii for splats that have none [unit], shape (n,).
+    """Return initial radii [unit], shape (n,), with about the target number of neighbours.
 
     Args:
         neighbors: Neighbour lists to count with; afterwards they are those of the result, or
@@ -98,8 +98,8 @@ def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = ST
 
 
 def first_guess(neighbors: Neighbors, positions: F32) -> F32:
-    """Return the distance to the neighbour whose number is the target, or to the last one [unit],
-    shape (n,); 1 for a single splat."""
+    """Return the distance to the k-th nearest neighbour, where k is the target number, or to the
+    farthest if there are fewer [unit], shape (n,); 1 for a single splat."""
     k = round(neighbors.parameters.target) + 1
     _, distances = nearest(neighbors.device, positions, positions, k)
     radii: F32 = np.where(np.isfinite(distances), distances, 0).max(axis=1)

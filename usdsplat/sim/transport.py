@@ -49,8 +49,8 @@ def transport(
         gradient: F of each splat, shape (n, 3, 3).
         rest_rotations: Unit quaternions (w, x, y, z), shape (n, 4).
         rest_scales: [unit], shape (n, 3).
-        rotations: Unit quaternions of the last frame (of rest at first), replaced by those of which
-            none is more than a right angle from its predecessor in four dimensions, shape (n, 4).
+        rotations: Unit quaternions of the last frame, initially those at rest, shape (n, 4). They
+            are replaced by those of this frame, each with the sign nearer to the last one.
         scales: Receives [unit], shape (n, 3).
         appearance: `covariance` selects how splats follow F: all of it; its rotation R of F = R
             U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.

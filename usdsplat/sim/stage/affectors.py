@@ -98,7 +98,8 @@ class AffectorReader:
             return Solid(kind="box", matrix=spaces.rigid(rotation, at), size=(half, half, half))
         names = ("radiusBottom", "radiusTop") if self._kind == "Capsule_1" else ("radius",) * 2
         low, high = (self._size(name, time) * scale for name in names)
-        # the stretch follows a reflection of x, which must not swap the ends
+        # `rotation` lacks the reflection of x of a mirroring matrix; without it, the ends of a
+        # capsule along x would be swapped
         turn = self._turn(time)
         if np.linalg.det(matrix[:3, :3]) < 0:
             rotation = rotation @ np.diag([-1.0, 1.0, 1.0]) @ turn @ np.diag([-1.0, 1.0, 1.0])

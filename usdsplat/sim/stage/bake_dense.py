@@ -85,8 +85,8 @@ def stored(name: str, value: Array) -> Array:
 
 
 def stop(part: SampleLayer, path: str, time: float) -> None:
-    """End extrapolation by velocities at a time: after the last frame, or before the first. A bake
-    of some frames of a shot then holds its ends in the others."""
+    """End extrapolation by velocities at a time: after the last frame, or before the first. Frames
+    of the shot that are not baked then show the nearest baked frame."""
     none = Vt.Vec3fArray()
     part.sample(path, tokens.VELOCITIES, _Type.Vector3fArray, none, time)
 

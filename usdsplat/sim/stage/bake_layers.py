@@ -2,10 +2,12 @@
 
     bake.usda               the file that the user names: small, over the capture's stage
     bake_data/clip.0000.usdc, ...   samples, a file for each epoch
-    bake_data/clips.usda    the clips as one layer of opinions; mode clips, else until the end
+    bake_data/clips.usda    the clips as one layer of opinions
     bake_data/manifest.usda which attributes are in the clips
-    bake_data/samples.usdc  all samples, in other modes, when they are complete
-    bake_data/checkpoint, bake_data/*.frame     until the end: state to resume from
+    bake_data/samples.usdc  all samples; written at the end, except in mode clips
+    bake_data/checkpoint, bake_data/*.frame     state to resume from; removed at the end
+
+Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
 Files under these names are always complete: they are written under other names and renamed. The
 named layer is written last, so that everything it refers to exists.
@@ -100,7 +102,8 @@ class BakeLayers:
     def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
         """Write the named layer over one file of all samples."""
         merged = self.folder / "samples.usdc"
-        # Arrays of another type have no default value: positions must not have one either.
+        # At the default time, the arrays of the packed type have no value. Positions must not have
+        # one either, or the prim would be inconsistent there.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
         merge([self.clip(number) for number in range(clips)], merged, retyped)
         self._write_root([merged], record)

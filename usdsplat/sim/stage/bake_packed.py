@@ -30,7 +30,7 @@ class PackedAuthor:
             self._sh = sample.sh
         cloud = _cloud(sample, self._sh)
         arrays = self._pack(cloud, is_new=sample.sh is not None)
-        stage = Usd.Stage.Open(part.layer)  # prims expire with their stage
+        stage = Usd.Stage.Open(part.layer)  # a variable: prims need their stage
         prim = stage.OverridePrim(plan.path)
         prim.SetTypeName(tokens.PACKED_TYPE)
         code = Usd.TimeCode(sample.time)
@@ -50,8 +50,8 @@ class PackedAuthor:
 
 
 def _cloud(sample: Sample, sh: F32 | None) -> SplatCloud:
-    """Return the cloud of a sample. It is complete: whole fields have all arrays, and epochs start
-    with harmonics."""
+    """Return the cloud of a sample. No array is missing: this mode writes all of them, and each
+    epoch starts with harmonics."""
     positions, rotations = sample.positions, sample.rotations
     scales, opacities = sample.scales, sample.opacities
     assert positions is not None and rotations is not None

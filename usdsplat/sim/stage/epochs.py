@@ -42,7 +42,7 @@ class Sample:
     box: F32
     """Extent from this sample to the next, shape (2, 3)."""
     sh: F32 | None
-    """Harmonics, where they are due."""
+    """Harmonics; None where they are not written."""
     velocities: F32 | None
     uv: F32 | None
     ids: I64 | None
@@ -120,9 +120,11 @@ class _Rows:
         return cls(ids, values)
 
     def moved(self, arrays: dict[str, Array]) -> dict[str, Array]:
-        """Return rows with another frame's values. Arrays that the frame lacks stay, and so do
-        splats that it lacks, but for their opacity and velocity. Harmonics are returned where the
-        frame has some."""
+        """Set the rows to another frame's values, and return all arrays.
+
+        Values that the frame lacks stay, except that the opacity and velocity of splats that it
+        lacks become 0. Harmonics are returned only if the frame has some.
+        """
         said = {name: arrays[name] for name in self._values if name in arrays}
         if np.array_equal(said["ids"], self._ids):
             self._values |= said

@@ -133,7 +133,7 @@ def author_preset(
 def _grow(scene: Scene, sim: Usd.Prim) -> None:
     """Author a pattern that colours, raises and multiplies splats, and a ball that passes
     slowly."""
-    # for a field of n splats on a surface of about three times the square of its size
+    # of splats that are spread evenly over a surface of about three times size^2
     spacing = scene.size * np.sqrt(3 / scene.count)
     unit = max(scene.size / _PATTERN, spacing)
     author(
@@ -170,7 +170,7 @@ def _grow(scene: Scene, sim: Usd.Prim) -> None:
 def _push(scene: Scene, sim: Usd.Prim) -> None:
     """Author a ball that passes through the capture, which settles behind it.
 
-    At the end the ball is disabled: splats that it has pushed along return, straight through it.
+    When the ball stops it is disabled, so that splats in front of it can return to their places.
     """
     author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
     through = max(round(0.6 * scene.last), 2)

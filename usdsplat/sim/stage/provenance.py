@@ -174,7 +174,7 @@ def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
         return
     yield str(item.GetTypeName()).encode()
     codes = [Usd.TimeCode.Default()]
-    if item.ValueMightBeTimeVarying() or item.GetNumTimeSamples():  # one sample hides the default
+    if item.ValueMightBeTimeVarying() or item.GetNumTimeSamples():  # a sample hides the default
         codes += [Usd.TimeCode(time) for time in times]
     for code in codes:
         value = item.Get(code)
@@ -198,7 +198,7 @@ def _differing(first: Iterable[str], second: Iterable[str]) -> list[str]:
 
 
 def _cpu() -> str:
-    """Return the name of the processor: others may give other last bits."""
+    """Return the name of the processor: results of another one may differ in the last bits."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):

@@ -86,9 +86,8 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
             if isinstance(spec, Sdf.AttributeSpec):
                 known = target.GetAttributeAtPath(spec.path)
                 new = known or Sdf.AttributeSpec(copy, spec.name, spec.typeName, spec.variability)
-                for key in sorted(
-                    spec.ListInfoKeys()
-                ):  # the order of keys is otherwise that of addresses
+                # unsorted, the keys are in the order of their memory addresses
+                for key in sorted(spec.ListInfoKeys()):
                     if key not in ("timeSamples", "typeName", "variability", "default"):
                         new.SetInfo(key, spec.GetInfo(key))
                 if spec.HasDefaultValue():

@@ -48,7 +48,7 @@ class Report:
     """Splats at the last frame, by field."""
     seconds: float
     seconds_per_frame: float
-    """Median, without the first."""
+    """Median of all frames but the first [s]."""
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage of the solver, and of writing."""
     megabytes: float = 0.0

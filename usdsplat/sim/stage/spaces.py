@@ -98,8 +98,8 @@ def is_uniform(matrix: F64) -> bool:
 
 
 def size_of(matrix: F64) -> float:
-    """Return the factor by which a matrix scales lengths: the cube root of its factor of
-    volumes."""
+    """Return the mean factor by which a matrix scales lengths: the cube root of the magnitude of
+    its determinant."""
     return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
 
 

@@ -1,8 +1,8 @@
 """Frames of one field on their way to the layer, kept on disk instead of in memory.
 
-A frame is held back until the next one arrives: its velocities lead there. Also, the sample before
-a change of the harmonics must be written, or the change would be spread over all frames since the
-last one.
+A frame is held back until the next one arrives, because its velocities are those from it to the
+next. Also, harmonics must be written at the last frame before they change. Otherwise USD would
+interpolate the change over all frames since their last sample.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class Spool:
         self._key = Key.restored(arrays)
 
     def _is_changed(self, index: int, frame: Frame) -> bool:
-        """Return whether the harmonics are due."""
+        """Return whether the harmonics of a frame must be written."""
         if not self._keeping.harmonics:
             return False
         if self._keeping.rate_sh >= 0:
@@ -286,7 +286,7 @@ def _turned(old: F32, new: F32, rows: Rows) -> Bool:
 
 
 def _both(now: Bool, rows: Rows, new: int) -> tuple[Bool, Bool]:
-    """Return a mask of the new frame's rows and of the old ones, for the same splats."""
+    """Return a mask of the new rows for the splats of `now`, and `now`, a mask of the old rows."""
     if rows is None:
         return now, now
     later = np.zeros(new, np.bool_)
