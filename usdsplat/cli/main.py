@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where
         return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
     except OSError as error:
-        if error.filename is None:  # only stdout has no file name
+        if error.filename is None:  # an error of stdout, which has no file name
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         found = (error.strerror or str(error)).lower()
         place = error.filename or "standard output"

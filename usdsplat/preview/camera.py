@@ -247,9 +247,10 @@ def _level_axes(forward: F64, up_axis: str) -> F64:
 
 
 def _steep(forward: F64, up: F64, up_axis: str) -> tuple[F64, float]:
-    """Return direction and roll [degree] of a camera; one that looks straight up or down has none.
+    """Return direction and roll [degree] of a camera.
 
-    It has a heading instead: such a camera is tilted by less than is visible.
+    If it looks straight up or down, the roll is 0 and the direction is tilted by `POLE`, which is
+    invisible, so that the camera has a heading.
     """
     top = _up(up_axis)
     if math.hypot(*np.cross(forward, top)) < POLE:

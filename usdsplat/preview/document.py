@@ -70,7 +70,7 @@ class Document:
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
-        display = Display(CpuDevice(threads=threads))  # its input is on the host already
+        display = Display(CpuDevice(threads=threads))  # pictures are in host memory already
         self._drawing = Drawing(self._scenes, display)
 
     @property

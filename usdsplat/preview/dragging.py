@@ -48,7 +48,7 @@ class Drag:
     """A drag in progress.
 
     Args:
-        measure: Function that converts a pointer to a value; None if it has none.
+        measure: Function (pointer) -> value, or None if the pointer has no valid position.
         place: Function (start value, current value, snaps) -> matrix.
         begun: Initial position of the pointer.
         matrix: Initial matrix of the prim.
@@ -252,7 +252,8 @@ def _around(
 def _along_rim(
     axis: F64, manipulator: Manipulator, projection: Projection
 ) -> Callable[[Pixel], float | None]:
-    """Return the same for a ring seen edge-on: its near side follows the pointer."""
+    """Return a function like that of `_around` for a ring seen edge-on, whose near side follows the
+    pointer."""
     origin, length = manipulator.origin, manipulator.length(projection)
     rim = np.cross(axis, -projection.towards(origin))
     start, end = projection.pixels([origin, origin + 0.5 * length * rim])

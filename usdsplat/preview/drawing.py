@@ -37,7 +37,7 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
-"""Stages whose time does not depend on the resolution."""
+"""Stages of the renderer whose time does not depend on the resolution."""
 
 Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]
 

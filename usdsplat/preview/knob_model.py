@@ -107,7 +107,7 @@ _WORDS = {
 """Words of names -> spelling in labels."""
 
 _WIDEST = {"deg": (-360.0, 360.0), "stop": (-8.0, 8.0)}
-"""Widest range of a slider by unit, where legal; other values are typed."""
+"""Widest range of a slider by unit, limited to legal values; values outside are typed."""
 _SCALES = {"s": 2.0, "time code": 20.0, "unit/s^2": 2.0}
 """Typical value by unit, where the default gives no scale."""
 _MANY = 100.0

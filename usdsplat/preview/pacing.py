@@ -35,8 +35,8 @@ RESTING_MS = 150.0
 MIDDLE_MS = 100.0
 """Time limit of the intermediate picture."""
 WORTH = 1.3
-"""Limit in multiples of the minimum time if nothing is affordable: coarser pictures would save too
-little."""
+"""Time limit if no quality is affordable, as a multiple of the time of the coarsest: going further
+down would save too little."""
 SLACK = 1.15
 """Factor on the time limit above which a picture becomes coarser."""
 EASE = 0.8
@@ -48,13 +48,13 @@ REMEMBERED = 5
 SPLAT_NS, PIXEL_NS = 90.0, 50.0
 """Initial estimates [ns]."""
 DOUBTED = 2
-"""Number of entries of the initial estimate."""
+"""Number of the remembered pictures that initially have the initial estimate."""
 JUMP = 0.3
 """Minimum relative change of the work to estimate the constant part of the time."""
 BELIEF = 0.5
-"""Weight of one such estimate."""
+"""Weight of a new estimate of the constant part relative to the previous ones."""
 REGRET = 3.0
-"""A finer scale that is given up within this time was a mistake [s]."""
+"""Time within which giving up a finer scale means that trying it was a mistake [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,8 +183,8 @@ class Pacer:
     # --- private ---------------------------------------------------------------------------
 
     def _best(self, choices: Sequence[Quality], limit: float, load: Load) -> Quality:
-        """Return the first affordable choice; without one, the first that is little slower than the
-        last."""
+        """Return the first affordable choice; without one, the first that takes at most `WORTH`
+        times as long as the last."""
         least = self.expected(choices[-1], load)
         limit = limit if least <= limit else WORTH * least
         return next(each for each in choices if self.expected(each, load) <= limit)

@@ -168,7 +168,7 @@ def _save(document: Document, state: ViewState, path: Path, *, cancel: CancelTok
     side = shown.sides[0]
     engine, look = side.scene.engine, side.look
     plan = _plan(state, side, aovs=("color", look.aov), color_mode="scene")
-    with document.lock:  # a simulation that runs does not edit what is being drawn
+    with document.lock:  # so that a running simulation cannot edit the stage
         layout = labelled_layout(engine, plan, side.view, origin=_origin(document, state, side))
         file = PictureFile(plan=plan, path=path, view=side.view, layout=layout)
         write_picture(engine, file, rows_written=lambda rows: cancel.check())

@@ -107,7 +107,7 @@ class Session:
 
     @property
     def has_failed(self) -> bool:
-        """Whether the document could not be opened; problems of an open document are remarks."""
+        """Whether the document could not be opened; problems of an open document do not count."""
         return self._has_failed
 
     def close(self, timeout: float = 10.0) -> None:

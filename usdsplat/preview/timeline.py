@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from usdsplat.core.errors import UsageError
 
 _LONGEST = 1.0
-"""Longest time between two ticks after which playback does not jump ahead [s]."""
+"""Maximum time between two ticks; after a longer pause, playback does not skip frames [s]."""
 
 
 @dataclass(slots=True, kw_only=True)

@@ -67,8 +67,8 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
 
 
 def look_across(stage: Usd.Stage, path: str) -> None:
-    """Stop the turntable at an angle at which a moving prim passes the camera, `ASIDE` from its
-    path.
+    """Replace the rotation of the turntable by a fixed one, so that a moving prim crosses the view
+    at the angle `ASIDE`.
 
     Args:
         stage: A stage whose root layer is stronger than that of the turntable.

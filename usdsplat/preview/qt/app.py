@@ -102,7 +102,7 @@ def _begin(window: Window, camera: str | None, time: float | None) -> None:
 
 
 def _once(call: Callable[[Opened], None]) -> Callable[[Opened], None]:
-    """Return a function that runs once: later stages have other cameras."""
+    """Return a function that runs once, because later stages have other cameras."""
     waiting = [call]
 
     def called(opened: Opened) -> None:
