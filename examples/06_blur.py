@@ -46,8 +46,8 @@ def main(folder: Path) -> Path:
 
 
 def check(target: Path) -> None:
-    """Check the motion vectors, and that blur keeps the sum and moves the centre by half of
-    them."""
+    """Check the motion vectors, and that blur keeps the sum of the coverage and moves its centre by
+    half of the motion during the shutter."""
     picture = np.load(target)
     for name in ("motionForward", "motionBackward"):
         moves = picture[name][picture[name].any(axis=-1)]

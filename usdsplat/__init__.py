@@ -1,4 +1,4 @@
-"""Gaussian splats as ordinary citizens of a USD pipeline.
+"""Import, edit, render, simulate and export Gaussian splats with USD.
 
 The names in `__all__` are the public interface. Each is imported when it is first used: importing
 this package loads neither `pxr` nor `numba`.
@@ -46,7 +46,8 @@ _MODULES = {
     "save_view": "preview.saving",
     "schema": "schema",
 }
-"""Public name -> the module that has it, or that it is; after a colon, its name there."""
+"""Public name -> module that defines it, or the module of that name itself. After a colon: the name
+in the module, if it differs."""
 
 __all__ = [
     "DeepImage",
@@ -89,7 +90,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name.
 
     Raises:
-        AttributeError: If it is none.
+        AttributeError: If the name is not public.
     """
     place = _MODULES.get(name)
     if place is None:

@@ -1,9 +1,10 @@
 """Rotate and mirror spherical harmonics.
 
 Harmonics of one degree only mix among themselves, so an orthogonal 3x3 matrix acts as one small
-matrix per degree. It follows from equal values: coefficients c' of the rotated function satisfy
-Y(e) c' = Y(Q^T e) c for every direction e. A fixed, well-spread set of directions makes this a
-least squares problem. Its solution is exact, because both sides are harmonics of that degree.
+matrix per degree. The matrix follows from equal values: coefficients c' of the rotated function
+satisfy Y(e) c' = Y(Q^T e) c for every direction e. A fixed, well-spread set of directions makes
+this a least squares problem. Its solution is exact, because both sides are harmonics of that
+degree.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class CloudBuilder:
     def _not_finite(
         self, field: str, rows: slice, finite: npt.NDArray[np.bool_], name: Namer
     ) -> FormatError:
-        """Return an error for the first number that is not finite; `finite` has one row per row."""
+        """Return an error for the first number that is not finite; `finite` is for `rows`."""
         row = int(np.argmin(finite.all(axis=1)))
         column = int(np.argmin(finite[row]))
         found = getattr(self, field)[rows].reshape(len(finite), -1)[row, column]

@@ -30,7 +30,7 @@ ROUND_TRIP = 0.5 / 255
 """Tolerance of code values, invisible on an 8-bit display; ACES 2.0 round-trips within 3e-4."""
 
 ROW = 1024
-"""Number of pixels in a row of those converted together."""
+"""Width of the array of pixels that are converted together."""
 
 ALIASES = {
     "lin_rec709_scene": (

@@ -142,7 +142,7 @@ def _shown(instancer: UsdGeom.PointInstancer, time: float | None) -> tuple[F64, 
     """Return matrices of the unmasked instances, (k, 4, 4), and their prototypes, (k,)."""
     own, positions = UsdGeom.PointInstancer, instancer.GetPositionsAttr()
     when = code(time)
-    if time is None and positions.Get() is None:  # as for fields, the first sample
+    if time is None and positions.Get() is None:  # first sample, as for fields
         when = code(next(iter(positions.GetTimeSamples()), None))
     maps = instancer.ComputeInstanceTransformsAtTime(
         when, when, own.IncludeProtoXform, own.IgnoreMask

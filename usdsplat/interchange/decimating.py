@@ -28,7 +28,7 @@ FAINTEST = 1 / 255
 ROUND = 0.25
 """Maximum fraction of splats removed in a round: the rest may find better partners."""
 CROWD = 64
-"""Number of splats at one position from which these merge before all others."""
+"""If more splats than this share a position, splats at equal positions are merged first."""
 STALLED = 0.02
 """A round that merges less than this fraction of the splats, although more are wanted, counts as
 stalled: too many splats share their neighbours."""
@@ -134,8 +134,9 @@ class _Splats:
     def candidates(self, stalled: bool) -> I32:
         """Return candidate partners of each remaining splat as indices into `rows`, shape (m, k).
 
-        These are the nearest neighbours. If many splats share a position, or the last round
-        stalled, distances do not discriminate: then the candidates are neighbours in an order.
+        These are the nearest neighbours, with two exceptions. If many splats share a position, the
+        candidates are other splats at the same position. If the last round stalled, they are the
+        splats before and after in Morton order.
         """
         points = self.positions[self.rows]
         order, ranks = coincident(points)
@@ -185,9 +186,9 @@ class _Splats:
 
 
 def _beside(order: npt.NDArray[np.integer], later: npt.NDArray[np.integer]) -> I32:
-    """Return each row's neighbours in an order, shape (n, 2), -1 for none.
+    """Return the rows before and after each row in `order`, shape (n, 2), -1 for none.
 
-    `later` holds the places whose row may merge with the one before."""
+    `later` holds the indices into `order` whose row may merge with the row before it."""
     near = np.full((len(order), 2), -1, np.int32)
     near[order[later], 0] = order[later - 1]
     near[order[later - 1], 1] = order[later]

@@ -149,7 +149,7 @@ class _Score:
     facing: float
     """Fraction of the flat splats' area that faces along the axis [0..1]."""
     below: float
-    """Mean position of those, -1 at the head to 1 at the foot."""
+    """Mean position of this area along the axis, -1 at the head to 1 at the foot."""
 
     @classmethod
     def of(cls, splats: _Splats, axis: int, height: F64) -> _Score:

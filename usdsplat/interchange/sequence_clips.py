@@ -83,7 +83,7 @@ class Clips:
         first = str(next(iter(self._files.values())))
         topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
         UsdUtils.StitchClipsTopology(topology, [first])
-        for key in ("startTimeCode", "endTimeCode"):  # these are of the first clip only
+        for key in ("startTimeCode", "endTimeCode"):  # those of the first clip
             topology.pseudoRoot.ClearInfo(key)
         topology.Save()
         manifest = Sdf.Layer.CreateNew(str(self._folder / _MANIFEST))

@@ -174,7 +174,7 @@ class _Job:
             self.clips.finish(self.where)
         prim = self.stage.GetPrimAtPath(self.where)
         capture = account.capture
-        assert capture is not None  # there is a first frame
+        assert capture is not None  # there is at least one frame
         text = axes_text(placement(self.stage, capture.frame, None), self.bake_axes)
         notes = (*account.notes.told(), *assumptions(self.frame, unit))
         notes += tuple(schema.broken_rules(prim))

@@ -23,9 +23,9 @@ Harmonics of degree 1 and above: the coefficients of each splat in stock order, 
 signed byte q = -127..127 each, padded with zeros to whole int4. A coefficient of degree l is q /
 127 * harmonics_range[l - 1], the largest magnitude of that degree in the cloud. Zero is exact.
 
-Worst-case errors: rotation 0.0086 degrees (2 sqrt(12) half steps; we promise 0.01); scale 0.034 %
-(2^(1/2048) - 1) inside the range; opacity 1/1022; colour (upper - lower) / 510; harmonics of degree
-l harmonics_range[l - 1] / 254.
+Worst-case errors: rotation 0.0086 degrees (2 sqrt(12) half steps; the documented bound
+is 0.01); scale 0.034 % (2^(1/2048) - 1) inside the range; opacity 1/1022; colour
+(upper - lower) / 510; harmonics of degree l harmonics_range[l - 1] / 254.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def _edge_blocks(level: Level, across: I64, near: float) -> list[Block]:
 
 
 def _alike(share: F64, which: Bools) -> list[tuple[I64, F64]]:
-    """Return the rows `which` in two groups, without and with a share, and their shares."""
+    """Split the rows `which` into those of share 0 and the others; return rows and shares."""
     plain, mixed = np.flatnonzero(which & (share == 0)), np.flatnonzero(which & (share != 0))
     return [(plain, np.zeros(1)), (mixed, share[mixed])]
 
@@ -100,7 +100,7 @@ class _Blend:
     crease: F64
     smooth: F64
     early: Bools
-    """Whether the crease of the coarser level applies, else that of the finer."""
+    """Whether the crease edges are those before this step, rather than those after it."""
 
 
 def _blend(level: Level) -> _Blend:

@@ -229,7 +229,7 @@ class Surface:
         return self._cut(self._down_from(level)[-1]) if self._levels else level.corners
 
     def _down_from(self, level: Level) -> list[Level]:
-        """Return all levels but the finest, of which only the corners are needed."""
+        """Return all levels except the finest: only the corners of that one are needed."""
         finer = triangles if self._topology.scheme == "loop" else quads
         levels = [level]
         while len(levels) < self._levels:

@@ -59,9 +59,9 @@ class Polygons:
     indices: I64
     """Point at each corner, shape (c,)."""
     faces: I64
-    """Authored face of each face, shape (g,)."""
+    """Authored face that each face comes from, shape (g,)."""
     corners: I64
-    """Authored corner of each corner, shape (c,)."""
+    """Authored corner that each corner comes from, shape (c,)."""
 
 
 def check(topology: Topology, points: int, where: str) -> Polygons:

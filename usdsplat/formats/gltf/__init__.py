@@ -19,8 +19,8 @@ SUFFIXES: tuple[str, ...] = (".gltf",)
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Return whether a file that starts with `head` is a JSON object that calls itself a glTF
-    asset."""
+    """Return whether a file that starts with `head` is a JSON object with glTF's keys "asset" and
+    "version"."""
     return head.lstrip()[:1] == b"{" and b'"asset"' in head and b'"version"' in head
 
 

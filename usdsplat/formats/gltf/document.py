@@ -305,7 +305,7 @@ def _matrix(where: str, node: Mapping[str, Any], outer: F64) -> F64:
         return outer
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = outer @ own
-    if not np.abs(matrix).max() <= _LARGEST:  # NaN is not
+    if not np.abs(matrix).max() <= _LARGEST:  # written so that NaN fails
         raise FormatError(where, "a transform out of range", f"numbers of at most {_LARGEST:g}")
     return matrix
 

@@ -69,7 +69,7 @@ class Buckets:
     ends: npt.NDArray[np.int64]
     """Number of splats in all buckets up to and including each one, shape (b,), ascending."""
     top: int
-    """Code of the bucket centre; twice as much is half a block beyond it."""
+    """Code of the bucket centre; codes 0 and 2 * top are half a block before and after it."""
     step: float
     """Distance between adjacent codes [scene unit]."""
 

@@ -28,7 +28,7 @@ LONGEST = 4.0
 
 _POSITIONS = ("x", "y", "z")
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-_SHIFTS = (0.0, 0.23, 0.41)  # of the grid: neighbours far apart in one order are close in another
+_SHIFTS = (0.0, 0.23, 0.41)  # see `shift` of `morton.codes`
 _REACH = 4
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 

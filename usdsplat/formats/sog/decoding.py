@@ -27,7 +27,7 @@ from usdsplat.formats.sog.meta import (
 )
 
 _IMAGE_OVERHEAD = 1 << 16
-_PIXEL_BYTES = 5  # an incompressible lossless image takes slightly more than 4
+_PIXEL_BYTES = 5  # incompressible lossless images take slightly more than 4
 _SPARE_PIXELS = 1 << 16
 _PALETTE_ROWS = 1024
 # Splats decoded at a time: with fewer, threads wait for each other.

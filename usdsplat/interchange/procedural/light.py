@@ -83,7 +83,8 @@ def _harmonics(patch: Patch, sun: F32, sky: F32, openness: F32) -> F32:
 
 def _diffuse(patch: Patch, sun: F32, sky: F32) -> F32:
     """Return linear colour without view dependence, shape (n, 3)."""
-    if patch.is_strand:  # a thin cylinder gathers by the sine to its tangent
+    if patch.is_strand:
+        # the irradiance of a thin cylinder is proportional to the sine of the angle to its tangent
         facing = 0.62 * np.sqrt(1 - np.minimum((patch.axes[:, :, 0] @ SUN) ** 2, 1))
     else:
         raw, through = patch.normals @ SUN, patch.finish.translucency
@@ -127,7 +128,7 @@ def _mirror(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
 
 
 def _cylinder(patch: Patch, rows: slice, toward_eye: F32) -> tuple[F32, F32, F32]:
-    """Return the same for strands, whose normals point all around: the highlight is a cone.
+    """Return the values of `_mirror` for strands: normals point all around, highlights are cones.
 
     Source: Marschner et al. 2003, "Light Scattering from Human Hair Fibers", the R lobe.
     """

@@ -30,7 +30,7 @@ _PETALS = np.array([5, 11, 8])
 _COLORS = np.array([(0.75, 0.035, 0.015), (0.86, 0.85, 0.80), (0.10, 0.10, 0.62)])
 _HEARTS = np.array([(0.02, 0.015, 0.02), (0.80, 0.45, 0.02), (0.16, 0.03, 0.25)])
 _LENGTHS = np.array([0.0068, 0.0062, 0.0055])  # [m]
-_WIDTHS = np.array([0.85, 0.30, 0.42])  # over length
+_WIDTHS = np.array([0.85, 0.30, 0.42])  # relative to the length
 _CUPPED = np.array([0.75, 0.15, 0.45])  # slope of the petals
 _DOTS = 7
 

@@ -91,8 +91,8 @@ def sweep(surface: Surface, spacing: float | Callable[[F64], F64]) -> Lattice:
     """Cover a swept surface with a lattice whose steps are about `spacing` [m] both ways.
 
     Rows have equal distance along s, and each has as many points as its length requires. A
-    golden-ratio shift from row to row keeps the points from lining up. Normals point to the right
-    of s as seen along t.
+    golden-ratio shift from row to row keeps the points from lining up. Normals are the cross
+    product of the directions of t and of s.
     """
     s_table, around = np.linspace(0.0, 1.0, 513), np.arange(49) / 48
     wanted = spacing(s_table) if callable(spacing) else np.full(513, spacing)

@@ -41,7 +41,7 @@ _RIM = np.array([
     (1.016, -0.006), (1.016, 0.008), (1.006, 0.016), (0.994, 0.016), (0.984, 0.010),
     (0.980, -0.008),
 ])  # fmt: skip
-_VINES, _VINE_RADIUS = 30, 0.372  # how many, and where they rise [m]
+_VINES, _VINE_RADIUS = 30, 0.372  # number, and distance from the axis [m]
 
 
 def drum(spacing: float) -> Patch:

@@ -16,9 +16,10 @@ from usdsplat.interchange.procedural.patch import Mask, Patch, mix, noise, stran
 
 _WHORLS = 6.5
 _WIDEN = 1.56  # growth in one whorl
-_RADIUS, _HEIGHT, _TUBE = 0.172, 0.490, 0.163  # of the last whorl: axis to tube, apex to tube, tube
+# Tube at the aperture [m]: distance of its centre from the axis, depth below the apex, radius.
+_RADIUS, _HEIGHT, _TUBE = 0.172, 0.490, 0.163
 _END = 2 * math.pi * 8  # angle of the aperture, which faces +z
-_OPEN = 0.62  # whorls open to view
+_OPEN = 0.62  # length of the part whose inside is visible, in whorls
 _THREADS = np.array([-0.52, 0.0, 0.30, 1.31, 1.57])  # angles about the tube [rad]
 
 

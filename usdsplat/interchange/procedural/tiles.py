@@ -33,7 +33,7 @@ _CLAY: Color = (0.42, 0.08, 0.045)
 _NIGHT: Color = (0.012, 0.025, 0.10)
 _GROUT: Color = (0.30, 0.26, 0.21)
 _GILDING: Color = (0.50, 0.30, 0.06)
-# By ring, which is how many joints a tile lies beyond; 4 to 9 occur.
+# Colours by ring: the number of joints between a tile and the centre. 4 to 9 occur.
 _BORDERS = np.array([_NIGHT] * 5 + [_TEAL, _CREAM, _CLAY, _CREAM, _NIGHT])
 _FIELDS = np.array([_SAFFRON] * 5 + [_SAFFRON, _COBALT, _CREAM, _TEAL, _CLAY])
 _HEARTS = np.array([_COBALT] * 5 + [_COBALT, _CREAM, _TEAL, _SAFFRON, _CREAM])
@@ -120,7 +120,8 @@ def _glazed(laid: _Laid, seed: int) -> Patch:
 
 
 def _rosette(places: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
-    """Return the distance to the nearest joint [m], shape (n,), and which joints lie behind."""
+    """Return the distance to the nearest joint [m], shape (n,), and which joints are passed on the
+    way from the centre."""
     offset = places @ _NORMALS.T - _TOUCH
     return np.abs(offset).min(axis=1), offset > 0
 

@@ -62,7 +62,7 @@ def coefficients(sample: Sample) -> Iterator[Finding]:
 
 
 def color_space(sample: Sample) -> Iterator[Finding]:
-    """Check that a colour space is authored that USD knows."""
+    """Check that the field has an authored colour space, and that USD knows it."""
     name = hints.written_color_space(sample.prim)
     cure = f"apply ColorSpaceAPI and set {tokens.COLOR_SPACE} to {tokens.DEFAULT_COLOR_SPACE}"
     if not name:
