@@ -59,7 +59,7 @@ def check(path: Path) -> None:
         seen = np.unique(picture["elementId"][picture["elementId"] >= 0])
         assert len(seen) > 100
         assert np.linalg.norm(positions[seen], axis=1).max() <= RADIUS
-        schema.author_grade(field, exposure=0.0)  # the engine follows the edit; it is not saved
+        schema.author_grade(field, exposure=0.0)  # the engine follows this unsaved edit
         plain = engine.picture(view, LINEAR)["color"]
         np.testing.assert_allclose(picture["color"][..., :3], plain[..., :3] / 2, atol=1e-6)
         shot.MuteLayer(shot.ResolveIdentifierToEditTarget("look.usda"))

@@ -30,7 +30,7 @@ ROUND_TRIP = 0.5 / 255
 """Tolerance of code values, invisible on an 8-bit display; ACES 2.0 round-trips within 3e-4."""
 
 ROW = 1024
-"""Width of the array of pixels that are converted together."""
+"""Number of pixels in a row of the array in which covered pixels are passed to OpenImageIO."""
 
 ALIASES = {
     "lin_rec709_scene": (

@@ -105,7 +105,7 @@ def code(time: float | None) -> Usd.TimeCode:
 
 
 def _once(prim: Usd.Prim, places: UsdGeom.XformCache) -> Appearance:
-    """Return a field with its own transform."""
+    """Return a field that appears once, with its own transform."""
     return Appearance(prim=prim, to_world=_columns(places.GetLocalToWorldTransform(prim))[None])
 
 

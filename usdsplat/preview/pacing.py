@@ -35,8 +35,8 @@ RESTING_MS = 150.0
 MIDDLE_MS = 100.0
 """Time limit of the intermediate picture."""
 WORTH = 1.3
-"""Time limit if no quality is affordable, as a multiple of the time of the coarsest: going further
-down would save too little."""
+"""Time limit if even the coarsest quality is too slow, as a multiple of its time. It would save too
+little over a finer one within this limit."""
 SLACK = 1.15
 """Factor on the time limit above which a picture becomes coarser."""
 EASE = 0.8
@@ -48,13 +48,13 @@ REMEMBERED = 5
 SPLAT_NS, PIXEL_NS = 90.0, 50.0
 """Initial estimates [ns]."""
 DOUBTED = 2
-"""Number of the remembered pictures that initially have the initial estimate."""
+"""Number of pictures that the initial estimate counts for, until newer ones replace it."""
 JUMP = 0.3
 """Minimum relative change of the work to estimate the constant part of the time."""
 BELIEF = 0.5
 """Weight of a new estimate of the constant part relative to the previous ones."""
 REGRET = 3.0
-"""Time within which giving up a finer scale means that trying it was a mistake [s]."""
+"""A finer scale that is given up within this time counts as a mistake [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

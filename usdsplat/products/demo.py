@@ -40,7 +40,7 @@ RATE = 24.0
 """Frame rate of the animations [frame/s]."""
 
 Tell = Callable[[Path, str], None]
-"""Receive each complete file with a description."""
+"""Callback that receives each complete file with a description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 RowsWritten = Callable[[int], None]
-"""Receive the number of rows of a picture that are in its file."""
+"""Callback that receives the number of rows of a picture that are in its file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

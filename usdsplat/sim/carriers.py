@@ -59,13 +59,13 @@ FEWEST = 4
 """Number of neighbours below which a carrier is isolated and dropped."""
 
 NEAREST = 8
-"""Number of carriers that a splat reads."""
+"""Number of carriers whose values a splat interpolates."""
 
 WIDEN = 1.2
 """Radius of the weights of these carriers, as a multiple of the distance to the farthest."""
 
 REACH = 3.0
-"""Distance to the first carrier above which a splat reads none, in spacings."""
+"""Distance to the nearest carrier above which a splat reads none, in spacings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

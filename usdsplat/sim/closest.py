@@ -15,8 +15,8 @@ from usdsplat.kernels.sim.winding import MOMENTS, fit_dipoles, sum_winding
 from usdsplat.sim.specs import Surface
 
 FAR = 3.0
-"""Distance, in radii of a group of triangles, from which the group counts as one in a winding
-number; the error is at most 0.02."""
+"""Distance from which a group of triangles is approximated by one dipole in a winding number, in
+radii of the group; the error is at most 0.02."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -114,8 +114,8 @@ class Triangles:
 
         Args:
             points: [unit], shape (n, 3).
-            far: Distance, in radii, from which a group of triangles counts as one; inf sums every
-                triangle.
+            far: Distance from which a group of triangles is approximated by one dipole, in radii of
+                the group; inf sums every triangle.
         """
         if self._moments is None:
             self._moments = np.zeros((len(self._boxes), MOMENTS), np.float64)

@@ -111,8 +111,8 @@ class Conform:
     def extended(
         self, parents: Rows, positions: F32, rotations: F32, scales: F32, ids: I64
     ) -> Conform:
-        """Return a copy with children appended. They start with their parents, keep the parents'
-        height, and are bound by their own position.
+        """Return a copy with children appended. They start at the same time as their parents, keep
+        their height, and are bound by their own position.
 
         Args:
             parents: Rows of the parents, shape (c,).
@@ -304,7 +304,7 @@ class Conform:
         return mesh.tree.closest(spread)
 
     def _rank(self, hits: Hits) -> None:
-        """Return the order in which splats start, 0..1."""
+        """Store the order in which splats start, 0..1."""
         n = len(self)
         ranks = np.empty(n, np.float32)
         if self._parameters.order == "distance":

@@ -26,7 +26,7 @@ SIGMA = "contact:sigma"
 USUAL = 3.0
 """Upper limit of the standard deviations that clearance is measured in, as a multiple of the median
 of each splat's largest one. Without the limit, the few huge, faint splats of a capture would be
-pushed from far away. On real captures it is about the 95th percentile."""
+pushed from far away. On real captures the limit is about the 95th percentile."""
 LEAST = 1e-7
 """Distance outside a solid at which splats are put, in radii of the smallest solid."""
 

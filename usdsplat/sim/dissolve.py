@@ -131,8 +131,8 @@ class Dissolve:
         to_world: F64,
         now: float,
     ) -> None:
-        """Place splats that have not arrived on their path, and those that just arrived at rest
-        (mode assemble). Splats on their path are FREE; others do not change.
+        """Place splats before their arrival on their paths, and those that just arrived at their
+        goals (mode assemble). Splats on their path are FREE; others do not change.
 
         Args:
             state: Its positions, velocities and flags (FREE) change.

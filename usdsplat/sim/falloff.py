@@ -17,7 +17,7 @@ from usdsplat.sim.specs import Affector
 def falloff(
     device: Device, affector: Affector, positions: F32, *, fields: Fields | None = None
 ) -> F32:
-    """Return the weight of an affector that does not collide at points, before its amount.
+    """Return the weight of an affector at points, without its amount; for all roles but collide.
 
     The solids are joined with the affector's blend radius. At distance d from them the weight is 1
     - smoothstep(0, falloff, d), or a step at the surface where falloff is 0.

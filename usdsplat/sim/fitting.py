@@ -16,7 +16,8 @@ def heights(positions: F32, neighbors: I32) -> tuple[F32, F32]:
     """Return the height of each splat over the surface of its neighbours.
 
     The surface is a paraboloid of revolution along the normal of their plane, fitted by least
-    squares. A plane would put all splats of a round capture outside.
+    squares. With a plane, all splats of a round capture
+    would lie on the outer side.
 
     Args:
         positions: [unit], shape (n, 3).

@@ -1,4 +1,4 @@
-"""Effect of affectors that do not collide on each splat: mask, seed, feed, wind, growth,
+"""Effects of affectors on each splat, except collisions: mask, seed, feed, wind, growth,
 opacity."""
 
 from __future__ import annotations

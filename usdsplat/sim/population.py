@@ -241,8 +241,8 @@ def _halved(opacities: F32) -> F32:
 
 
 def _unsplit(opacities: F32, part: F32) -> F32:
-    """Return the factor of a shared opacity a for which the optical depth is that of both layers at
-    part 0, and that of one layer at part 1."""
+    """Return the factor that changes a shared opacity a to the optical depth of both layers at part
+    0, and of one layer at part 1."""
     a = opacities.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = -np.expm1((2.0 - part) * np.log1p(-a)) / a

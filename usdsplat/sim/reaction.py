@@ -22,7 +22,8 @@ LARGEST_V = 0.6
 """Largest v for which the step length is stable; the reaction stays below it."""
 
 COUNTS = {2: 4.0, 3: 105 / 16}
-"""Dimension -> factor that makes the sum of K the number of neighbours at even density."""
+"""Dimension -> factor by which the sum of the kernel K gives the number of neighbours at
+even density."""
 
 
 class Reaction:

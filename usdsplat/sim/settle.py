@@ -30,7 +30,7 @@ def settle_back(
 ) -> None:
     """Advance `positions` and `velocities` of a state by one substep, and `memory[SINCE]` and,
     where targets move, `memory[SPEEDS]`. If the latter is missing, the targets are assumed to have
-    had the velocity of this substep before.
+    moved with the same velocity before this substep.
 
     A splat of weight w is attracted by a critically damped spring of omega w. With weight 0 or
     omega 0 it keeps its offset from the target. For `delay` after a contact only the damper acts.

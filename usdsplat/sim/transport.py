@@ -50,7 +50,8 @@ def transport(
         rest_rotations: Unit quaternions (w, x, y, z), shape (n, 4).
         rest_scales: [unit], shape (n, 3).
         rotations: Unit quaternions of the last frame, initially those at rest, shape (n, 4). They
-            are replaced by those of this frame, each with the sign nearer to the last one.
+            are replaced by those of this frame, each with the sign for which it is nearer to the
+            last one.
         scales: Receives [unit], shape (n, 3).
         appearance: `covariance` selects how splats follow F: all of it; its rotation R of F = R
             U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.

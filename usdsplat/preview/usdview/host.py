@@ -42,7 +42,7 @@ PANEL = 340
 PLAIN = f"QWidget {{ color: {style.TEXT.name()}; background: {style.GROUND.name()}; }}"
 TITLE = f"QDockWidget::title {{ background: {style.GROUND.name()}; padding: 4px; }}"
 SHEET = PLAIN + TITLE + style.sheet()
-"""usdview has its own palette; this sets the colours our widgets would take from it."""
+"""Style sheet of our docks: they would otherwise take colours from usdview's palette."""
 
 LOG = logging.getLogger("usdsplat")
 

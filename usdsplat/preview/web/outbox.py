@@ -1,7 +1,7 @@
 """Queue messages for one page, keeping only the latest of each kind.
 
-A page that is slow or silent makes nothing grow: newer messages replace older ones of their kind,
-and a frame is sent only after the last one was acknowledged.
+The queue stays small even if a page is slow or silent: newer messages replace older ones of their
+kind, and a frame is sent only after the last one was acknowledged.
 """
 
 from __future__ import annotations

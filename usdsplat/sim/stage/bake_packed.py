@@ -30,7 +30,7 @@ class PackedAuthor:
             self._sh = sample.sh
         cloud = _cloud(sample, self._sh)
         arrays = self._pack(cloud, is_new=sample.sh is not None)
-        stage = Usd.Stage.Open(part.layer)  # a variable: prims need their stage
+        stage = Usd.Stage.Open(part.layer)  # a reference, which the prim needs
         prim = stage.OverridePrim(plan.path)
         prim.SetTypeName(tokens.PACKED_TYPE)
         code = Usd.TimeCode(sample.time)

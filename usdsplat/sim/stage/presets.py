@@ -133,7 +133,7 @@ def author_preset(
 def _grow(scene: Scene, sim: Usd.Prim) -> None:
     """Author a pattern that colours, raises and multiplies splats, and a ball that passes
     slowly."""
-    # of splats that are spread evenly over a surface of about three times size^2
+    # distance of splats that are spread evenly over a surface of about three times size^2
     spacing = scene.size * np.sqrt(3 / scene.count)
     unit = max(scene.size / _PATTERN, spacing)
     author(

@@ -286,7 +286,7 @@ def _turned(old: F32, new: F32, rows: Rows) -> Bool:
 
 
 def _both(now: Bool, rows: Rows, new: int) -> tuple[Bool, Bool]:
-    """Return a mask of the new rows for the splats of `now`, and `now`, a mask of the old rows."""
+    """Return `now`, a mask of the old rows, as a mask of the new ones, followed by `now` itself."""
     if rows is None:
         return now, now
     later = np.zeros(new, np.bool_)
