@@ -35,8 +35,8 @@ RESTING_MS = 150.0
 MIDDLE_MS = 100.0
 """Time limit of the intermediate picture."""
 WORTH = 1.3
-"""Time limit if even the coarsest quality is too slow, as a multiple of its time. It would save too
-little over a finer one within this limit."""
+"""Time limit if even the coarsest quality is too slow, as a multiple of its time: the finest
+quality within this limit is used."""
 SLACK = 1.15
 """Factor on the time limit above which a picture becomes coarser."""
 EASE = 0.8

@@ -111,8 +111,8 @@ class Conform:
     def extended(
         self, parents: Rows, positions: F32, rotations: F32, scales: F32, ids: I64
     ) -> Conform:
-        """Return a copy with children appended. They start at the same time as their parents, keep
-        their height, and are bound by their own position.
+        """Return a copy with children appended. A child starts at the same time and keeps the same
+        height as its parent, but is bound by its own position.
 
         Args:
             parents: Rows of the parents, shape (c,).

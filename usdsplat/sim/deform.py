@@ -44,7 +44,8 @@ def deform(
 ) -> None:
     """Displace splats by all deformers, one after the other.
 
-    With weight w a deformer f moves x to x + w (f(x) - x). Where w is 0, positions keep their bits.
+    With weight w a deformer f moves x to x + w (f(x) - x). Where w is 0, positions
+    do not change by a single bit.
 
     Args:
         deformers: In the order of the stack.

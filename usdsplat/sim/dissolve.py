@@ -48,7 +48,7 @@ class Dissolve:
         Args:
             device: Runs the kernels.
             state: At rest or resumed; its memory changes.
-            parameters: Times, order and impulse must be the same at all times.
+            parameters: Start, duration, order and impulse must not change over time.
             seed: Seed of the simulation.
         """
         made = cls(device, parameters, seed)

@@ -205,7 +205,7 @@ class Neighbors:
         return out
 
     def _lists(self, positions: F32, support: F32, build: int) -> tuple[Graph, Flags]:
-        """Build a graph, and return which slots share their position with no other."""
+        """Build a graph, and return which slots share their position with another one."""
         n, device = len(positions), self.device
         widest, edge = self._reach(support)
         apart = device.move(self._apart(positions, support))

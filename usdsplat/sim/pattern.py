@@ -145,7 +145,8 @@ class Pattern:
         )
 
     def sizes(self, state: State, moment: Moment) -> F32 | None:
-        """Return the factor of each splat's size as spacing grows, shape (n,); None for 1."""
+        """Return the factor of each splat's size as spacing grows, shape (n,); None if all
+        are 1."""
         follow = moment.parameters.growth.size_follow
         if not follow or REST_SUPPORT not in state.memory:
             return None

@@ -16,7 +16,7 @@ from usdsplat.sim.normals import FLAT, grown
 from usdsplat.sim.parameters import Parameters
 
 CONVERGED = 1e-3
-"""Mean step, in spacings, below which further sweeps change nothing."""
+"""Mean step, in spacings, below which further sweeps change almost nothing."""
 
 Projection = Callable[[F32], tuple[F32, F32]]
 """Projects points onto a surface: returns positions and unit normals there, both shape (n, 3)."""

@@ -32,7 +32,7 @@ def changed(array: str, new: Array, old: Array, epsilon: float) -> Bool:
         array: Name of the cloud's array.
         new: Values now.
         old: Values of the capture.
-        epsilon: Tolerance: [unit], [radian], relative, or a difference.
+        epsilon: Tolerance: positions [unit], rotations [radian], scales relative, others absolute.
     """
     if array == "positions":
         return np.asarray(_length(new - old) > epsilon)

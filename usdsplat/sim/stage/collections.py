@@ -58,8 +58,8 @@ def _members(
     name: str,
     is_one: Callable[[Usd.Prim], bool],
 ) -> list[Usd.Prim]:
-    """Return the prims that satisfy a predicate and are in the collection, or all if it is
-    empty."""
+    """Return the prims that satisfy a predicate and are in the collection; without a collection,
+    all that satisfy the predicate."""
     query = _query(simulation, name)
     found = [
         prim

@@ -154,7 +154,7 @@ def _purpose(prim: Usd.Prim) -> str:
 
 
 def _epsilon(rest: SplatCloud, parameters: BakeParameters) -> dict[str, float]:
-    """Return tolerances: [unit], [radian], relative, and differences."""
+    """Return tolerances: positions [unit], rotations [radian], scales relative, others absolute."""
     return {
         "positions": parameters.position_epsilon * _spacing(rest),
         "rotations": math.radians(parameters.rotation_epsilon),

@@ -145,7 +145,7 @@ class Spool:
         return self._box(self.pending.frame.cloud, self.pending.turned)
 
     def forget(self, before: int) -> None:
-        """Remove the frames before one."""
+        """Remove the frames before an index."""
         for path in self._folder.glob(f"{self._name}.*.frame"):
             if int(path.name.split(".")[-2]) < before:
                 path.unlink()
