@@ -95,7 +95,7 @@ class FreeCamera:
         return replace(self, target=_vector(np.asarray(self.eye) + self.distance * forward))
 
     def flown(self, right: float, up: float, forward: float) -> FreeCamera:
-        """Return the camera with eye and target moved alike [scene unit]."""
+        """Return the camera with eye and target moved by the same vector [scene unit]."""
         shift = np.array((right, up, -forward)) @ self.axes
         return replace(
             self, eye=_vector(self.eye + shift), target=_vector(np.asarray(self.target) + shift)
@@ -158,11 +158,11 @@ class FreeCamera:
     def like(
         cls, spec: CameraSpec, *, target: Vector, up_axis: UpAxis, aspect: float
     ) -> FreeCamera:
-        """Return a free camera with the view of a stage's camera in a viewport of that aspect.
+        """Return a free camera with the view of a stage's camera in a viewport of `aspect`.
 
         Its target is the point of its axis at the depth of `target`. Lens and shutter blur are
-        lost. So is the shift of a perspective lens: the camera then points at the former centre of
-        the picture.
+        lost. The shift of a perspective lens is lost too: the camera points at the centre of the
+        shifted picture.
         """
         framing = Framing(resolution=(1, 1), pixel_aspect_ratio=aspect)
         (left, bottom, right, top), _ = conform(spec.window, framing)

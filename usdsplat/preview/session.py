@@ -90,7 +90,7 @@ class Session:
         """Run a task on the document; `done` is called in the session's thread.
 
         A UsdSplatError is passed to `failed`, or without it published as a `Problem`. An unexpected
-        exception is handled alike, so that no caller waits forever.
+        exception is handled in the same way, so that no caller waits forever.
         """
         with self._changed:
             self._tasks.append((task, done, failed or self.complain))

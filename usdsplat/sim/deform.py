@@ -44,8 +44,7 @@ def deform(
 ) -> None:
     """Displace splats by all deformers, one after the other.
 
-    With weight w a deformer f moves x to x + w (f(x) - x). Where w is 0, positions
-    do not change by a single bit.
+    With weight w a deformer f moves x to x + w (f(x) - x). Where w is 0, positions do not change.
 
     Args:
         deformers: In the order of the stack.
