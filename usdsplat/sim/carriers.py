@@ -169,8 +169,6 @@ class _Ellipses:
     long: F32
     """Half axes [unit], shape (n, 3)."""
     short: F32
-    areas: F32
-    """Product of the half axes of each ellipse [unit^2], shape (n,)."""
     ids: I64
 
     @classmethod
@@ -189,7 +187,6 @@ class _Ellipses:
             centres=np.ascontiguousarray(cloud.positions[rows]),
             long=long,
             short=short,
-            areas=np.linalg.norm(long, axis=1) * np.linalg.norm(short, axis=1),
             ids=rows if cloud.ids is None else cloud.ids[rows],
         )
 
