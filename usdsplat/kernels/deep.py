@@ -1,11 +1,11 @@
-"""Count the samples of deep pixels in the order of centres, or write them where they belong.
+"""Count or write the samples of deep pixels, in the order of the splats' centres.
 
-`walk` does this for any order and any holdout. Here, as in `blend`, 16 pixels are treated at a
-time, also while contributions are merged. The samples of a row of 16 pixels are first staged in the
-cache, splat by splat, and then written pixel by pixel, one after another in memory. Counting and
-writing are one function, so that they cannot disagree about a sample.
+`walk` does the same for other orders and for holdouts. Here, as in `blend`, 16 pixels are processed
+at a time, even if contributions are merged. The samples of a row of 16 pixels are first staged in
+the cache, splat by splat, and then written to memory pixel by pixel. One function counts and writes
+samples, so both follow the same rules.
 
-Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for what a sample and a merged one mean.
+Source: OpenEXR's "Interpreting OpenEXR Deep Pixels", for the definition of samples and of merging.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ BATCH = FIELDS * LOOK
 PAINT = 4
 """Floats of the paint of a splat: red, green, blue, 1."""
 MERGED = 6 * TILE
-"""Floats of 16 staged samples: RGBA of each, then their near depths, then their far ones."""
+"""Floats of 16 staged samples: RGBA of each sample, then 16 near depths, then 16 far depths."""
 WORD = 64
-"""Staged rows whose bits of one pixel are collected at a time."""
+"""Number of staged rows whose bits for one pixel form one 64-bit mask."""
 
 
 # --- 1. mathematics: one splat over one row of 16 pixels --------------------------------
@@ -37,16 +37,17 @@ WORD = 64
 
 @scalar
 def merge(seen, run, weight, error):
-    """Put a contribution into the samples of 16 deep pixels.
+    """Add a contribution to the samples of 16 deep pixels.
 
     Args:
-        seen: Transmittance of the samples so far; run: weight of the run that is merged.
-        weight: Of the contribution, 0 where it does not count.
-        error: By how much merging may change the opacity in front of any depth.
+        seen: Transmittance of the samples so far.
+        run: Sum of the weights that are merged in the current sample.
+        weight: Weight of the contribution, 0 for pixels without it.
+        error: Maximum change of the opacity in front of any depth by merging.
 
     Returns:
-        (seen, run) behind the contribution; its opacity behind what is in front, 0 where it does
-        not count; whether a sample begins with it, 1 or 0.
+        (seen, run) with the contribution; its opacity, which is its weight divided by the
+        transmittance in front; 1 if it begins a new sample, else 0.
     """
     zero, one = np.float32(0), np.float32(1)
     own = lower(weight / seen, one)
@@ -63,7 +64,7 @@ def merge(seen, run, weight, error):
 
 @scalar
 def load_splats(records, column, lists, begin, first, count, paints, depths):
-    """Load paint and depth of some splats of a tile's list, from number `first` on."""
+    """Load paint and depth of `count` splats of a tile's list, from index `first` on."""
     for i in range(first, first + count):
         k, j = np.uint64(lists[begin + i]), np.uint64(i * PAINT)
         paints[j] = records[k, column]
@@ -74,7 +75,7 @@ def load_splats(records, column, lists, begin, first, count, paints, depths):
 
 @scalar
 def stage_merged(number, red, green, blue, cover, front, back, staged):
-    """Stage the present samples of 16 pixels as number `number`."""
+    """Write the current merged samples of 16 pixels to row `number` of `staged`."""
     at = np.uint64(number * MERGED)
     store_mixed(staged, at, red, green, blue, cover)
     store(staged, at + np.uint64(4 * TILE), front)
@@ -83,7 +84,7 @@ def stage_merged(number, red, green, blue, cover, front, back, staged):
 
 @scalar
 def rows_of_pixel(x, first, masks):
-    """Return in which of WORD staged rows, from `first` on, pixel x has a sample, as bits."""
+    """Return a mask of the WORD staged rows from `first` on in which pixel x has a sample."""
     found = np.uint64(0)
     for k in range(WORD):
         bit = masks[np.uint64(first + k)] >> np.uint64(x) & np.uint64(1)
@@ -93,15 +94,15 @@ def rows_of_pixel(x, first, masks):
 
 @scalar
 def write_contributions(x, first, end, number, masks, opacities, paints, depths, out):
-    """Write the samples of pixel x of a row, where each is one contribution.
+    """Write the samples of pixel x of a row, one for each contribution.
 
     Args:
-        first, end: Place of its first sample, and the place behind its last one.
-        number: Staged rows.
-        masks: For each of them, bits of the pixels that have a sample; 0 for WORD rows more.
-        opacities: Of the samples, 16 for each row.
-        paints, depths: Of the splats, one for each row.
-        out: (near, far, color) as `deep` takes them, color flat.
+        first, end: Index of the pixel's first sample, and one past its last.
+        number: Number of staged rows.
+        masks: Mask of the pixels that have a sample, for each staged row, followed by WORD zeros.
+        opacities: Opacities of the samples, 16 for each staged row.
+        paints, depths: Paint and depth of the splat of each staged row.
+        out: (near, far, color), see `deep`; color is flat.
     """
     near, _, color = out
     j = np.uint64(first)
@@ -118,10 +119,10 @@ def write_contributions(x, first, end, number, masks, opacities, paints, depths,
 
 @scalar
 def write_merged(x, first, end, number, masks, staged, out):
-    """Write the samples of pixel x of a row, where contributions are merged.
+    """Write the samples of pixel x of a row, each merged from contributions.
 
     Args:
-        staged: What `stage_merged` wrote, for each row.
+        staged: Rows that `stage_merged` has written.
         first, end, number, masks, out: See `write_contributions`.
     """
     near, far, color = out
@@ -139,21 +140,21 @@ def write_merged(x, first, end, number, masks, staged, out):
 
 @scalar
 def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
-    """Count the samples of 16 pixels, or stage them.
+    """Count or stage the samples of 16 pixels.
 
-    `writes` and `merges` are constants where this is inlined, so each call is a loop of its own.
+    Each call is inlined with constant `writes` and `merges`, so the compiler specialises the loop.
 
     Args:
         y: Row of the tile.
-        tile: (records, column, lists, begin, n, left, top): of the n splats of the tile.
-        splats: (batches, spans, paints, depths, slopes): receives what is loaded of them. `slopes`
-            is scratch for `lay_row`.
-        loaded: Number of splats that are loaded, in whole batches.
-        inside: The pixels to draw.
-        error, writes: As `deep` takes them.
+        tile: (records, column, lists, begin, n, left, top): the tile and its n splats.
+        splats: (batches, spans, paints, depths, slopes): receive the values of loaded splats, for
+            later rows too. `slopes` is scratch for `lay_row`.
+        loaded: Number of splats loaded so far, in whole batches.
+        inside: Mask of the pixels that are drawn.
+        error, writes: See `deep`.
         merges: Whether `error` is not 0.
-        staging: (masks, staged, paints, depths): receives what `write_contributions` or
-            `write_merged` reads, or 16 counts in `staged`.
+        staging: (masks, staged, paints, depths): receive the arguments of `write_contributions` or
+            `write_merged`. If `writes` is false, `staged` receives 16 counts.
 
     Returns:
         (loaded, number of staged rows).
@@ -240,11 +241,12 @@ def draw_row(y, tile, splats, loaded, inside, error, writes, merges, staging):
 
 @serial(writes=("offsets",), gpu="deep.place")
 def place(counts, offsets):
-    """Find where the samples of each pixel go; returns how many there are.
+    """Compute the offset of each pixel's samples. Return the number of all samples.
 
     Args:
-        counts: Samples of each pixel, shape (h, w) u32.
-        offsets: Receives how many come before each pixel, and all of them, shape (h * w + 1,) i64.
+        counts: Number of samples of each pixel, shape (h, w) u32.
+        offsets: Receives the number of samples before each pixel and, last, of all pixels, shape
+            (h * w + 1,) i64.
     """
     total = np.int64(0)
     for row in range(counts.shape[0]):
@@ -259,17 +261,19 @@ def place(counts, offsets):
 def deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
 ):  # fmt: skip
-    """Count the samples of all pixels of a band, or write them.
+    """Count or write the samples of all pixels of a band.
 
     Args:
-        records, starts, lists, grid: As `blend` takes them; the paint is in the records from
-            `column` on.
-        error: By how much merging may change the opacity in front of any depth, f32.
-        writes: Whether to write; else counts are.
-        offsets: Where the samples of each pixel go, as `place` says; read if `writes`.
-        counts: Receives how many there are, shape (h, w) u32.
-        near, far, color: Receive depths of both ends, shape (n,) f32, and premultiplied RGBA, shape
-            (n, 4) f32, if `writes`. `near` and `far` may be one array where nothing is merged.
+        records, starts, lists, grid: See `blend`.
+        column: First column of the paint in the records.
+        error: Maximum change of the opacity in front of any depth by merging, f32; 0 merges
+            nothing.
+        writes: Whether samples are written; if not, they are counted.
+        offsets: Result of `place`; read only if `writes`.
+        counts: Receives the number of samples of each pixel if not `writes`, shape (h, w) u32.
+        near, far, color: Receive nearest and farthest depth of each sample, shape (n,) f32, and its
+            premultiplied RGBA, shape (n, 4) f32, if `writes`. `near` and `far` may be the same
+            array if `error` is 0.
     """
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]
@@ -285,7 +289,7 @@ def deep(
         slopes, loaded = np.empty(2 * LOOK, np.float32), 0
         kept = n if writes else 0
         paints, depths = np.ones(kept * PAINT, np.float32), np.empty(kept, np.float32)
-        # Every contribution may finish the samples before it, and those of the last one are staged.
+        # Each splat stages at most one row, and the last merged samples take one more.
         staged = np.empty((kept + 1) * (MERGED if merges else TILE), np.float32)
         staged_paints, staged_depths = np.empty_like(paints), np.empty_like(depths)
         masks = np.empty(kept + 1 + WORD, np.uint64)
@@ -293,7 +297,7 @@ def deep(
         splats = batches, spans, paints, depths, slopes
         staging = masks, staged, staged_paints, staged_depths
         out = near, far, color.reshape(color.size)
-        # Row by row: what 16 pixels see stays in the cache until it is written.
+        # Row by row, so that staged samples stay in the cache until they are written.
         for y in range(max(0, g.y0 - top), min(TILE, g.y1 - top)):
             row, first_pixel = top + y - g.y0, left + x0 - g.x0
             pixel = row * (g.x1 - g.x0) + first_pixel

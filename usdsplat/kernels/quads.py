@@ -1,7 +1,7 @@
 """Operate on four float32 numbers at once: the channels of one sample.
 
-LLVM does not combine the four stores of a sample by itself. Without compilation
-(NUMBA_DISABLE_JIT), four numbers are NumPy slices. See `lanes`.
+LLVM does not combine the four stores of a sample into one by itself. Without compilation
+(NUMBA_DISABLE_JIT), the functions operate on NumPy slices of four. See `lanes`.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
-"""Walk once through what each pixel sees, for all that is asked of it.
+"""Compute all requested products of each pixel in one pass over its contributions.
 
-`blend`, `median`, `weigh` and `deep` know only the order of centres. Here each pixel may have its
-own: by the depths at which its own ray hits the splats. Contributions may also be held out, by
-matte splats and by what lies in front of them in a deep picture from elsewhere.
+`blend`, `median`, `weigh` and `deep` process splats in the order of their centres. This module can
+also sort the contributions to each pixel by the depths at which its ray hits the splats. It
+supports mattes, whose splats hide others without being drawn, and a deep holdout, whose samples
+reduce the weights of the contributions behind them.
 
-A row of 16 pixels at a time, `contributions` finds what each pixel sees, in order. Sums, medians,
-weights of prims and deep samples are all made of these rows.
+`contributions` finds the contributions to one row of 16 pixels at a time, in their order. Sums,
+medians, weights of prims and deep samples are computed from these rows.
 
 Source: Radl et al. 2024, "StopThePop", for the order; OpenEXR's "Interpreting OpenEXR Deep Pixels".
 """
@@ -35,11 +36,11 @@ from .project import RED
 from .weigh import NONE, number_prims, strongest
 
 COLOR, ALBEDO, NORMALS, DEPTHS, MEDIAN, FRONT, WEIGH, COUNT, FILL = (1 << k for k in range(9))
-"""What may be asked for, as bits: sums of colours, albedos, normals and depths over contributions;
-the contribution in which half of the coverage is passed, and the first; the heaviest prims; how
-many samples a deep picture has, and the samples."""
+"""Products, as bits: sums of colours, albedos, normals and depths over contributions; the
+contribution at which half of the coverage is reached; the first contribution; the prims with the
+largest weights; the number of deep samples; the deep samples."""
 HALF = np.float32(0.5)
-"""Part of the coverage that MEDIAN looks for; FRONT looks for 0."""
+"""Fraction of the coverage that is reached at the result of MEDIAN; for FRONT it is 0."""
 
 
 # --- 1. mathematics: 16 pixels, or one --------------------------------------------------
@@ -47,7 +48,7 @@ HALF = np.float32(0.5)
 
 @scalar
 def held_through(offsets, depths, through, pixel, depth):
-    """What the samples of a deep holdout in front of `depth` let through."""
+    """Return the transmittance of the samples of a deep holdout in front of `depth`."""
     low, high = offsets[pixel], offsets[pixel + 1]
     first = low
     while low < high:
@@ -61,11 +62,12 @@ def held_through(offsets, depths, through, pixel, depth):
 
 @scalar
 def sum_paints(keys, count, weights, paints, stride, first):
-    """Return the sums of three numbers of the splats, times their weights.
+    """Return weighted sums of three numbers of each splat, for 16 pixels.
 
     Args:
         keys, weights: `count` rows, see `contributions`.
-        paints: `stride` numbers of each splat of the tile; the three begin at `first`.
+        paints: `stride` numbers of each splat of the tile, of which three are summed, from index
+            `first` on.
     """
     red = spread(np.float32(0))
     green = blue = red
@@ -85,14 +87,15 @@ def sum_paints(keys, count, weights, paints, stride, first):
 
 @scalar
 def find_part(keys, count, weights, goals, left, found, depths):
-    """Find the contributions in which the coverage of 16 pixels passes their goals.
+    """Find the contribution at which the coverage of each of 16 pixels reaches a given value.
 
     Args:
         keys, weights: `count` rows, see `contributions`.
-        goals: Of each pixel.
-        left: Bits of the pixels that have one.
-        found: Receives places in the list, NONE where there is none.
-        depths: Receives their depths; scratch behind the first 16.
+        goals: Coverage to reach in each pixel.
+        left: Mask of the pixels to process.
+        found: Receives the index in the tile's list for each pixel, NONE if the value is not
+            reached.
+        depths: Receives the depth of each found contribution; entries 16 to 31 are scratch.
     """
     cover, goal, zero = spread(np.float32(0)), load(goals, np.uint64(0)), np.float32(0)
     for x in range(TILE):
@@ -120,7 +123,7 @@ def find_part(keys, count, weights, goals, left, found, depths):
 
 @scalar
 def load_paints_of(paints, column, numbers, lists, begin, out):
-    """Fetch some numbers of each splat of a tile, from a column on."""
+    """Copy `numbers` columns of each splat of a tile, from `column` on."""
     for k in range(out.shape[0] // numbers):
         rank = lists[begin + k]
         for c in range(numbers):
@@ -129,14 +132,14 @@ def load_paints_of(paints, column, numbers, lists, begin, out):
 
 @scalar
 def hold_out(keys, count, weights, keeps, lists, begin, holdout, pixel, x0, x1, scratch):
-    """Take off the weights of a row of pixels what is held out.
+    """Multiply the weights of a row of pixels by `keeps` and the transmittance of the holdout.
 
     Args:
         keys, weights: `count` rows, see `contributions`.
-        keeps, holdout: As `walk` takes them.
-        pixel: Number of the pixel in column `x0`, for `holdout`.
-        x0, x1: Columns of the tile that are drawn.
-        scratch: Room for 16 numbers.
+        keeps, holdout: See `walk`.
+        pixel: Index in `holdout` of the pixel in column `x0`.
+        x0, x1: First column of the tile that is drawn, and one past the last.
+        scratch: 16 numbers.
     """
     offsets, depths, through = holdout
     for k in range(count):
@@ -157,27 +160,29 @@ def walk(
     options, records, features, keeps, labels, starts, lists, grid, ray_hits, occluder_depth,
     covered, holdout, out,
 ):  # fmt: skip
-    """Walk through all pixels of a band.
+    """Compute the requested products of all pixels of a band.
 
     Args:
         options: (products as bits; whether pixels are sorted by their ray hits; whether rays are
-            parallel; number of prims; by how much merging may change the opacity in front of any
-            depth; depth of the near plane, in front of which there is no ray hit, though the eye
-            may be inside a Gaussian).
-        records, starts, lists, grid, ray_hits, occluder_depth: As `blend` takes them.
-        features: What `feature` made; read only by ALBEDO and NORMALS.
-        keeps: 0 for a splat that only holds out, else 1, shape (n,) f32; or of no size.
-        labels: Number of each splat's prim, shape (n,) i32; read only by WEIGH.
-        covered: 1 where a surface shows behind the splats, shape (h, w) u8; or of no size.
-        holdout: (offsets (h * w + 1,) i64, depths f32, transmittance up to each sample f32), sorted
-            by depth in each pixel; the offsets of no size where there is none.
-        out: (color, albedo, normals, depth sums (h, w, 4) f32, the last three numbers and coverage
-            of each; through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w)
-            f32), front likewise; prims (ids (h, w, RANKS) i32, weights f32); counts (h, w) u32;
-            offsets (h * w,) i64; deep (depth, back, color (n, 4)) f32). What is not asked for is of
-            no size. COLOR writes `through` too. FILL writes, from each pixel's offset on, `deep`,
-            and, where something holds out, into `through` the part of a surface behind that its
-            samples do not hide and is there.
+            parallel; number of prims; maximum change of the opacity in front of any depth by
+            merging; depth of the near plane, to which ray hits in front of it are clamped).
+        records, starts, lists, grid, ray_hits, occluder_depth: See `blend`.
+        features: Result of `feature.features`; read only for ALBEDO and NORMALS.
+        keeps: 0 for splats of mattes, 1 for others, shape (n,) f32; empty without mattes.
+        labels: Number of each splat's prim, shape (n,) i32; read only for WEIGH.
+        covered: 1 where a surface is visible behind the splats, shape (h, w) u8; empty without
+            surfaces.
+        holdout: (offsets (h * w + 1,) i64, depths f32, transmittance including each sample f32),
+            sorted by depth in each pixel; the offsets are empty without a holdout.
+        out: (color, albedo, normals, depth sums, each (h, w, 4) f32: three numbers and coverage;
+            through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w) f32); front
+            likewise; prims (ids (h, w, RANKS) i32, weights f32); counts (h, w) u32; offsets
+            (h * w,) i64; deep (depth, back, color (n, 4)) f32). Arrays of products that are not
+            requested are empty.
+
+    COLOR also writes `through`. FILL writes `deep`, starting at the offset of each pixel. If there
+    are surfaces, and mattes or a holdout, FILL also writes `through`: the transmittance of mattes
+    and holdout to the surface.
     """
     color, albedo, normals, sums, through, median, front, prims_out, counts, offsets, deep = out
     median_ranks, median_depths = median
