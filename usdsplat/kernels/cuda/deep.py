@@ -1,4 +1,4 @@
-"""The samples of deep pixels on a GPU: a thread for each pixel of a tile."""
+"""Count or write the samples of deep pixels on a GPU, with one thread for each pixel of a tile."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from usdsplat.kernels.project import DEPTH
 def _deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
 ):  # fmt: skip
-    """Counting and writing are one kernel, so that they cannot disagree about a sample."""
+    """Count or write samples. One kernel does both, so that the numbers match."""
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
     colors = cuda.shared.array((3, BATCH), np.float32)
     depths = cuda.shared.array(BATCH, np.float32)
@@ -101,7 +101,7 @@ def _widen(counts, out):
 
 
 def place(device: CudaDevice, counts: Any, offsets: Any) -> int:
-    """`kernels.deep.place`."""
+    """Compute the offset of each pixel's samples, see `kernels.deep.place`."""
     n = counts.size
     wide = device.borrow("deep counts", n + 1, np.int64)
     _widen[BLOCKS, SIZE, device.stream](counts, wide)
@@ -110,6 +110,6 @@ def place(device: CudaDevice, counts: Any, offsets: Any) -> int:
 
 
 def deep(device: CudaDevice, *args: Any) -> None:
-    """`kernels.deep.deep`."""
+    """Count or write the samples of all pixels of a band, see `kernels.deep.deep`."""
     starts = args[1]
     _deep[starts.shape[0] - 1, THREADS, device.stream](*args)

@@ -22,11 +22,11 @@ def number_prims(lists, labels, begin, n, known, names, thread):
     Args:
         lists: The tile's list consists of the `n` entries from `begin` on.
         labels: Number of each splat's prim.
-        known: Receives the number within the tile of each of its prims.
-        names: Receives the prim of each number.
+        known: Receives, for each prim of the tile, its number within the tile.
+        names: Receives the prim of each of these numbers.
 
     Returns:
-        How many prims there are.
+        Number of prims in the tile.
     """
     counts = cuda.shared.array(WARPS, np.int32)
     threads = cuda.blockDim.x
@@ -41,7 +41,7 @@ def number_prims(lists, labels, begin, n, known, names, thread):
     for first in range(0, n, threads):
         k = first + thread
         label = labels[lists[begin + k]] if k < n else np.int32(0)
-        # a number is at most the place of its prim's first entry, so it equals no later place
+        # `known` has numbers for earlier prims. They are less than k, so they do not match.
         is_first = k < n and known[label] == k
         bits = votes(is_first)
         if lane == 0:

@@ -1,8 +1,8 @@
-"""List the splats of each quarter of a tile by the least depth at which its rays may hit them.
+"""List the splats of each quarter of a tile, sorted by the least depth at which rays may hit them.
 
-A pixel that walks a list in this order can process a waiting contribution as soon as it is in front
-of the least depth of the next splat. In a quarter of a tile, that is closer to the depths of the
-pixels than in a whole one, and fewer splats touch it.
+When a pixel walks such a list, a waiting contribution can be processed once it is in front of the
+least depth of the next splat. Quarters are better than whole tiles: the least depth over a quarter
+is closer to the depths in its pixels, and fewer splats touch it.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ SIGN = np.uint32(0x80000000)
 def _touch(
     is_parallel, records, ray_hits, starts, lists, grid, writes, places, quarters, ranks, least
 ):  # fmt: skip
-    """Count the quarters that each splat of each tile's list touches, or write them.
+    """Count or write the quarters that each splat of each tile's list touches.
 
-    Counting and writing are one kernel, so that they agree.
+    One kernel does both, so that the numbers match.
     """
     g, most = grid[0], np.float32(SIDE - 1)
     if not writes and cuda.grid(1) == 0:
@@ -73,7 +73,7 @@ def _key(quarters, bits, keys):
 
 @kernel
 def _unkey(keys, bits, starts):
-    """Write least depths, as bits, and where the list of each quarter begins, from sorted keys."""
+    """Decode sorted keys: write the bits of least depths, and the first entry of each quarter."""
     n, quarters = keys.shape[0], starts.shape[0] - 1
     for k in range(cuda.grid(1), n + 1, cuda.gridsize(1)):
         first = np.int64(keys[k - 1] >> np.uint64(DEPTH_BITS)) + 1 if k > 0 else np.int64(0)
@@ -94,11 +94,12 @@ def ray_order(
 
     Args:
         is_parallel: Whether rays are parallel.
-        records, starts, lists, grid, ray_hits: As `blend` takes them.
+        records, starts, lists, grid, ray_hits: See `blend`.
 
     Returns:
-        First places of the quarters and the end, shape (QUARTERS * tiles + 1,) i64; splats, shape
-        (n,) i32; their least depths, shape (n,) f32. All are borrowed.
+        (starts, splats, least depths): the first entry of each quarter's list and the end of the
+        last one, shape (QUARTERS * tiles + 1,) i64; the splats of all lists, shape (n,) i32; their
+        least depths, shape (n,) f32. The arrays are from `CudaDevice.borrow`.
     """
     pairs, tiles = lists.shape[0], starts.shape[0] - 1
     quarters = QUARTERS * tiles

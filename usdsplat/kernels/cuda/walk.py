@@ -1,12 +1,12 @@
-"""Walk through the contributions to each pixel on a GPU, with one thread for each pixel of a tile.
+"""Compute all requested products of each pixel on a GPU, with one thread for each pixel of a tile.
 
-Where pixels have orders of their own, a block walks a quarter of a tile, whose list `ray_order`
-makes, and each thread has a window: contributions that wait until no splat still to come may be in
-front of them. Windows are in shared memory. Where one overflows, the quarter is walked again by
-blocks of fewer threads, whose windows are longer, and at last with windows in the GPU's memory that
-hold the longest list. So the order is exact.
+If pixels are sorted by ray hits, a block walks a quarter of a tile, with a list from `ray_order`.
+The window of a thread holds the contributions that must wait, because later splats of the list may
+be in front of them. Windows are in shared memory. If one overflows, the quarter is walked again by
+blocks of fewer threads with longer windows. If these overflow too, the last attempt has windows in
+global memory that hold the longest list. No contribution is dropped, so the order is exact.
 
-A median needs the coverage of its pixel, so it takes a second walk.
+The median depends on the final coverage of its pixel, so it takes a second walk.
 
 Source: Radl et al. 2024, "StopThePop", for the order.
 """
@@ -28,20 +28,21 @@ from usdsplat.kernels.cuda.walk_block import block_walk
 from usdsplat.kernels.walk import COLOR, MEDIAN, WEIGH
 
 FEW_ROWS = SIDE // 2
-"""Rows of a quarter that a block walks where windows overflow."""
+"""Number of rows of a quarter that a block walks after an overflow."""
 RAY_BATCH = 32
-"""Number of splats of a batch where windows need the shared memory."""
+"""Number of splats of a batch if pixels are sorted by ray hits: windows need most shared memory."""
 SLOTS, MORE_SLOTS = 40, 224
-"""Contributions that a window holds at first, and then. The windows of a block take 15 and 42 KiB
-of shared memory: 6 bytes of each contribution, for depth and place in the list."""
+"""Number of contributions that a window holds in the first and in the second attempt. The windows
+of a block take 15 and 42 KiB of shared memory: 6 bytes for depth and index of each contribution."""
 FAR_ENTRY = 8
-"""Bytes of a contribution in a window in the GPU's memory."""
+"""Bytes of a contribution in a window in global memory."""
 ROOM = 1 << 30
-"""Bytes of all windows in memory together, unless one block needs more."""
+"""Maximum total size of the windows in global memory [byte], unless one block needs more."""
 BLOCKS = 132 * 4
-"""Number of blocks that a GPU runs at once."""
+"""Maximum number of blocks of a launch in which each block needs buffers."""
 MANY_PRIMS = 256
-"""Number of prims of a scene from which the longest list bounds those of a tile."""
+"""Number of prims above which buffers are sized by the longest list, because a tile has no more
+prims than splats."""
 NO_UNITS = np.empty(0, np.int32)
 NO_ORDER = np.empty(0, np.int64), NO_UNITS, np.empty(0, np.float32)
 STEP = 4
@@ -53,7 +54,7 @@ _WALK_TILE = block_walk(TILE, TILE, BATCH, sorts=False)
 
 @kernel
 def _walk_lists(options, arrays, prims):
-    """Walk tiles in the order of their lists."""
+    """Walk all tiles in the order of their lists, without sorting by ray hits."""
     known, names, table = prims
     starts = arrays[4]
     none = cuda.local.array((1, 1), np.float32)
@@ -73,10 +74,10 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
     """Return the kernel that walks rows of quarters of tiles in the order of ray hits.
 
     Args:
-        parent: Number of rows of the units that it is given.
-        height: Number of rows that a block walks.
-        slots: Contributions that a window in shared memory holds; 0 if windows are in the GPU's
-            memory.
+        parent: Number of rows of each unit that is passed to the kernel.
+        height: Number of rows that a block walks; a divisor of `parent`.
+        slots: Number of contributions that a window in shared memory holds; 0 if windows are in
+            global memory.
         only_color: See `block_walk`.
     """
     walk_block = block_walk(
@@ -86,7 +87,7 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
     size = slots, threads
 
     def place_of(k, units):
-        """Return quarter and part of it that is walked as the k-th."""
+        """Return the k-th part to walk, as (quarter, index of the part within it)."""
         unit = units[k // parts] if units.shape[0] > 0 else k // parts
         return unit // units_of_quarter, unit % units_of_quarter * parts + k % parts
 
@@ -144,7 +145,7 @@ def _clear(total):
 
 
 def walk(device: CudaDevice, options: tuple[Any, ...], *args: Any) -> None:
-    """Walk once for all that is asked for, see `kernels.walk.walk`; for a median once more."""
+    """Compute all requested products, see `kernels.walk.walk`. MEDIAN takes a second walk."""
     wants, sorts, is_parallel, *rest = options
     records, starts, lists, grid, ray_hits = args[0], *args[4:8]
     order = None
@@ -158,12 +159,12 @@ def walk(device: CudaDevice, options: tuple[Any, ...], *args: Any) -> None:
 def walk_pixels(
     device: CudaDevice, options: tuple[Any, ...], *args: Any, order: Any = None
 ) -> None:
-    """Walk all pixels once.
+    """Compute the requested products of all pixels in one walk.
 
     Args:
-        options, args: The arguments of `kernels.walk.walk`. Either MEDIAN alone is asked for, or
-            other products.
-        order: Result of `ray_order`; None where pixels are not sorted by ray hits.
+        options, args: The arguments of `kernels.walk.walk`. MEDIAN cannot be combined with other
+            products.
+        order: Result of `ray_order`; None if pixels are not sorted by ray hits.
     """
     wants, _, _, known, *_ = options
     keeps, starts, occluder_depth, holdout = args[2], args[4], args[8], args[10]

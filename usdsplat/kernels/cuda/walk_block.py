@@ -1,7 +1,7 @@
-"""Walk through the contributions to some pixels of a tile on a GPU: a block of threads, one for
-each pixel.
+"""Compute the products of some pixels of a tile on a GPU, with a block of threads, one per pixel.
 
-Every product of a pixel is computed from one contribution after another, as `kernels.walk` does.
+Each thread processes the contributions to its pixel one after another, by the rules of
+`kernels.walk`.
 """
 
 from __future__ import annotations
@@ -44,23 +44,24 @@ from usdsplat.kernels.walk import (
 from usdsplat.kernels.weigh import NONE
 
 SUMS = 10
-"""Sums of a pixel over contributions: colour, albedo and normal, and from DEPTH_SUM on depth."""
+"""Number of sums of a pixel: three each for colour, albedo and normal, and one for depth."""
 DEPTH_SUM = 9
 STATE = 6
 THROUGH, COVER, GOAL, FOUND_AT, SEEN, RUN = range(STATE)
-"""Numbers of a pixel: transmittance; coverage so far and coverage to find; depth of the splat
-found; transmittance of its deep samples so far, and weight of the run that is merged."""
+"""Indices of the numbers of a pixel: transmittance; coverage so far; coverage to reach; depth of
+the found splat; transmittance of the deep samples so far; sum of the weights that are merged in the
+current sample."""
 SPLAT, SAMPLES = 0, 1
-"""Integers of a pixel: rank of the splat found, number of deep samples."""
+"""Indices of the integers of a pixel: rank of the found splat; number of deep samples."""
 FLUSH = 8
-"""Number of splats between two passes over the windows."""
+"""Number of splats after which contributions that need not wait are removed from the windows."""
 MOST_PLACES = 1 << 16
-"""Number of places that fit into such a window."""
+"""Number of list indices that 16 bits can store, as in windows in shared memory."""
 
 
 @cuda.jit(device=True)
 def _take(wants, error, rank, alpha, depth, pixel, thread, numbers, paints, prims, holdout, deep):
-    """Process a contribution as `kernels.walk` does. Return whether the pixel goes on."""
+    """Process a contribution as `kernels.walk` does. Return False if the pixel is finished."""
     state, sums, marks = numbers
     records, features, keeps = paints
     labels, known, table = prims
@@ -121,7 +122,7 @@ def _take(wants, error, rank, alpha, depth, pixel, thread, numbers, paints, prim
 
 @cuda.jit(device=True)
 def _held_at_stop(holdout, pixel, stop):
-    """Return what a deep holdout lets through of a surface at depth `stop`."""
+    """Return the transmittance of a deep holdout to depth `stop`, 1 without a holdout."""
     offsets, depths, through = holdout
     if offsets.shape[0] == 0:
         return np.float32(1)
@@ -130,7 +131,7 @@ def _held_at_stop(holdout, pixel, stop):
 
 @cuda.jit(device=True)
 def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, out):
-    """Write what the walk has found for a pixel."""
+    """Write the products of a pixel."""
     state, sums, marks = numbers
     color, albedo, normals, depths, through, median, front, counts = out
     if wants & COLOR:
@@ -177,7 +178,7 @@ def block_walk(
         size: Number of splats of a batch.
         sorts: Whether pixels are sorted by their ray hits.
         is_long: Whether windows are heaps, which are faster if many contributions wait.
-        only_color: Whether only COLOR is asked for, of splats alone.
+        only_color: Whether COLOR is the only product, without mattes, surfaces and holdout.
     """
     ends = size + 1
 
@@ -187,8 +188,11 @@ def block_walk(
         lists, grid, ray_hits, occluder_depth, covered, holdout, out, firsts, ranks, bounds, known,
         names, table,
     ):  # fmt: skip
-        """Walk the pixels from `first_pixel` of the tile on, as (column, row), and `listed` splats,
-        as (first place, number). Return whether a window overflowed: then nothing is written."""
+        """Walk some pixels of a tile. Return whether a window overflowed; nothing is written then.
+
+        first_pixel: (column, row) of the first pixel in the tile. listed: (first entry, number of
+        entries) of the list of splats.
+        """
         color, albedo, normals, sums_out, through, median, front, ids, counts, offsets, deep = out
         batch = cuda.shared.array((FIELDS, size), np.float32)
         shape = cuda.shared.array((RAY_HITS, size), np.float32)

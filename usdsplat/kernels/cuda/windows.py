@@ -1,8 +1,8 @@
-"""Keep the contributions of a pixel that wait for their turn, in windows on a GPU.
+"""Store the contributions of a pixel that cannot be processed yet, in windows on a GPU.
 
-A window consists of depths and places in the list, shape (slots, threads), and each thread has a
-column. Short windows are sorted rings, where most contributions are inserted near the end. Long
-ones are binary heaps.
+The windows of a block are two arrays, depths and places (indices in the list), of shape (slots,
+threads); each thread has a column. Short windows are sorted rings, because most contributions are
+inserted near the end. Long windows are binary heaps.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numba import cuda
 
 @cuda.jit(device=True)
 def _is_before(depth, place, other_depth, other, ranks, begin):
-    """Return whether a contribution is in front of another one; equal depths go by rank."""
+    """Return whether a contribution is in front of another one, by depth, then by rank."""
     if depth == other_depth:
         return ranks[begin + place] < ranks[begin + other]
     return depth < other_depth
@@ -20,7 +20,7 @@ def _is_before(depth, place, other_depth, other, ranks, begin):
 
 @cuda.jit(device=True)
 def insert(window, thread, head, held, depth, place, ranks, begin):
-    """Insert a contribution into a sorted window, a ring that begins at `head`."""
+    """Insert a contribution into a short window, a sorted ring that begins at `head`."""
     depths, places = window
     last = depths.shape[0] - 1
     at = head + held
@@ -52,7 +52,7 @@ def push(window, thread, held, depth, place, ranks, begin):
 
 @cuda.jit(device=True)
 def pop(window, thread, held, ranks, begin):
-    """Remove the first contribution of a binary heap of `held` contributions."""
+    """Remove the nearest contribution from a long window, a binary heap of `held` contributions."""
     depths, places = window
     last = held - 1
     depth, place = depths[last, thread], places[last, thread]
