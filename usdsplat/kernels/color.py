@@ -3,7 +3,7 @@
 A conversion is 13 float32 numbers: source gamma, source linear bias, the 3x3 matrix from
 source-linear to target-linear in row order, target gamma, target linear bias. The curve of gamma g
 and bias b is `((1 + b) x^(1/g) − b)`, with the straight line through zero that meets it smoothly; b
-= 0.055, g = 2.4 is sRGB's, and g = 1 is none at all. A power without a bias leaves negative values
+= 0.055, g = 2.4 is sRGB's curve, g = 1 is no curve. A power without a bias leaves negative values
 as they are.
 
 Source: OpenUSD's `Gf.ColorSpace`, whose parameters these are; IEC 61966-2-1 for sRGB.
@@ -20,7 +20,7 @@ from .jit import scalar
 
 @scalar
 def straight(gamma, bias):
-    """Return the end of the linear segment [encoded], and its slope to linear light."""
+    """Return the end of the linear segment [encoded], and the factor to linear light within it."""
     one = np.float32(1)
     slope = (gamma / (one + bias)) ** gamma * (bias / (gamma - one)) ** (gamma - one)
     return bias / (gamma - one), slope

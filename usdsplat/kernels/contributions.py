@@ -27,7 +27,7 @@ SPLAT = 16
 the tile that it touches, and one past the last; depth of its centre."""
 HIT, FIRST, LAST, MIDDLE = 6, 13, 14, 15
 ENDED = np.float32(0.99) * END
-"""Transmittance that is certainly beyond END, for any rounding of products."""
+"""Transmittance below which a pixel is certainly saturated, for any rounding of products."""
 
 
 # --- 1. mathematics: one splat in one tile ----------------------------------------------

@@ -1,7 +1,7 @@
-"""Evaluate garbage mattes: decide by their centres which splats the volumes on the stage keep.
+"""Evaluate garbage mattes: keep or remove splats by the volumes that contain their centres.
 
-The canonical shapes are those of `CropSpec`. A matrix takes a centre to a shape's own space, where
-a few comparisons decide.
+The canonical shapes are those of `CropSpec`. A matrix transforms a centre to a shape's own space,
+in which the test takes a few comparisons.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .jit import scalar
 SPHERE, CUBE, CYLINDER, CONE, CAPSULE, PLANE = range(6)
 
 CROP = np.dtype([("shape", "i4"), ("keeps", "i4"), ("length", "f8")])
-"""One volume: its shape, whether it includes, half the length of a capsule."""
+"""One volume: its shape; 1 if it is an including one; half the height of a capsule's cylinder."""
 
 
 @scalar
@@ -38,7 +38,8 @@ def is_inside(shape, length, x, y, z):
 def is_left(volumes, matrices, position):
     """Return whether the volumes keep a splat.
 
-    A kept splat is inside an including volume, if there is any, and inside no other one.
+    A kept splat is inside at least one including volume, if there is any, and inside no excluding
+    volume.
 
     Args:
         volumes: CROP records, shape (k,).

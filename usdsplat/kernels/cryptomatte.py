@@ -20,8 +20,8 @@ SLOTS = 12
 
 @scalar
 def remember(prim, weight, ids, weights):
-    """Add a weight to a prim's. If all slots are used, replace the smallest weight, if it is
-    smaller."""
+    """Add to the weight of a prim. If all slots have other prims, replace the one with the smallest
+    weight, if its weight is smaller."""
     lightest = 0
     for slot in range(SLOTS):
         if ids[slot] == prim or ids[slot] < 0:
@@ -63,8 +63,9 @@ def gather(y, x, ids, weights, numbers, all_ids, all_weights):
 
 @kernel(over="out", writes=("out",), axes=2)
 def rank(y, x, ids, weights, shown, left, hashes, out):
-    """Write Cryptomatte's channels of a picture of one sample, equal to accumulating that sample
-    alone.
+    """Write Cryptomatte's channels of a picture of one sample.
+
+    The result is the same as that of `gather` and `finish` for a single sample.
 
     Args:
         ids, weights: Prims of the splats and their weights, the heaviest first, shape (h, w, n);

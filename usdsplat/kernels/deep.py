@@ -46,7 +46,7 @@ def merge(seen, run, weight, error):
         error: Maximum change of the opacity in front of any depth by merging.
 
     Returns:
-        (seen, run) with the contribution; its opacity, which is its weight divided by the
+        (seen, run), updated; opacity of the contribution, which is its weight divided by the
         transmittance in front; 1 if it begins a new sample, else 0.
     """
     zero, one = np.float32(0), np.float32(1)

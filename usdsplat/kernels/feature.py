@@ -79,7 +79,7 @@ def features(
 
 @kernel(over="order", writes=("out",))
 def labels(k, order, first_slots, numbers, out):
-    """Write a number of the appearance of the splat of rank k.
+    """Set out[k] to the number of the appearance that the splat of rank k belongs to.
 
     Args:
         order: Slots in order of depth. first_slots: First slot of each appearance, ascending.

@@ -7,9 +7,9 @@
 
     device.run(advance, velocities, dt, positions)
 
-The function is compiled into a parallel loop for the CPU and into a grid loop for the GPU. Both
-loops call the same function, so neither can compute something else. Items run in any order and at
-the same time: none may read what another one writes.
+The function is compiled into a parallel loop for the CPU and into a grid loop for the GPU, so there
+is one implementation for both. Items are processed in any order and concurrently: no item may read
+what another one writes.
 
 After the kernels of Warp (Macklin 2022, "Warp: A High-performance Python Framework for GPU
 Simulation and Graphics"). The number of items is declared once, with the kernel, instead of at each

@@ -22,9 +22,9 @@ from .project import DEPTH
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
 ROW = 3 * TILE
-"""Floats of one row of a tile's state: transmittance, the transmittance to pass, and the position
-in the list of the splat that passed it, counted from 1. The position is an int32 stored in the bits
-of a float, which is only ever moved."""
+"""Floats of one row of a tile's state: transmittance; transmittance to reach; index in the list,
+from 1, of the splat at which it is reached. The index is an int32 stored in the bits of a float,
+which are only copied."""
 NONE = np.int32(-1)
 
 
@@ -33,8 +33,8 @@ NONE = np.int32(-1)
 
 @scalar
 def pass_row(state, row, u, a, slope, rest, place):
-    """Apply one splat to row `row` of a tile's state, and mark the pixels in which it passes
-    half."""
+    """Apply one splat to row `row` of a tile's state. Store `place` in the pixels whose
+    transmittance falls to the value to reach."""
     at = np.uint64(row * ROW)
     for x in range(TILE):
         j = at + np.uint64(x)
@@ -175,7 +175,7 @@ def resolve(y, x, ranks, records, order, sources, first_slots, labels, depth, id
 
 @kernel(over="ranks", writes=("depth",), axes=2)
 def hold_depth(y, x, ranks, depths, most, depth):
-    """Replace the depths of splats: by given ones, or limit them by those of surfaces.
+    """Replace the depths of splats by `depths`, and limit them to `most`, if these are given.
 
     Args:
         ranks: Result of `median`, shape (h, w) i32.

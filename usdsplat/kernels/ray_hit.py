@@ -7,8 +7,8 @@ first two, five numbers remain:
 
     e = (1, 0, 0)   g = (GX, GY, 0)   h = (HX, HY, HZ)      d = e + dx g + dy h
 
-The ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) if rays are parallel. No similar numbers
-are subtracted, so thin discs seen edge-on are as accurate as balls.
+The ray hit lies at z d·e / d·d, or z (1 − dx GX − dy HX) if rays are parallel. No nearly equal
+numbers are subtracted, so thin discs seen edge-on are as accurate as balls.
 
 A ray that misses the ellipsoid of the cutoff contributes only through the low-pass filter, and may
 have its maximum anywhere. Depths are therefore clamped to those of the ellipsoid.

@@ -59,7 +59,7 @@ def show(
 
     Args:
         image: Premultiplied RGBA, shape (h, w, 4) f32.
-        matrix: Applied to straight RGB, shape (3, 3) f32; of no size for none.
+        matrix: Applied to straight RGB, shape (3, 3) f32; empty for none.
         shaper, shaper_scale: Curve from there to lattice coordinates [0..1].
         cube: Lattice of RGB, shape (n, n, n, 3) f32; empty for none.
         table, table_scale: Last curve, to code values; empty for none.

@@ -1,4 +1,4 @@
-"""Make Numba compile without running: for processes that only fill the store of kernels.
+"""Make Numba compile kernels without loading them, in processes that only fill the store.
 
 For every function that it compiles, Numba generates machine code and wrappers for Python and C,
 also for inlined helpers and for the bodies of parallel loops. None of that is part of the stored

@@ -40,7 +40,7 @@ COLOR, ALBEDO, NORMALS, DEPTHS, MEDIAN, FRONT, WEIGH, COUNT, FILL = (1 << k for 
 contribution at which half of the coverage is reached; the first contribution; the prims with the
 largest weights; the number of deep samples; the deep samples."""
 HALF = np.float32(0.5)
-"""Fraction of the coverage that is reached at the result of MEDIAN; for FRONT it is 0."""
+"""Fraction of the coverage to reach for MEDIAN; FRONT uses 0."""
 
 
 # --- 1. mathematics: 16 pixels, or one --------------------------------------------------
@@ -172,7 +172,7 @@ def walk(
         labels: Number of each splat's prim, shape (n,) i32; read only for WEIGH.
         covered: 1 where a surface is visible behind the splats, shape (h, w) u8; empty without
             surfaces.
-        holdout: (offsets (h * w + 1,) i64, depths f32, transmittance including each sample f32),
+        holdout: (offsets (h * w + 1,) i64, depths f32, transmittance after each sample f32),
             sorted by depth in each pixel; the offsets are empty without a holdout.
         out: (color, albedo, normals, depth sums, each (h, w, 4) f32: three numbers and coverage;
             through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w) f32); front

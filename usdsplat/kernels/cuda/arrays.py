@@ -58,7 +58,7 @@ class GpuArray(_Base):
 
 
 def with_views(array: Any) -> Any:
-    """Return an array of numba-cuda's as a GpuArray on the same memory; a simulator's as it is."""
+    """Return a numba-cuda array as a GpuArray on the same memory, or a simulated array itself."""
     if not is_compiled():
         return array
     return GpuArray(array.shape, array.strides, array.dtype, array.stream, array.gpu_data)

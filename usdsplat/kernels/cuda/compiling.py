@@ -17,9 +17,9 @@ FIRST = "cuda_translate_bytecode "
 def connect() -> None:
     """Connect numba-cuda, if it is installed, to the compile messages. Called once per process.
 
-    Listeners of `kernels.compiling` receive its events from now on. Its warnings on launches with
-    few threads are switched off: most of those launches have one thread on purpose. A user's own
-    setting of these warnings is kept.
+    Listeners of `kernels.compiling` receive numba-cuda's events from now on. numba-cuda's warnings
+    on launches with few threads are switched off, because most of these launches have one thread on
+    purpose. A user's own setting of these warnings is kept.
     """
     if not is_compiled():
         return

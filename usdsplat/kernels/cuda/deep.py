@@ -29,7 +29,7 @@ from usdsplat.kernels.project import DEPTH
 def _deep(
     records, starts, lists, grid, column, error, writes, offsets, counts, near, far, color
 ):  # fmt: skip
-    """Count or write samples. One kernel does both, so that the numbers match."""
+    """Count or write samples. One kernel does both, so that counts and samples match."""
     batch = cuda.shared.array((FIELDS, BATCH), np.float32)
     colors = cuda.shared.array((3, BATCH), np.float32)
     depths = cuda.shared.array(BATCH, np.float32)

@@ -35,7 +35,7 @@ def _touch(
 ):  # fmt: skip
     """Count or write the quarters that each splat of each tile's list touches.
 
-    One kernel does both, so that the numbers match.
+    One kernel does both, so that counts and entries match.
     """
     g, most = grid[0], np.float32(SIDE - 1)
     if not writes and cuda.grid(1) == 0:

@@ -19,8 +19,8 @@ MERGING = 64
 
 @cuda.jit(device=True, inline="always")
 def limit(keys, n, key, beyond):
-    """Return the index of the first of n ascending keys that is not less than `key`, or that is
-    `beyond` it."""
+    """Return the index of the first of n ascending keys that is >= `key`, or > `key` if `beyond`;
+    n if there is none."""
     low, high = int32(0), int32(n)
     while low < high:
         middle = (low + high) >> 1

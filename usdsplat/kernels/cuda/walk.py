@@ -4,7 +4,7 @@ If pixels are sorted by ray hits, a block walks a quarter of a tile, with a list
 The window of a thread holds the contributions that must wait, because later splats of the list may
 be in front of them. Windows are in shared memory. If one overflows, the quarter is walked again by
 blocks of fewer threads with longer windows. If these overflow too, the last attempt has windows in
-global memory that hold the longest list. No contribution is dropped, so the order is exact.
+global memory that hold the longest list. The order is therefore exact.
 
 The median depends on the final coverage of its pixel, so it takes a second walk.
 
@@ -30,7 +30,7 @@ from usdsplat.kernels.walk import COLOR, MEDIAN, WEIGH
 FEW_ROWS = SIDE // 2
 """Number of rows of a quarter that a block walks after an overflow."""
 RAY_BATCH = 32
-"""Number of splats of a batch if pixels are sorted by ray hits: windows need most shared memory."""
+"""Number of splats of a batch if pixels are sorted by ray hits: windows take most of the memory."""
 SLOTS, MORE_SLOTS = 40, 224
 """Number of contributions that a window holds in the first and in the second attempt. The windows
 of a block take 15 and 42 KiB of shared memory: 6 bytes for depth and index of each contribution."""

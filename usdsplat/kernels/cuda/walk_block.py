@@ -54,7 +54,7 @@ current sample."""
 SPLAT, SAMPLES = 0, 1
 """Indices of the integers of a pixel: rank of the found splat; number of deep samples."""
 FLUSH = 8
-"""Number of splats after which contributions that need not wait are removed from the windows."""
+"""Number of splats after which contributions that need not wait any longer are processed."""
 MOST_PLACES = 1 << 16
 """Number of list indices that 16 bits can store, as in windows in shared memory."""
 

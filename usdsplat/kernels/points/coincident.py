@@ -1,4 +1,7 @@
-"""Find coincident points. A search for the nearest points would visit all of them."""
+"""Find coincident points by sorting.
+
+A search for the nearest points would visit all coincident points for each of them.
+"""
 
 from __future__ import annotations
 

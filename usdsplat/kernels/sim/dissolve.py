@@ -74,7 +74,7 @@ def turns(i, rest, ids, by, origin, per_length, seed, out):
 
 @kernel(over="velocities", writes=("velocities", "flags", "gone"))
 def let_go(i, velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
-    """Set the flag `free` and the initial velocity of splats whose time has come, once.
+    """Release splats at their release times: set the flag `free` and the initial velocity, once.
 
     Args:
         velocities: (n, 3) f32. flags: (n,) u32. gone: (n,) u8, 1 for splats released already.

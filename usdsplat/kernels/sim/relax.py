@@ -27,8 +27,8 @@ ASIDE = np.float32(0.1)
 On a straight border it is 0.26.
 """
 CONE = np.float32(0.5)
-"""Cosine between the direction to the centroid and that to any neighbour which shows that there is
-no border."""
+"""Cosine of the half angle of a cone around the direction away from the centroid. A splat with a
+neighbour in this cone is not on a border."""
 RETURN = np.float32(0.5)
 """Fraction of the distance to the surface by which a sweep moves splats back."""
 
@@ -98,7 +98,8 @@ def sweep(s, positions, support, normals, order, rows, neighbors, unit, strength
     along = cx * nx + cy * ny + cz * nz
     cx, cy, cz = cx - along * nx, cy - along * ny, cz - along * nz
     away = np.float32(math.sqrt(cx * cx + cy * cy + cz * cz))
-    # Splats on a border are kept: repulsion from one side only would make it grow without limit.
+    # Splats on a border do not move outwards: repulsion from one side only would make the surface
+    # grow without limit.
     if away > ASIDE * weights * support[s]:
         cx, cy, cz = cx / away, cy / away, cz / away
         outward = fx * cx + fy * cy + fz * cz

@@ -1,7 +1,7 @@
 """Support radius of each splat: count the neighbours within it, and adapt it to a target number.
 
 The count is smooth: each neighbour counts as K(q) = (1 - q^2)^3, q = distance / radius, times a
-factor with which points of even density give their number in the circle or ball.
+factor, see FACTOR. For points of even density, the count then is their number within the radius.
 
 Source: Hernquist & Katz 1989, "TreeSPH"; Price 2012, "Smoothed particle hydrodynamics and
 magnetohydrodynamics".

@@ -24,7 +24,7 @@ Half of the excess, by its logarithm, makes the splat larger; the other half is 
 behind it.
 """
 SEEN = 0.75
-"""Power of a pair's mass in its cost, as cameras keep a distance from large splats."""
+"""Exponent of a pair's mass in its cost; below 1, as large splats are seen from further away."""
 SOFTNESS = 0.03
 """Fraction of a splat's size, squared, by which it is blurred before shapes are compared.
 

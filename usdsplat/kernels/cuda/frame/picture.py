@@ -33,8 +33,8 @@ ROOM = 1 << 18
 """Initial capacity of records."""
 
 TOTALS = 5
-"""Number of counters of a picture: splats, pairs, splats of many tiles, too many pairs, long
-runs."""
+"""Number of counters of a picture: splats; pairs; splats of many tiles; 1 if there are too many
+pairs; long runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

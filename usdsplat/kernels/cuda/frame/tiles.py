@@ -38,8 +38,8 @@ MANY = 32
 
 @cuda.jit(device=True, inline="always")
 def chosen(crowd, team):
-    """Return the lane whose splat is processed by the team of this number, among the lanes in
-    `crowd`; -1 if there is none."""
+    """Return the lane whose splat team `team` processes: the set bit of this number in `crowd`; -1
+    if there is none."""
     for _ in range(team):
         crowd = without_lowest(crowd)
     return int32(cuda.ffs(crowd)) - int32(1)
