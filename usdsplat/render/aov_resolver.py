@@ -34,7 +34,7 @@ PRODUCT = {
 
 
 def products_of(aovs: set[str]) -> frozenset[str]:
-    """Return the products that must be drawn beside colour."""
+    """Return the products that must be drawn in addition to colour."""
     products = {PRODUCT[name] for name in aovs if name in PRODUCT}
     return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
 

@@ -180,8 +180,8 @@ class LentMemory:
             memory = self._empty(max(1, count + count // 2), np.float32)
         else:
             self._idle = [each for each in self._idle if each is not memory]
-        # Slices of an array refer to the array that owns the memory, but not through a memoryview:
-        # there they refer to `lent`.
+        # A slice keeps only the array that owns its memory alive. Slices of `lent` must keep `lent`
+        # alive, which is therefore made from a memoryview: no other array owns its memory.
         lent = np.frombuffer(memory.data, np.float32, count)
         weakref.finalize(lent, self._take_back, memory).atexit = False
         return lent

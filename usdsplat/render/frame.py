@@ -43,7 +43,7 @@ from usdsplat.render.tile_lists import DeepSamples, TileLists
 MOTION = {"motionForward", "motionBackward"}
 """AOVs that need the neighbouring frames."""
 DEEP_PIXELS = 1 << 17
-"""Pixels of a strip, whose deep samples are drawn at a time: a pixel holds any number of them."""
+"""Pixels of a strip. Deep samples are drawn in strips, as a pixel can have any number of them."""
 
 
 def render_frame(
@@ -127,7 +127,7 @@ def prepare(
     window: tuple[int, int, int, int],
     aovs: tuple[str, ...],
 ) -> FrameSample:
-    """Take the steps of a sample that come before any pixel.
+    """Take the steps of a sample that precede the drawing of bands.
 
     Args:
         window: Pixels x0, y0, x1, y1 that will be drawn, end exclusive.

@@ -26,7 +26,7 @@ class FrameStats:
     """Pixels with splats that `inverseView` converted back through the view."""
     wall_ms: dict[str, float] = field(default_factory=dict)
     cpu_ms: dict[str, float] = field(default_factory=dict)
-    """Stage -> time [ms], also for `wall_ms`."""
+    """Stage -> CPU time [ms]; `wall_ms` has the elapsed time of each stage."""
 
 
 class Clock:

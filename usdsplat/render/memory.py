@@ -1,8 +1,8 @@
 """Estimate the memory that a picture takes, before it is drawn.
 
 Memory that is already in use is read from the system, or counted. A picture adds the buffers that
-it uses; their sizes follow from the declarations in `frame_buffers`. The numbers that those depend
-on, such as the number of visible splats, are estimated from a sample of all splats.
+it uses; their sizes follow from the declarations in `frame_buffers`. The numbers on which
+sizes depend, such as the number of visible splats, are estimated from a sample of all splats.
 `benchmarks/memory.py` compares the estimate with measured peaks.
 """
 
@@ -41,12 +41,12 @@ PROBES = 100_000
 UNEVEN = 1.5
 """Pairs of splat and tile in the fullest band, relative to the mean of all bands."""
 DEEP_SAMPLES = 48
-"""Mean number of samples in a deep pixel, as a dense capture that fills the picture has."""
+"""Mean number of samples in a deep pixel, for a dense capture that fills the picture."""
 DEEP_SAMPLE = 80
-"""Bytes of a deep sample: 24 in arrays, 24 in the copy with surfaces, 24 that the caller still has
-of the strip before, and rows that are being written."""
+"""Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
+the caller still holds, 8 in rows that are being written."""
 WRITER, WRITER_ROWS = 4, 64
-"""Copies and number of the rows that are being written to a file at a time."""
+"""Number of copies of the rows that are being written to a file, and number of these rows."""
 
 PARTIAL_PAGES = 2
 """Bytes per slot: pages of wide rows of which only a few rows are touched."""
@@ -57,8 +57,8 @@ VERTEX, BOX = 8 * triangles.VERTEX, 16
 HOLDOUT_ROWS = 4
 """Bytes per pixel of a holdout that is being read."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
-"""Bytes per pixel that a view transform converts: unpremultiplied colours and copies, in float64 or
-float32."""
+"""Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
+without OCIO settings, float32 with them."""
 IMAGES = {"albedo": "albedo", "Neye": "normals", "depthExpected": "depths"}
 """AOV -> the group of buffers in which it is blended."""
 PIXELS = {

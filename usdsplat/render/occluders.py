@@ -84,7 +84,7 @@ def with_holdout(
 
 
 def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
-    """Raise an error for a holdout of the wrong size, beyond which kernels would read."""
+    """Raise an error if a holdout has the wrong size, because kernels would read past its end."""
     if not isinstance(rows, tuple):
         if rows.shape != shape:
             raise UsageError("holdout", f"depths of shape {rows.shape}", str(shape))

@@ -348,7 +348,7 @@ class Projector:
         return out
 
     def _label(self, buffer: Memory, order: I32, numbers: Any, wanted: bool) -> Any:
-        """Return a number of the appearance of each splat, in order of depth; empty if not
+        """Return the number of each splat's appearance, in order of depth; empty if not
         wanted."""
         count = order.shape[0] if wanted else 0
         out = buffer(count)

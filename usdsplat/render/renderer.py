@@ -272,8 +272,8 @@ def depends_on_time(settings: RenderSettings, camera: CameraSpec, aovs: tuple[st
 def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
     """Return the space in which splats are blended.
 
-    That is the captures' training space if they agree or sRGB if not, and the working space for
-    linear blending.
+    For linear blending it is the working space. Otherwise it is the training space of the captures,
+    or sRGB if their training spaces differ.
     """
     if settings.blend_space == "linear":
         return settings.working_space
