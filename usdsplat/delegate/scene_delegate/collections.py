@@ -20,7 +20,8 @@ def rules(stage: Usd.Stage, collections: Iterable[Usd.CollectionAPI]) -> Rules:
     prototypes. There is a rule only where the result differs from that of the parent.
 
     Returns:
-        Rules sorted by path. Paths are those of prims: a collection of the root has all root prims.
+        Rules sorted by path. All paths are prim paths: a collection that includes the pseudo-root
+        gives one rule for each root prim.
     """
     queries = [each.ComputeMembershipQuery() for each in collections]
     answers = {Sdf.Path.absoluteRootPath: False}

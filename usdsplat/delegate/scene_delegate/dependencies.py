@@ -63,10 +63,11 @@ MESH_PROPERTIES = {
 
 
 class Dependencies:
-    """Map from stage paths to paths in the render index.
+    """Map from stage paths to the paths in the render index that they affect.
 
-    The sets are: prims below the path, prims that it transforms or hides, prims whose own
-    attributes are there, and fields that are cropped by volumes at or below it.
+    A stage path has four sets of prims in the index: prims at or below it, prims that it transforms
+    or hides, prims whose own attributes it has, and fields that are cropped by volumes at or below
+    it.
 
     Native instances are found by their own paths and by those in their prototypes.
     """
@@ -161,7 +162,9 @@ def mesh_bits(name: str) -> DirtyBits:
 
 
 def _own_bits(name: str) -> DirtyBits:
-    """Return the bits that another property changes for its own prim: cameras and instancers use
-    all."""
+    """Return the bits that any other property changes for its own prim, which is not a mesh.
+
+    Cameras, lights and instancers are read again after a change of any property.
+    """
     bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
     return bits | DirtyBits.PRIMVAR if name in FIELD_PROPERTIES else bits

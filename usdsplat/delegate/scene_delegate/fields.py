@@ -22,7 +22,7 @@ from usdsplat.render.specs import (
 def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
     """Read the splats of `prim`; None if it has none at this time.
 
-    If the time is None, a prim with time samples only has the value of the first.
+    If the time is None, an attribute that has only time samples has the value of the first one.
 
     Raises:
         UsdSplatError: If the field cannot be drawn.
