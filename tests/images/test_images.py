@@ -42,7 +42,7 @@ def test_a_suffix_nobody_writes_is_refused_with_those_we_do(tmp_path):
 
 def test_looking_up_a_color_loads_no_image_library():
     """Oracle: the modules of a fresh process."""
-    code = "import sys, usdsplat.images.color, usdsplat.images.frames; print(*sys.modules)"
+    code = "import sys, usdsplat.images.color, usdsplat.images.frame_numbers; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"OpenImageIO", "pxr", "numba", "colour"} & set(run.stdout.split())
 

@@ -60,7 +60,7 @@ def arranged(words: Sequence[str]) -> list[str]:
 def run(options: Options) -> int:
     """Convert the files and print a report."""
     from usdsplat.formats import ReadOptions, WriteOptions
-    from usdsplat.images.frames import parse_frames
+    from usdsplat.images.frame_numbers import parse_frames
     from usdsplat.interchange import convert
     from usdsplat.interchange.options import (
         RATE,

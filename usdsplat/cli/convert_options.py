@@ -124,7 +124,7 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
         OutputError: If the target is a folder.
     """
     from usdsplat.formats.options import SPZ_VERSIONS
-    from usdsplat.images.frames import has_place
+    from usdsplat.images.frame_numbers import has_place
     from usdsplat.interchange.converting import check_sequences, check_target
     from usdsplat.interchange.files import is_usd
     from usdsplat.interchange.sequence_files import is_sequence

@@ -29,7 +29,7 @@ from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frames import LIMIT, parse_frames
+from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd

@@ -12,7 +12,7 @@ from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.images.frames import has_place
+from usdsplat.images.frame_numbers import has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
 from usdsplat.interchange.capturing import ToCapture

@@ -15,7 +15,7 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 from usdsplat.core.errors import OutputError, UsageError
-from usdsplat.images.frames import frame_path
+from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
 
 _TOPOLOGY = "topology.usda"

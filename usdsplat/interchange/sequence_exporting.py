@@ -11,7 +11,7 @@ from pxr import Usd
 from usdsplat import formats, schema
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.images.frames import LIMIT, frame_paths, has_place
+from usdsplat.images.frame_numbers import LIMIT, frame_paths, has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import export_capture
 from usdsplat.interchange.gathering import widened

@@ -13,7 +13,7 @@ import numpy as np
 from usdsplat.core import edit
 from usdsplat.core.errors import FormatError
 from usdsplat.formats import Capture
-from usdsplat.images.frames import frame_paths, frames_found, has_place
+from usdsplat.images.frame_numbers import frame_paths, frames_found, has_place
 from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.gathering import either, widened
 

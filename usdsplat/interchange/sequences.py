@@ -24,7 +24,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture
-from usdsplat.images.frames import without_place
+from usdsplat.images.frame_numbers import without_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import (
     IN_USD_MEMORY,

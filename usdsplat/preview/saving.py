@@ -15,7 +15,7 @@ from pathlib import Path
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.images import ColorMode
-from usdsplat.images.frames import frame_paths
+from usdsplat.images.frame_numbers import frame_paths
 from usdsplat.images.layout import Metadata
 from usdsplat.interchange.files import check_not_input, layer_files
 from usdsplat.preview.camera import FreeCamera

@@ -13,7 +13,7 @@ from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.images.frames import frame_path, frame_paths
+from usdsplat.images.frame_numbers import frame_path, frame_paths
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken

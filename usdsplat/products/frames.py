@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from usdsplat.delegate.scene_delegate import Stage
-from usdsplat.images.frames import has_place, parse_frames
+from usdsplat.images.frame_numbers import has_place, parse_frames
 from usdsplat.products.request import PicturePlan
 
 

@@ -10,7 +10,7 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
-from usdsplat.images.frames import frame_path
+from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products.header import layout_of
 from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM

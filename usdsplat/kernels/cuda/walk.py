@@ -1,6 +1,6 @@
 """Compute all requested products of each pixel on a GPU, with one thread for each pixel of a tile.
 
-If pixels are sorted by ray hits, a block walks a quarter of a tile, with a list from `ray_order`.
+If pixels are sorted by ray hits, a block walks a quarter of a tile, with a list from `quarter_lists`.
 The window of a thread holds the contributions that must wait, because later splats of the list may
 be in front of them. Windows are in shared memory. If one overflows, the quarter is walked again by
 blocks of fewer threads with longer windows. If these overflow too, the last attempt has windows in
@@ -22,7 +22,7 @@ from numba import cuda
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.jit import kernel
-from usdsplat.kernels.cuda.ray_order import QUARTERS, SIDE, ray_order
+from usdsplat.kernels.cuda.quarter_lists import QUARTERS, SIDE, quarter_lists
 from usdsplat.kernels.cuda.tile import BATCH, THREADS
 from usdsplat.kernels.cuda.walk_block import block_walk
 from usdsplat.kernels.walk import COLOR, MEDIAN, WEIGH
@@ -34,6 +34,9 @@ RAY_BATCH = 32
 SLOTS, MORE_SLOTS = 40, 224
 """Number of contributions that a window holds in the first and in the second attempt. The windows
 of a block take 15 and 42 KiB of shared memory: 6 bytes for depth and index of each contribution."""
+SHARED_PLACES, FAR_PLACES = 1 << 16, 1 << 31
+"""Number of list indices that windows in shared memory store with 16 bits, and windows in the GPU's
+memory with 32."""
 FAR_ENTRY = 8
 """Bytes of a contribution in a window in global memory."""
 ROOM = 1 << 30
@@ -81,7 +84,13 @@ def _ray_walk(name: str, parent: int, height: int, slots: int, *, only_color: bo
         only_color: See `block_walk`.
     """
     walk_block = block_walk(
-        SIDE, height, RAY_BATCH, sorts=True, is_long=height < SIDE, only_color=only_color
+        SIDE,
+        height,
+        RAY_BATCH,
+        sorts=True,
+        most_places=SHARED_PLACES if slots else FAR_PLACES,
+        is_long=height < SIDE,
+        only_color=only_color,
     )
     threads, parts, units_of_quarter = SIDE * height, parent // height, SIDE // parent
     size = slots, threads
@@ -150,7 +159,7 @@ def walk(device: CudaDevice, options: tuple[Any, ...], *args: Any) -> None:
     records, starts, lists, grid, ray_hits = args[0], *args[4:8]
     order = None
     if sorts:
-        order = ray_order(device, is_parallel, records, ray_hits, starts, lists, grid)
+        order = quarter_lists(device, is_parallel, records, ray_hits, starts, lists, grid)
     for part in (wants & ~MEDIAN, wants & MEDIAN):
         if part:
             walk_pixels(device, (part, sorts, is_parallel, *rest), *args, order=order)
@@ -164,7 +173,7 @@ def walk_pixels(
     Args:
         options, args: The arguments of `kernels.walk.walk`. MEDIAN cannot be combined with other
             products.
-        order: Result of `ray_order`; None if pixels are not sorted by ray hits.
+        order: Result of `quarter_lists`; None if pixels are not sorted by ray hits.
     """
     wants, _, _, known, *_ = options
     keeps, starts, occluder_depth, holdout = args[2], args[4], args[8], args[10]

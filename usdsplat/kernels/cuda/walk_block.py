@@ -14,6 +14,7 @@ from numba import cuda
 from usdsplat.kernels import feature
 from usdsplat.kernels.blend import END
 from usdsplat.kernels.cuda.falloff import behind
+from usdsplat.kernels.cuda.pixel_order import insert, pop, push
 from usdsplat.kernels.cuda.prims import number_prims, strongest
 from usdsplat.kernels.cuda.tile import (
     FIELDS,
@@ -26,7 +27,6 @@ from usdsplat.kernels.cuda.tile import (
     is_hidden,
     origin,
 )
-from usdsplat.kernels.cuda.windows import insert, pop, push
 from usdsplat.kernels.project import DEPTH, RED
 from usdsplat.kernels.walk import (
     ALBEDO,
@@ -55,8 +55,6 @@ SPLAT, SAMPLES = 0, 1
 """Indices of the integers of a pixel: rank of the found splat; number of deep samples."""
 FLUSH = 8
 """Number of splats after which contributions that need not wait any longer are processed."""
-MOST_PLACES = 1 << 16
-"""Number of list indices that 16 bits can store, as in windows in shared memory."""
 
 
 @cuda.jit(device=True)
@@ -168,6 +166,7 @@ def block_walk(
     size: int,
     *,
     sorts: bool,
+    most_places: int = 0,
     is_long: bool = False,
     only_color: bool = False,
 ) -> Any:
@@ -177,6 +176,7 @@ def block_walk(
         width, height: Number of columns and rows.
         size: Number of splats of a batch.
         sorts: Whether pixels are sorted by their ray hits.
+        most_places: Number of list indices that a window can store, if `sorts`.
         is_long: Whether windows are heaps, which are faster if many contributions wait.
         only_color: Whether COLOR is the only product, without mattes, surfaces and holdout.
     """
@@ -266,7 +266,7 @@ def block_walk(
                     if goes_in and has_occluders:
                         goes_in = not is_hidden(batch, shape, i, x, y, stop, is_parallel)
                     if goes_in and sorts:
-                        if held == slots or first + i >= MOST_PLACES:
+                        if held == slots or first + i >= most_places:
                             overflows, alive = True, False
                             break
                         depth = depth_in(batch, shape, i, x, y, is_parallel)

@@ -10,7 +10,7 @@ from pxr import Sdf, Usd
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.output import Existing
-from usdsplat.images.frames import LIMIT
+from usdsplat.images.frame_numbers import LIMIT
 from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span

@@ -11,7 +11,7 @@ import pytest
 from tests.render.everything import CASES, drawn, drawn_deep
 from usdsplat.kernels.cuda import walk
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.ray_order import SIDE
+from usdsplat.kernels.cuda.quarter_lists import SIDE
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
 
@@ -51,8 +51,13 @@ def test_all_aovs_are_those_of_the_cpu(name: str) -> None:
         np.testing.assert_allclose(ours[each], theirs[each], rtol=1e-4, atol=1e-5, err_msg=each)
 
 
-def test_windows_that_overflow_are_followed_by_longer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows of one and two contributions, and then of any number. Oracle: the CPU's loops."""
+@pytest.mark.parametrize("places", [walk.SHARED_PLACES, 2])
+def test_windows_that_overflow_are_followed_by_longer_ones(
+    monkeypatch: pytest.MonkeyPatch, places: int
+) -> None:
+    """Windows of one and two contributions, and then of any number; also in lists that are longer
+    than the former can address. Oracle: the CPU's loops."""
+    monkeypatch.setattr(walk, "SHARED_PLACES", places)
     short = walk._ray_walk("walk_rays", SIDE, SIDE, 1)
     longer = walk._ray_walk("walk_few_rows", SIDE, walk.FEW_ROWS, 2)
     monkeypatch.setattr(walk, "_WALK_RAYS", short)

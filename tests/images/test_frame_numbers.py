@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frames import (
+from usdsplat.images.frame_numbers import (
     frame_path,
     frame_paths,
     frames_found,

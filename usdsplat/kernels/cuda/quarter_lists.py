@@ -86,7 +86,7 @@ def _unkey(keys, bits, starts):
             starts[quarter] = k
 
 
-def ray_order(
+def quarter_lists(
     device: CudaDevice, is_parallel: bool, records: Any, ray_hits: Any, starts: Any, lists: Any,
     grid: Any,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
@@ -104,8 +104,8 @@ def ray_order(
     pairs, tiles = lists.shape[0], starts.shape[0] - 1
     quarters = QUARTERS * tiles
     blocks = min(tiles, BLOCKS)
-    counts = device.borrow("ray order counts", pairs + 1, np.int64)
-    places = device.borrow("ray order places", pairs + 1, np.int64)
+    counts = device.borrow("quarter lists counts", pairs + 1, np.int64)
+    places = device.borrow("quarter lists places", pairs + 1, np.int64)
 
     def touch(writes: bool, at: Any, *out: Any) -> None:
         _touch[blocks, THREADS, device.stream](
@@ -113,7 +113,7 @@ def ray_order(
         )
 
     def room(name: str, size: int, dtype: Any) -> Any:
-        return device.borrow(f"ray order {name}", size, dtype)[:size]
+        return device.borrow(f"quarter lists {name}", size, dtype)[:size]
 
     none = room("ranks", 0, np.int32)
     touch(False, counts, none.view(np.uint32), none, room("least", 0, np.float32))
