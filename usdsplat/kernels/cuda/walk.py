@@ -1,6 +1,6 @@
 """Compute all requested products of each pixel on a GPU, with one thread for each pixel of a tile.
 
-If pixels are sorted by ray hits, a block walks a quarter of a tile, with a list from `quarter_lists`.
+If pixels are sorted by ray hits, a block walks a quarter of a tile with a list of `quarter_lists`.
 The window of a thread holds the contributions that must wait, because later splats of the list may
 be in front of them. Windows are in shared memory. If one overflows, the quarter is walked again by
 blocks of fewer threads with longer windows. If these overflow too, the last attempt has windows in
