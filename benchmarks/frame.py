@@ -182,7 +182,7 @@ def against_yardstick(
     peer_wall, peer_cpu = np.median(np.array(log), axis=0)[[4, 9]]
     wall = totals(stats, "wall_ms")[-1]
     report.say(
-        f"{name} {size[0]}x{size[1]}: ours {wall:.1f} wall ms {cpu:.1f} CPU ms, yardstick "
+        f"{name} {size[0]}x{size[1]}: ours {wall:.1f} wall ms {cpu:.1f} CPU ms, prototype "
         f"{peer_wall:.1f} and {peer_cpu:.1f}: ratio {wall / peer_wall:.2f} and "
         f"{cpu / peer_cpu:.2f}; "
         f"pictures {psnr(ours, theirs):.1f} dB apart"

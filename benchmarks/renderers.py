@@ -195,7 +195,7 @@ def compare(shot: Shot, report: Report, pictures: Path | None) -> None:
         for _ in range(ROUNDS):
             for who in drawing:
                 who.turn()
-        table = Table(title=f"{shot.name}, {len(shot.cloud):,} splats, {size}: {ROUNDS} in turns")
+        table = Table(title=f"{shot.name}, {len(shot.cloud):,} splats, {size}: {ROUNDS} rounds")
         titles = ("wall ms", "min–max", "CPU ms", "wall × ours", "CPU × ours", "dB", "dB to ours")
         table.add_column("renderer")
         for title in titles:

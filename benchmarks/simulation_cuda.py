@@ -206,7 +206,7 @@ def steps(report: Report, count: int) -> None:
     """Print the table of steps."""
     points = sheet(count)
     fast, slow = open_device(), open_device("cpu")
-    table = Table("step", "floor, ms", "GPU, ms", "of the floor", "CPU, ms", "times faster")
+    table = Table("step", "floor, ms", "GPU, ms", "× floor", "CPU, ms", "CPU / GPU")
     if fast.name == "cpu":
         report.say("no GPU here: the CPU's alone")
     builds = [(device.name, built(device, points)) for device in dict.fromkeys((fast, slow))]
@@ -223,7 +223,7 @@ def steps(report: Report, count: int) -> None:
         )  # fmt: skip
     report.show(table, 140)
     for name, seconds in builds:
-        report.say(f"lists of neighbours built and fetched, {name}: {1e3 * seconds:.0f} ms")
+        report.say(f"building and fetching the neighbour lists, {name}: {1e3 * seconds:.0f} ms")
 
 
 def built(device: Device, points: F32) -> float:
@@ -296,10 +296,10 @@ def frames(report: Report, count: int) -> None:
             assert run.wait() == 0
         states: list[dict[str, Any]] = [dict(np.load(file)) for file in files]
     laps = [f"{1e3 * np.median(state.pop('laps')):.1f}" for state in states]
-    report.say(f"ms of a frame, {count} splats: " + ", ".join(
+    report.say(f"ms per frame in each run, {count} splats: " + ", ".join(
         f"{name} {lap}" for name, lap in zip(names, laps, strict=True)
     ))  # fmt: skip
-    table = Table("state", "largest", "largest difference", "bits as the CPU's", "bits twice")
+    table = Table("state", "largest", "largest difference", "same bits as CPU", "same bits again")
     for key, wanted in states[0].items():
         found = states[-1].get(key, wanted)
         again = states[min(1, len(states) - 1)].get(key, wanted)
