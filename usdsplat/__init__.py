@@ -1,4 +1,4 @@
-"""Import, edit, render, simulate and export Gaussian splats with USD.
+"""Gaussian splats in USD pipelines.
 
 The names in `__all__` are the public interface. Each is imported when it is first used: importing
 this package loads neither `pxr` nor `numba`.
@@ -46,8 +46,7 @@ _MODULES = {
     "save_view": "preview.saving",
     "schema": "schema",
 }
-"""Public name -> module that defines it, or the module of that name itself. After a colon: the name
-in the module, if it differs."""
+"""Public name -> the module that has it, or that it is; after a colon, its name there."""
 
 __all__ = [
     "DeepImage",
@@ -90,7 +89,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name.
 
     Raises:
-        AttributeError: If the name is not public.
+        AttributeError: If it is none.
     """
     place = _MODULES.get(name)
     if place is None:

@@ -160,7 +160,9 @@ def test_a_lens_and_a_shutter_are_spoken_of_once(run, shot, tmp_path):
     camera.GetFocusDistanceAttr().Set(4.0)
     stage.GetRootLayer().Save()
     output = ("-o", tmp_path / "a.#.png", *SMALL)
-    sentence = "one sample does not show the blur of the shutter and lens; --samples 64 does"
+    sentence = (
+        "one sample does not show the blur of the shutter and lens; use for example --samples 64"
+    )
     assert run("render", shot, *output)[2] == f"usdsplat: /World/Cam: {sentence}\n"
     assert run("render", shot, *output, "--samples", 2)[2] == ""
     flags = ("--no-motion-blur", "--no-depth-of-field")

@@ -128,7 +128,10 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
         ),
         (["ball.ply", "b.ply", "--lod", "-1"], "--lod: found -1, expected a level, 0 the finest"),
         (["ball.ply", "shot.usda", "b.usdc"], "shot.usda: found a stage among several inputs"),
-        (["ball.ply", "b.#.ply"], "b.#.ply: found a place for the frame number but no frames"),
+        (
+            ["ball.ply", "b.#.ply"],
+            "b.#.ply: found a placeholder for the frame number but no frames",
+        ),
         (["b.#.ply", "b.ply"], "b.ply: found one file for a sequence, expected a stage, or a name"),
         (["b.#.ply", "ball.ply", "b.usda"], "b.#.ply: found a sequence among several inputs"),
         (["b.#.ply", "b.usda"], "b.#.ply: found no file of that name, expected one for each frame"),

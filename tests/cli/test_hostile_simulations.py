@@ -286,10 +286,10 @@ DOUBTFUL = {
         all_of(mesh(), leads("skin:mesh", MESH)), "skin:skeleton: found none, and a mesh to take",
     ),
     "no pattern": (
-        says("growth:rate", T.Float, 1.0), "growth:rate: found no pattern to grow by, expected",
+        says("growth:rate", T.Float, 1.0), "growth:rate: found growth without a pattern, expected",
     ),
     "unread driver": (
-        says("driver:a:amount", T.Float, 2.0), "driver:a:source: found no pattern to read, expect",
+        says("driver:a:amount", T.Float, 2.0), "driver:a:source: found a driver without a pattern",
     ),
     "no affector": (
         include("affectors", "/No"), "affectors:includes: found /No, which does not exist",

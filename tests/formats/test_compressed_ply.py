@@ -289,7 +289,9 @@ def test_splats_that_overflow_can_be_left_out(tmp_path):
     lost = np.count_nonzero(low + codes / 2047 * (3e5 - low) > 88.73)
     assert lost > 30
     assert len(capture.cloud) == 300 - lost
-    assert f"splats dropped because a number of theirs is not finite: {lost}" in capture.notes
+    assert (
+        f"splats dropped because they contain a number that is not finite: {lost}" in capture.notes
+    )
 
 
 def test_antialiasing_is_noted(tmp_path):

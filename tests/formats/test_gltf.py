@@ -87,7 +87,7 @@ def test_opacities_beyond_their_range_are_clamped_and_told(tmp_path):
     sample.add(f"{SPLATS}:OPACITY", np.float32([-1, 2, *[0.5] * 7])[:, None])
     capture = formats.read(sample.glb(tmp_path / "a.glb"))
     assert capture.cloud.opacities.tolist() == [0, 1, *[0.5] * 7]
-    assert capture.notes == ("opacities beyond 0 to 1, clamped: 2",)
+    assert capture.notes == ("opacities outside 0 to 1, clamped: 2",)
 
 
 def test_attributes_may_lie_between_each_other(tmp_path):
@@ -258,7 +258,7 @@ LIES = {
     "no splats": (change((*PRIMITIVE, "extensions"), {}), "found 1 primitives, none with"),
     "scene": (change(("scene",), 7), "scene: found 7"),
     "node": (change(("scenes", 0, "nodes"), [1]), "found 1"),
-    "loop": (change(("nodes", 0, "children"), [0]), "a node too many"),
+    "loop": (change(("nodes", 0, "children"), [0]), "a repeated node, or too many nodes"),
     "mesh": (change(("nodes", 0, "mesh"), "0"), "mesh: found '0'"),
     "matrix": (change(("nodes", 0, "matrix"), [1] * 16), "last row"),
     "short matrix": (change(("nodes", 0, "matrix"), [1] * 15), "15 values"),

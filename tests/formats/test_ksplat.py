@@ -211,7 +211,7 @@ def test_damaged_splats_can_be_left_out(tmp_path):
     path = save(tmp_path / "a.ksplat", 0, section(0, rows))
     capture = formats.read(path, how=options.ReadOptions(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions, [[1, 2, 3]])
-    assert "splats dropped because a number of theirs is not finite: 2" in capture.notes
+    assert "splats dropped because they contain a number that is not finite: 2" in capture.notes
 
 
 @pytest.mark.filterwarnings("error")

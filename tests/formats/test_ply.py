@@ -248,7 +248,7 @@ def test_bytes_behind_the_last_element_are_ignored_and_noted(tmp_path):
     assert len(capture.cloud) == 1
     assert capture.notes == (
         UNKNOWN_AXES,
-        "ignored 77 bytes behind the last element",
+        "ignored 77 bytes after the last element",
     )
 
 

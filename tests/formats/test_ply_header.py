@@ -65,7 +65,7 @@ def test_lists_ahead_of_the_vertices_are_skipped_in_text_and_refused_in_binary(t
     )
     assert len(formats.read(tmp_path / "text.ply").cloud) == 1
     (tmp_path / "binary.ply").write_bytes(splat_header(*faces) + bytes(13) + BODY)
-    with pytest.raises(FormatError, match="a list property in element face, ahead of vertex"):
+    with pytest.raises(FormatError, match="a list property in element face, expected rows"):
         formats.read(tmp_path / "binary.ply")
 
 
@@ -140,8 +140,8 @@ def test_a_count_beyond_the_file_is_refused_before_reading(tmp_path, kind, count
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1 2 3 4\n5 6 x 8\n", "text that is no number"),
-        ("1 2 3 4\n5 6 7\n8\n", "text that is no number, or rows of several lengths"),
+        ("1 2 3 4\n5 6 x 8\n", "text that is not a number"),
+        ("1 2 3 4\n5 6 7\n8\n", "text that is not a number, or rows of different lengths"),
         ("1 2 3\n5 6 7  \n\n\n", "found 3 numbers a row, expected 4"),
         ("1 2 3 4          \n", "found 1 rows of element vertex, expected 2"),
         ("1 2 3 4\n" + "5" * 70_000, "a line of 65536 bytes"),

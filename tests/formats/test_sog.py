@@ -137,7 +137,7 @@ def test_splats_that_are_not_finite_are_dropped_if_asked(tmp_path):
     capture = formats.read(path, how=formats.ReadOptions(drop_nonfinite=True))
     expected = formats.read(zipped(tmp_path / "b.sog", files)).cloud.positions[whole]
     np.testing.assert_array_equal(capture.cloud.positions, expected)
-    assert f"a number of theirs is not finite: {14 - len(whole)}" in capture.notes[-1]
+    assert f"they contain a number that is not finite: {14 - len(whole)}" in capture.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ HIGH_LABELS = webp(np.full((4, 4, 4), 1))
         (changed("sh0", "codebook", None), "sh0.codebook: found None"),
         (changed("sh0", "codebook", [1e60] * 256), "sh of splat 0: found inf"),
         (changed("shN", "codebook", [-1e60] * 256), "sh of splat 0: found -inf"),
-        (changed("shN", "bands", 2), "192 x 1 pixels, expected 64 labels"),
+        (changed("shN", "bands", 2), "192 x 1 pixels, expected a width of 64"),
         (changed("shN", "bands", 0), "shN.bands: found 0"),
         (changed("quats", "files", ["quats.webp", "b"]), "an object with 1 file names"),
         (changed("quats", "files", [7]), "an object with 1 file names"),

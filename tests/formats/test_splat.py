@@ -116,7 +116,7 @@ def test_damaged_records_can_be_left_out(tmp_path):
     )
     capture = formats.read(tmp_path / "a.splat", how=ReadOptions(drop_nonfinite=True))
     np.testing.assert_array_equal(capture.cloud.positions[:, 0], [1, 1, 7])
-    assert "splats dropped because a number of theirs is not finite: 2" in capture.notes
+    assert "splats dropped because they contain a number that is not finite: 2" in capture.notes
     assert "splats dropped because their rotation is zero: 1" in capture.notes
 
 

@@ -268,7 +268,7 @@ def patched(at: int, value: bytes) -> bytes:
         (patched(32, b"\xff\xff"), "bytes left for positions"),
         (patched(40, b"\xb5"), "181 bytes of positions, expected 180"),
         (patched(32 + 6 * 16, b"spoilt"), "damaged zstd data"),
-        (packed_v4(planes(4, 1), 1) + b"x", "1 bytes behind the last stream"),
+        (packed_v4(planes(4, 1), 1) + b"x", "1 bytes after the last stream"),
         (packed_v4(planes(4, 1), 1)[:-1], "bytes left for harmonics"),
         (packed_v4(planes(4, 1), 1)[:40], "bytes left for table of contents"),
         (packed_v4(planes(4, 1), 1)[:20], "a header of 20 bytes"),

@@ -79,13 +79,13 @@ def test_names_take_the_number(pattern, frame, expected):
 
 def test_names_without_room_are_refused():
     """Oracle: two frames in one file, or half a frame in a whole number, lose a picture."""
-    with pytest.raises(UsageError, match=r"2 frames, expected a place for the frame number"):
+    with pytest.raises(UsageError, match=r"2 frames, expected a placeholder for the frame number"):
         frame_paths("out.exr", (1, 2))
     with pytest.raises(UsageError, match=r"frame 1\.5, expected room for its fraction"):
         frame_path("out.####.exr", 1.5)
     with pytest.raises(UsageError, match="2 frames"):
         frame_paths("out.##.#.exr", (1.01, 1.02))
-    with pytest.raises(UsageError, match="2 places"):
+    with pytest.raises(UsageError, match="2 placeholders"):
         frame_path("out.####.%04d.exr", 1)
 
 
@@ -127,7 +127,7 @@ def test_files_of_a_pattern_are_found(tmp_path, pattern, expected):
 @pytest.mark.parametrize("pattern", ["cap.ply", "cap.##.x.##.ply"])
 def test_files_are_found_by_one_place(tmp_path, pattern):
     """Oracle: one sentence; without a number there is no sequence."""
-    with pytest.raises(UsageError, match=r"place.*, expected one place for the frame number"):
+    with pytest.raises(UsageError, match=r"place.*, expected one placeholder for the frame number"):
         frames_found(tmp_path / pattern)
 
 

@@ -74,7 +74,7 @@ def test_a_full_disk_leaves_no_picture_rather_than_part_of_one(tmp_path, name, a
     layout = ImageLayout(resolution=(64, 64), aovs=aovs, color_space="srgb_rec709_display")
     with (
         small_disk(),
-        pytest.raises(OutputError, match=rf"{name}: found .+, expected a p") as caught,
+        pytest.raises(OutputError, match=rf"{name}: found .+, expected a [pw]") as caught,
         images.open_writer(tmp_path / name, layout) as writer,
     ):
         writer.write_band(0, band)
@@ -92,7 +92,7 @@ def test_ids_that_cannot_wait_are_a_sentence(tmp_path):
     with (
         small_disk(),
         pytest.raises(
-            OutputError, match="no room for later parts beside it, expected a place with room"
+            OutputError, match="no space for the temporary file of a later EXR part, expected a"
         ),
         images.open_writer(tmp_path / "a.exr", layout) as writer,
     ):

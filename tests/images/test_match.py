@@ -114,7 +114,7 @@ def test_nothing_to_fit_to_is_refused() -> None:
     """Oracle: the sentences."""
     with pytest.raises(UsageError, match="found no colours"):
         fit_grade(np.zeros((0, 3)), np.zeros((0, 3)))
-    with pytest.raises(UsageError, match="--fit: found 'gamma', expected of exposure, white"):
+    with pytest.raises(UsageError, match="--fit: found 'gamma', expected one of exposure, white"):
         fit_grade(COLORS, COLORS, parts=("gamma",))
     assert PARTS == ("exposure", "whiteBalance", "matrix")
 

@@ -229,7 +229,7 @@ def test_a_name_that_does_not_exist_is_answered_with_those_that_do(names, where,
 
 def test_a_config_without_the_working_space_is_refused(config) -> None:
     """Oracle: the config's four spaces."""
-    with pytest.raises(UsageError, match="working_space: found none such in"):
+    with pytest.raises(UsageError, match=r"working_space: found .*, which .* does not have"):
         open_view(config=config, working_space="lin_rec2020_scene")
 
 

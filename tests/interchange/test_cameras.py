@@ -168,10 +168,10 @@ def test_what_a_lens_bends_is_told_and_kept(tmp_path):
     """Oracle: what was written; OPENCV's polynomial at the corners is that of the lens' tests."""
     stage, field = staged(tmp_path, dots(points()))
     report = import_cameras(colmap_binary(tmp_path / "sparse/0"), field)
-    (bent,) = (note for note in report.notes if "bend" in note)
-    assert bent.startswith("1 photograph of 2 through lenses that bend the picture (OPENCV)")
+    (bent,) = (note for note in report.notes if "distortion" in note)
+    assert bent.startswith("1 photograph of 2 with lens distortion (OPENCV)")
     offset = lens("", LENSES[7][0], LENSES[7][1:3], LENSES[7][3]).displacement
-    assert f"off by up to {offset:.3g} pixels;" in bent
+    assert f"differ by up to {offset:.3g} pixels;" in bent
     entry = stage.GetPrimAtPath(report.prim_paths[1]).GetCustomDataByKey("usdsplat")
     assert (entry["image"], entry["width"], entry["height"]) == ("a picture.png", 400, 300)
     assert entry["lens"]["model"] == "OPENCV"

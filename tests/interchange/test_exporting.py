@@ -246,7 +246,7 @@ def test_what_the_file_cannot_say_is_noted(stage, tmp_path: Path) -> None:
     schema.author(stage, "/B", cloud(n=2))
     notes = " / ".join(export_capture(stage, tmp_path / "a.ply").notes)
     assert "lin_rec709_scene and srgb_rec709_scene" in notes
-    assert "rasterised differently" in notes
+    assert "different rasterize modes" in notes
 
 
 def test_a_field_in_its_own_axes_is_written_bit_for_bit(stage, tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_bounds_and_modes_are_those_that_hold_for_all() -> None:
     assert both.error_bounds == {"sh": "1/8 or 1/16", "scales": "exact or 1 %"}
     assert not both.antialiased
     assert both.notes[:2] == ("one", "both")
-    assert "rasterised differently" in both.notes[2]
+    assert "different rasterize modes" in both.notes[2]
     assert joined([first, replace(second, antialiased=True)]).antialiased
 
 

@@ -55,7 +55,7 @@ def test_names_that_stand_for_no_file_are_refused(tmp_path: Path) -> None:
         files_of(tmp_path / "cap.####.ply")
     with pytest.raises(FormatError, match=r"found no such file or directory, expected a folder"):
         files_of(tmp_path / "none" / "cap.####.ply")
-    with pytest.raises(UsageError, match=r"found no place, expected one place for the frame"):
+    with pytest.raises(UsageError, match=r"found no placeholder, expected one placeholder for"):
         files_of(tmp_path / "cap.ply")
 
 

@@ -294,7 +294,7 @@ def test_clips_replace_clips_and_nothing_else(tmp_path: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == names
     (folder / "notes.txt").write_text("mine")
     with pytest.raises(
-        OutputError, match=r"out\.clips: found something that is no folder of clips"
+        OutputError, match=r"out\.clips: found something that is not a folder of clips"
     ):
         import_sequence(pattern, tmp_path / "out.usdc", sequence=SequenceOptions(clips=True))
     assert (folder / "notes.txt").read_text() == "mine"

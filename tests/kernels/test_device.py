@@ -48,12 +48,12 @@ def broken_gpu(monkeypatch):
 def test_a_gpu_that_does_not_start_is_one_sentence(broken_gpu):
     """Oracle: the wording of errors; who did not ask for it gets the CPU, and the sentence."""
     why = "OSError: the driver is too old"
-    said = f"device cuda: found a GPU that does not start \\({why}\\), expected"
+    said = f"device cuda: found a GPU that cannot be started \\({why}\\), expected"
     with pytest.raises(BackendError, match=said):
         open_device("cuda")
     device = open_device("auto")
     assert device.name == "cpu"
-    assert re.match(f"{said} one that does; the CPU does the work$", device.remark)
+    assert re.match(f"{said} one that does; the CPU is used$", device.remark)
 
 
 @pytest.mark.parametrize("threads", [0, -1, 10_000])

@@ -55,7 +55,7 @@ def test_the_cpu_draws_what_is_still_to_come(launches) -> None:
         for name in AOVS:
             np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
     assert renderer.device == "cpu" and device.is_closed
-    assert renderer.remark == f"{SAID}; the CPU does the work"
+    assert renderer.remark == f"{SAID}; the CPU is used"
 
 
 def test_two_pictures_that_are_drawn_at_once_both_fall_back() -> None:

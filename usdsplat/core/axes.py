@@ -37,7 +37,9 @@ def frame_matrix(frame: str) -> F64:
     known = len(frame) == 3 and all(letter in _DIRECTIONS for letter in frame)
     matrix = np.array([_DIRECTIONS[letter] for letter in frame], np.float64).T if known else None
     if matrix is None or abs(np.linalg.det(matrix)) < 0.5:
-        raise UsageError("axes", repr(frame), "where x, y and z point, such as 'rdf' or 'rub'")
+        raise UsageError(
+            "axes", repr(frame), "the directions of x, y and z, such as 'rdf' or 'rub'"
+        )
     return matrix
 
 

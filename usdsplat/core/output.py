@@ -42,7 +42,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
         if error.errno not in _NO_ROOM and error.filename != str(temporary):
             raise
         found = error.strerror or str(error)
-        raise OutputError(str(target), found, "a place with room to write") from error
+        raise OutputError(str(target), found, "a writable place with enough free space") from error
     finally:
         # Also on Ctrl-C. After the rename the temporary file no longer exists.
         temporary.unlink(missing_ok=True)

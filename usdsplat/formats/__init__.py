@@ -183,7 +183,10 @@ def _check_finite(cloud: SplatCloud, path: Path) -> None:
     def check(rows: slice) -> None:
         for field in ("positions", "scales", "rotations", "opacities", "sh"):
             if not np.isfinite(getattr(cloud, field)[rows]).all():
-                expected = "finite numbers: drop the splats that have others first"
+                expected = (
+                    "finite numbers; first drop splats with other values, for example with "
+                    "--drop-nan"
+                )
                 raise OutputError(str(path), f"{field} that are not finite", expected)
 
     in_parallel(len(cloud), check)

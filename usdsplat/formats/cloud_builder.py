@@ -121,7 +121,7 @@ class CloudBuilder:
     def cloud(self) -> tuple[SplatCloud, tuple[str, ...]]:
         """Return the cloud without the splats that cannot be drawn, and notes on those."""
         kinds = {"their rotation is zero": self._zero & ~self._nonfinite}
-        kinds["a number of theirs is not finite"] = self._nonfinite
+        kinds["they contain a number that is not finite"] = self._nonfinite
         counts = {why: int(np.count_nonzero(rows)) for why, rows in kinds.items()}
         kept = ~(self._zero | self._nonfinite) if any(counts.values()) else slice(None)  # no copy
         cloud = SplatCloud(

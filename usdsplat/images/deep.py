@@ -263,4 +263,6 @@ class DeepWriter:
             raise self._no_room(error) from error
 
     def _no_room(self, error: OSError) -> OutputError:
-        return OutputError(str(self._path), error.strerror or str(error), "a place with room")
+        return OutputError(
+            str(self._path), error.strerror or str(error), "a writable place with enough free space"
+        )

@@ -193,7 +193,7 @@ class DeepFile:
             expected = (self._part, *expected)
         place = f"<{len(expected)}i"
         if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
-            raise FormatError(where, "a chunk of other coordinates", "a complete EXR file")
+            raise FormatError(where, "a chunk with wrong coordinates", "a complete EXR file")
         table_size, packed_size, size = struct.unpack("<QQQ", read_exactly(file, 24, where))
         table = read_exactly(file, table_size, where)
         return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)

@@ -124,7 +124,9 @@ class ExrWriter(ImageWriter):
             pixels.tofile(file)
         except OSError as error:
             raise OutputError(
-                str(self._path), "no room for later parts beside it", "a place with room to write"
+                str(self._path),
+                "no space for the temporary file of a later EXR part",
+                "a writable place with enough free space",
             ) from error
 
     def _finish(self) -> None:

@@ -151,7 +151,7 @@ def values(attributes: Attributes, name: str, form: str, where: str) -> tuple[An
     """Read the numbers of an attribute."""
     raw = attributes[name][1] if name in attributes else b""
     if len(raw) != struct.calcsize(form):
-        raise FormatError(where, f"no proper {name}", "every attribute that EXR requires")
+        raise FormatError(where, f"no valid {name}", "every attribute that EXR requires")
     return struct.unpack(form, raw)
 
 

@@ -54,7 +54,9 @@ def frame_path(pattern: str | Path, frame: float) -> Path:
     path = Path(pattern)
     places = list(_PLACE.finditer(path.name))
     if len(places) > 1:
-        raise UsageError(str(pattern), f"{len(places)} places", "one place for the frame number")
+        raise UsageError(
+            str(pattern), f"{len(places)} placeholders", "one placeholder for the frame number"
+        )
     if not places:
         return path
     whole, fraction, digits = places[0].groups()
@@ -77,7 +79,9 @@ def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...
     paths = tuple(frame_path(pattern, frame) for frame in frames)
     if len(set(paths)) < len(paths):
         raise UsageError(
-            str(pattern), f"{len(frames)} frames", "a place for the frame number, such as ####"
+            str(pattern),
+            f"{len(frames)} frames",
+            "a placeholder for the frame number, such as ####",
         )
     return paths
 
@@ -94,8 +98,8 @@ def frames_found(pattern: str | Path) -> dict[float, Path]:
     path = Path(pattern)
     places = list(_PLACE.finditer(path.name))
     if len(places) != 1:
-        found = f"{len(places)} places" if places else "no place"
-        raise UsageError(str(pattern), found, "one place for the frame number, such as ####")
+        found = f"{len(places)} placeholders" if places else "no placeholder"
+        raise UsageError(str(pattern), found, "one placeholder for the frame number, such as ####")
     before, after = path.name[: places[0].start()], path.name[places[0].end() :]
     number = r"-?\d{1,15}" + (r"\.\d{1,15}" if places[0][2] else "")
     matcher = re.compile(f"{re.escape(before)}({number}){re.escape(after)}")

@@ -119,7 +119,9 @@ class _Flat(Holdout):
             return plane
         file = oiio.ImageInput.open(self._where)
         if file is None:
-            raise FormatError(self._where, oiio.geterror(), "the file that was there before")
+            raise FormatError(
+                self._where, oiio.geterror(), "the file that was readable when rendering began"
+            )
         try:
             depth = self._channel(file, self._depth, top, bottom)
             is_there = depth > 0

@@ -72,10 +72,10 @@ def fit_grade(found: npt.ArrayLike, wanted: npt.ArrayLike, *, parts: Sequence[st
     """
     for part in parts:
         if part not in PARTS:
-            raise UsageError("--fit", repr(part), f"of {', '.join(PARTS)}")
+            raise UsageError("--fit", repr(part), f"one of {', '.join(PARTS)}")
     x, y = np.asarray(found, np.float64), np.asarray(wanted, np.float64)
     if not len(x) or not x.any() or not y.any():
-        raise UsageError("fit", "no colours", "colours that are in both")
+        raise UsageError("fit", "no colours", "colours that both pictures have")
     brightness = y.mean(axis=1)
     weights = 1.0 / (np.maximum(brightness, 0.0) + SHADOW * brightness.mean())
     free, notes = set(parts), []

@@ -193,7 +193,9 @@ def open_view(
     if not source:
         names = ", ".join((working_space, *ALIASES.get(working_space, ())))
         expected = f"a config with one of {names}"
-        raise UsageError("working_space", f"none such in {name}", expected)
+        raise UsageError(
+            "working_space", f"{working_space!r}, which {name} does not have", expected
+        )
     shown, capture = known.getDisplayViewColorSpaceName(display, view), _find(known, CAPTURE_SPACE)
     converts = bool(capture) and shown != capture and not known.isData(shown)
     return ViewTransform(

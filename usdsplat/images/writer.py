@@ -66,7 +66,9 @@ class ImageWriter(ABC):
             self._finish()
             self._check(self._file.close())
             if not self._is_whole(self._temporary):
-                raise OutputError(str(self._path), "a file cut short", "a place with room to write")
+                raise OutputError(
+                    str(self._path), "a truncated file", "a writable place with enough free space"
+                )
 
     def write_band(self, y0: int, band: Band) -> None:
         """Append whole rows.

@@ -25,7 +25,7 @@ IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """Options for reading captures that will be authored: most arrays are then not copied."""
 
 _BLOCK = 1 << 16  # splats transformed at a time
-_UNKNOWN_SIZE = "captures do not state a unit of length: one of the stage's units is assumed"
+_UNKNOWN_SIZE = "captures do not state a unit of length: the unit of the stage is assumed"
 
 
 def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:

@@ -229,11 +229,12 @@ def _about_lenses(lenses: Sequence[Lens]) -> list[str]:
         models = ", ".join(sorted({lens.model for lens in bent}))
         offsets = [lens.displacement for lens in bent]
         known = [offset for offset in offsets if offset is not None]
-        some = "" if len(known) == len(bent) else ", more where that is not known"
-        most = f"up to {max(known):.3g} pixels{some}" if known else "an unknown way"
+        some = "" if len(known) == len(bent) else ", for some by an unknown distance"
+        most = f"up to {max(known):.3g} pixels{some}" if known else "an unknown distance"
         notes.append(
-            f"{counted(len(bent), 'photograph')} of {len(lenses)} through lenses that bend the "
-            f"picture ({models}): renders are off by {most}; the coefficients are in customData"
+            f"{counted(len(bent), 'photograph')} of {len(lenses)} with lens distortion "
+            f"({models}), which "
+            f"renders do not have: they differ by {most}; the coefficients are in customData"
         )
     uneven = [lens for lens in lenses if lens.height * abs(lens.fx / lens.fy - 1) > _SHOWN]
     if uneven:

@@ -149,13 +149,15 @@ def check_sequences(sources: Sequence[Path], target: Path) -> None:
     """
     patterns = [each for each in sources if is_sequence(each)]
     if patterns and len(sources) > 1:
-        raise UsageError(str(patterns[0]), "a sequence among several inputs", "it alone")
+        raise UsageError(
+            str(patterns[0]), "a sequence among several inputs", "the sequence as the only input"
+        )
     if files.is_usd(target):
         return
     writes = has_place(target)
     if patterns and not writes:
-        expected = "a stage, or a name with a place for the frame number, such as ####"
+        expected = "a stage, or a name with a placeholder for the frame number, such as ####"
         raise UsageError(str(target), "one file for a sequence", expected)
     if writes and not patterns and (len(sources) > 1 or not files.is_usd(sources[0])):
-        found = "a place for the frame number but no frames"
+        found = "a placeholder for the frame number but no frames"
         raise UsageError(str(target), found, "a sequence or a stage to read")

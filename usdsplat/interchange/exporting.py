@@ -163,7 +163,9 @@ def _capture(
         listed = " and ".join(spaces)
         notes.append(f"colours are in {listed}, which the file cannot state")
     if len(modes) > 1:
-        notes.append("fields are rasterised differently; the file states classic for all")
+        notes.append(
+            "fields have different rasterize modes; the file states classic for all splats"
+        )
     for name in ("ids", "velocities"):
         if getattr(cloud, name) is not None:
             notes.append(f"{name} are not written")

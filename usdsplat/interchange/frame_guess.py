@@ -176,13 +176,11 @@ class _Score:
 
     def said(self, up: str) -> tuple[str, ...]:
         """Describe the evidence in sentences."""
-        evidence = [
-            f"with {up} up, it is {self.wider:.2g} times as wide at its foot as at its head"
-        ]
+        evidence = [f"with {up} up, its bottom is {self.wider:.2g} times as wide as its top"]
         if self.facing * self.below > 0.05:
             evidence.append(
-                f"{self.facing:.0%} of the flat splats' cover faces along {up[1]}, "
-                "most of it below the middle"
+                f"{self.facing:.0%} of the area of flat splats is perpendicular to {up[1]}, "
+                "mostly in the lower half"
             )
         return tuple(evidence)
 

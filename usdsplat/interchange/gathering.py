@@ -19,7 +19,7 @@ from usdsplat.formats import Capture, ReadOptions
 from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.editing import bounds_after, edited
 
-_MIXED = "captures are rasterised differently; the result states classic for all"
+_MIXED = "captures have different rasterize modes; the result states classic for all splats"
 _EXACT = "exact"
 
 

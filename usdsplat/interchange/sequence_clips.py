@@ -52,7 +52,7 @@ class Clips:
         if os.path.lexists(folder):
             is_folder = folder.is_dir() and not folder.is_symlink()
             if not is_folder or not all(_OURS.fullmatch(name) for name in os.listdir(folder)):
-                found = "something that is no folder of clips"
+                found = "something that is not a folder of clips"
                 raise OutputError(str(folder), found, "earlier clips or nothing")
         return folder
 

@@ -56,7 +56,9 @@ def export_sequence(
     pattern = Path(target)
     formats.frame_written(pattern)
     if not has_place(pattern):
-        raise UsageError(str(pattern), "no place", "one place for the frame number, such as ####")
+        raise UsageError(
+            str(pattern), "no placeholder", "one placeholder for the frame number, such as ####"
+        )
     stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
     times = sorted(set(_times(stage) if frames is None else frames))
     if not times:

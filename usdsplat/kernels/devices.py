@@ -70,9 +70,9 @@ def open_device(
         except UsdSplatError:
             raise
         except Exception as error:  # for example an outdated driver, or a GPU in exclusive use
-            found = f"a GPU that does not start ({type(error).__name__}: {error})"
-            missing = " ".join(found.split()), "one that does"
+            found = f"a GPU that cannot be started ({type(error).__name__}: {error})"
+            missing = " ".join(found.split()), "a working GPU"
     if name == "cuda":
         raise BackendError("device cuda", *missing)
-    remark = f"device cuda: found {missing[0]}, expected {missing[1]}; the CPU does the work"
+    remark = f"device cuda: found {missing[0]}, expected {missing[1]}; the CPU is used"
     return CpuDevice(threads=threads, remark=remark)

@@ -131,7 +131,11 @@ def reload(document: Document) -> tuple[str, ...]:
         UsdSplatError: If a file cannot be read; then nothing changes.
     """
     if document.simulation is not None and document.simulation.is_recording:
-        raise UsageError("reload", "a simulation that is being recorded", "its end, or a Reset")
+        raise UsageError(
+            "reload",
+            "a simulation that is being recorded",
+            "no recording; wait for its end, or Reset",
+        )
     sources = document.sources
     changed = _changed(document)
     if sources is not None and sources.is_capture:

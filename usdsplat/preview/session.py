@@ -254,4 +254,4 @@ class Session:
 def _bug() -> UsdSplatError:
     """Log the current exception and return an error for users."""
     LOG.exception("a bug in the preview")
-    return UsdSplatError("preview", "a bug", "none; see the terminal")
+    return UsdSplatError("preview", "an internal error", "none; see the terminal")

@@ -106,7 +106,7 @@ class _Demo:
             elif report.splats <= GROWN:
                 self._grow(stage)
             else:
-                why = f"nothing grown on it: {report.splats} splats are too many for a demo"
+                why = f"no simulation: {report.splats} splats are too many for the demo"
                 self._tell(folder, why)
         return stage
 
@@ -142,7 +142,9 @@ class _Demo:
         for text in QUICKER:
             override(stage, text, layer=stage.GetRootLayer())
         stage.GetRootLayer().Save()
-        self._tell(growth, "a simulation: a pattern grows on the capture, and a ball passes")
+        self._tell(
+            growth, "a simulation: a pattern grows on the capture, and a ball pushes its splats"
+        )
         running = SimulateOptions(threads=self._request.threads, existing="replace")
         report = simulate(stage, bake, self._frames, running, progress=self._progress)
         count = sum(report.splats.values())

@@ -210,7 +210,7 @@ def _pixels(picture: Pixels, usable: npt.NDArray[np.bool_], wanted: Pixels, wher
     usable = usable & (code > CODES[0]).all(axis=2) & (code < CODES[1]).all(axis=2)
     at = np.flatnonzero(usable)
     if not len(at):
-        expected = "opaque pixels, neither black nor clipped, in which the camera sees splats"
+        expected = "opaque pixels, neither black nor clipped, in which splats are visible"
         raise UsageError("--reference", f"none in {where}", expected)
     at = at[:: -(-len(at) // MOST)]
 
@@ -259,7 +259,9 @@ def _regions(text: str, names: tuple[str, ...]) -> dict[str, tuple[int, int, int
     elif isinstance(listed, list) and len(listed) == len(names):
         listed = dict(zip(names, listed, strict=True))
     else:
-        found = f"{len(listed)} regions" if isinstance(listed, list) else "no list and no object"
+        found = (
+            f"{len(listed)} regions" if isinstance(listed, list) else "neither a list nor an object"
+        )
         raise UsageError("--patches", found, f"{len(names)}, one for each patch of the chart")
     return {name: _region(name, value) for name, value in listed.items() if value is not None}
 

@@ -35,13 +35,16 @@ def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
     if not blurs or settings.samples > 1 or plan.deep:
         return ""
     words = " and ".join(blurs)
-    return f"{camera.path}: one sample does not show the blur of the {words}; --samples 64 does"
+    return (
+        f"{camera.path}: one sample does not show the blur of the {words}; use for example "
+        "--samples 64"
+    )
 
 
 def what_is_forced(plan: PicturePlan) -> str:
     """Return a remark on settings that differ between a deep and a flat picture."""
     samples = plan.settings.samples
-    sharp = f", of one sharp sample instead of {samples}" if samples > 1 else ""
+    sharp = f"; one sample without blur is drawn instead of {samples}" if samples > 1 else ""
     return (
         f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
         f"blended in that space (--blend-space linear){sharp}"

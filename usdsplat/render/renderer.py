@@ -243,7 +243,7 @@ class Renderer:
         """Use the CPU from now on, unless another picture has switched already."""
         if self._device is not failed:
             return
-        remark = f"{error}; the CPU does the work"
+        remark = f"{error}; the CPU is used"
         self._rasterizer = open_rasterizer(CpuDevice(threads=failed.threads, remark=remark))
         self._idle.clear()
         self._surface_cache = SurfaceCache()

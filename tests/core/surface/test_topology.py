@@ -22,12 +22,15 @@ def whole(**rest: Any) -> Topology:
 @pytest.mark.parametrize(
     ("rest", "message"),
     [
-        ({"counts": np.int32([5])}, "4 face vertex indices, expected the 5 that the counts add"),
+        (
+            {"counts": np.int32([5])},
+            "4 face vertex indices, expected 5, the sum of the face vertex counts",
+        ),
         ({"counts": np.int32([-1, 5])}, "a face of -1 corners, expected none below 0"),
         ({"indices": np.int32([0, 1, 2, 4])}, "face vertex index 4, expected 0 or more and less"),
         ({"indices": np.int32([0, 1, -2, 3])}, "face vertex index -2, expected"),
         ({"holes": np.int32([1])}, "hole 1, expected 0 or more and less than 1"),
-        ({"crease_lengths": np.int32([2])}, "0 crease indices, expected the 2 that"),
+        ({"crease_lengths": np.int32([2])}, "0 crease indices, expected 2, the sum"),
         (
             {"crease_lengths": np.int32([1]), "crease_indices": np.int32([1])},
             "a crease of 1 points, expected two points or more",

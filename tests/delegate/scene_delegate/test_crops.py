@@ -266,7 +266,7 @@ def test_a_point_instancer_leaves_volumes_where_they_are_and_says_so(stage):
     with Engine(stage) as engine:
         assert crops(engine)[0].world_to_shape[3] == -0.5
         (sentence,) = engine.warnings
-    assert "found crop volumes of a field that a point instancer carries" in sentence
+    assert "found crop volumes of a field that is instanced by a point instancer" in sentence
 
 
 def test_volumes_are_not_drawn(stage):

@@ -212,7 +212,7 @@ def test_a_bug_is_told_and_harms_nobody(tmp_path: Path, monkeypatch, caplog) -> 
         with monkeypatch.context() as patch:
             patch.setattr(live, "Simulation", None)
             runner.run()
-            assert "found a bug" in host.until("failed").message
+            assert "found an internal error" in host.until("failed").message
             assert "TypeError" in caplog.text
         runner.run()
         assert host.ended().frame == 2.0

@@ -79,7 +79,9 @@ def check(topology: Topology, points: int, where: str) -> Polygons:
         raise StageError(where, f"a face of {counts.min()} corners", "none below 0")
     if counts.sum() != len(indices):
         raise StageError(
-            where, f"{len(indices)} face vertex indices", f"the {counts.sum()} that the counts add"
+            where,
+            f"{len(indices)} face vertex indices",
+            f"{counts.sum()}, the sum of the face vertex counts",
         )
     _in_range(where, "face vertex index", indices, points)
     _in_range(where, "hole", topology.holes, len(counts))
@@ -121,7 +123,7 @@ def _check_sharpness(topology: Topology, where: str) -> None:
         raise StageError(
             where,
             f"{len(topology.crease_indices)} crease indices",
-            f"the {lengths.sum()} that the crease lengths add",
+            f"{lengths.sum()}, the sum of the crease lengths",
         )
     edges = int((lengths - 1).sum())
     if len(sharp) not in (len(lengths), edges):

@@ -305,7 +305,7 @@ class UsdSceneDelegate:
         except UsdSplatError as error:
             why = error
         except Tf.ErrorException:  # USD's own checks, such as those of joint influences
-            why = StageError(path, "values that USD cannot combine", "compatible values")
+            why = StageError(path, "values that do not fit together", "compatible values")
         self.problems[path, kind] = why
         if str(why) != str(before):
             LOG.warning("left out: %s", why)

@@ -28,7 +28,7 @@ def read_instancer(prim: Usd.Prim, time: Usd.TimeCode) -> InstancerSpec:
     matrices = instancer.ComputeInstanceTransformsAtTime(
         time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
     )
-    _check(prim, "instances that USD can place", len(matrices), count)
+    _check(prim, "instances with a complete transform", len(matrices), count)
     return InstancerSpec(
         transforms=np.array(matrices, np.float64).reshape(-1, 4, 4).transpose(0, 2, 1),
         prototypes=np.array(prototypes, np.int64),

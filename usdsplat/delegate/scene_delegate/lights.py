@@ -45,7 +45,7 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
         ray = -column_matrix(cache.GetLocalToWorldTransform(prim))[:3, 2]
         length = float(np.linalg.norm(ray))
     if not np.isfinite(found).all():
-        raise StageError(where, "a light of no finite strength", "finite numbers")
+        raise StageError(where, "a light with a strength that is not finite", "finite numbers")
     if not (math.isfinite(length) and length > 0):
         raise StageError(where, "a transform without a direction", "an invertible transform")
     x, y, z = (ray / length).tolist()

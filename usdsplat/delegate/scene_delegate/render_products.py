@@ -143,7 +143,10 @@ def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
         held = collections.rules(stage, [Usd.CollectionAPI(render_pass, name)])
         expected = () if name == "prune" else collections.everything(stage)
         if held != expected:
-            words = f"found some prims, expected {'all' if expected else 'none'}; all are drawn"
+            words = (
+                "the collection is not supported: found some prims, expected "
+                f"{'all' if expected else 'none'}; all are drawn"
+            )
             found.append(f"{render_pass.GetPath()} collection:{name}: {words}")
     return tuple(found)
 

@@ -73,7 +73,7 @@ def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
                 expected = f"one of {', '.join(SHAPES)}"
                 problem = StageError(f"{prim.GetPath()} collection:{name}", found, expected)
     if volumes and carried and problem is None:
-        found = "crop volumes of a field that a point instancer carries"
+        found = "crop volumes of a field that is instanced by a point instancer"
         expected = "none: such volumes do not move with the instances"
         problem = StageError(str(prim.GetPath()), found, expected)
     signature = [(each.prim.GetPath(), each.prim.GetTypeName(), each.keeps) for each in volumes]

@@ -95,7 +95,8 @@ def _training(path: Path, top: Mapping[str, Any]) -> tuple[F64, tuple[str, ...]]
         if applied is None:
             return np.eye(4), ()
         note = (
-            f"the capture is taken to be in the world of {path.name}, not in COLMAP's: there is an "
+            f"the capture is assumed to have the coordinates of {path.name}, not in COLMAP's: "
+            "there is an "
             f"applied_transform and no {TRAINED} beside it"
         )
         return np.eye(4), (note,)
@@ -108,7 +109,7 @@ def _training(path: Path, top: Mapping[str, Any]) -> tuple[F64, tuple[str, ...]]
     if scale <= 0:
         raise FormatError(f"{beside}: scale", f"{scale:g}", "a positive number")
     # `transform` starts from COLMAP's world, before `applied_transform`.
-    note = f"the capture is taken to be in the world of nerfstudio's training: {TRAINED}"
+    note = f"the capture is assumed to have the coordinates of nerfstudio's training: {TRAINED}"
     return np.diag([scale, scale, scale, 1.0]) @ matrix @ np.linalg.inv(before), (note,)
 
 

@@ -155,7 +155,7 @@ class Document:
             where = f"{self._source}: node {index}"
             if index in seen or len(seen) == _MOST_NODES:
                 expected = f"a tree of at most {_MOST_NODES} nodes"
-                raise FormatError(where, "a node too many", expected)
+                raise FormatError(where, "a repeated node, or too many nodes", expected)
             seen.add(index)
             node = an_object(where, nodes[index])
             matrix = _matrix(where, node, outer)
@@ -175,7 +175,7 @@ class Document:
         for name in self._list("extensionsRequired"):
             if name not in _UNDERSTOOD:
                 where = f"{self._source}: extensionsRequired"
-                raise FormatError(where, show(name), f"of these: {', '.join(_UNDERSTOOD)}")
+                raise FormatError(where, show(name), f"only {', '.join(_UNDERSTOOD)}")
 
     def _put_back(self, where: str, uri: str) -> str:
         number = uri.removeprefix(DATA_URI)
@@ -244,7 +244,9 @@ class Document:
             raise FormatError(where, "a sparse accessor", "one with all its elements")
         kind, form = item.get("componentType"), item.get("type")
         if type(kind) is not int or kind not in _TYPES:
-            raise FormatError(f"{where}: componentType", show(kind), "8, 16 bits or float")
+            raise FormatError(
+                f"{where}: componentType", show(kind), "an 8-bit, 16-bit or float type"
+            )
         if not isinstance(form, str) or form not in _WIDTHS:
             raise FormatError(f"{where}: type", show(form), "SCALAR or a vector")
         count = whole(f"{where}: count", item.get("count"), 1, _MOST)

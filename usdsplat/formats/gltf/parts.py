@@ -174,7 +174,7 @@ class _Attributes(Part):
         beyond = int(np.count_nonzero((opacities < 0) | (opacities > 1)))
         if beyond:
             with self._lock:
-                self.notes["opacities beyond 0 to 1, clamped"] += beyond
+                self.notes["opacities outside 0 to 1, clamped"] += beyond
             np.clip(opacities, 0, 1, out=opacities)
 
     def _name(self, field: str, column: int) -> str:

@@ -114,7 +114,7 @@ class Table(ABC):
                 return ()  # the length is unknown without reading all of it
             total += element.count * element.row_bytes
         surplus = self._path.stat().st_size - total
-        return (f"ignored {surplus} bytes behind the last element",) if surplus > 0 else ()
+        return (f"ignored {surplus} bytes after the last element",) if surplus > 0 else ()
 
     def whole(self) -> Block:
         """Read all rows at once, for small elements."""
@@ -133,8 +133,9 @@ class BinaryTable(Table):
     def __init__(self, path: Path, header: Header, element: Element) -> None:
         for earlier in header.elements[: header.elements.index(element)]:
             if earlier.has_list:
-                found = f"a list property in element {earlier.name}, ahead of {element.name}"
-                raise FormatError(str(path), found, "rows of fixed size there")
+                found = f"a list property in element {earlier.name}"
+                expected = f"rows of fixed size before element {element.name}"
+                raise FormatError(str(path), found, expected)
         fields = [(name, header.byte_order + code) for name, code in element.types.items()]
         self._stored = np.dtype(fields)
         self.dtype = self._stored.newbyteorder("=")
@@ -215,7 +216,7 @@ class TextTable(Table):
         try:
             numbers = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="latin-1")
         except ValueError as error:
-            found = "text that is no number, or rows of several lengths"
+            found = "text that is not a number, or rows of different lengths"
             raise FormatError(where, found, f"{width} numbers a row") from error
         if numbers.shape[1] != width:
             raise FormatError(where, f"{numbers.shape[1]} numbers a row", str(width))

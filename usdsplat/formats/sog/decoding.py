@@ -212,7 +212,10 @@ def _packed_palette(files: SogFiles, meta: Meta) -> tuple[str, bytes, int]:
     if meta.version == 2 and degree != section.whole_number("bands", 1, MAX_DEGREE):
         degree = 0
     if not degree or height > _PALETTE_ROWS:
-        expected = f"64 labels x 3, 8, 15 or 24 by at most {_PALETTE_ROWS}, as its bands say"
+        expected = (
+            f"a width of 64 x 3, 8, 15 or 24 to match its bands, and a height of {_PALETTE_ROWS} "
+            "or less"
+        )
         raise FormatError(where, f"{width} x {height} pixels", expected)
     return where, data, degree
 

@@ -167,7 +167,7 @@ class _Frames(SpzContainer):
             found = f"{header.streams} streams for degree {header.degree}"
             raise FormatError(source, found, str(len(sizes)))
         if not HEADER4_SIZE <= table <= HEADER4_SIZE + EXTENSION_LIMIT:
-            raise FormatError(source, f"table of contents at byte {table}", "behind the header")
+            raise FormatError(source, f"table of contents at byte {table}", "after the header")
         self._records = self._take(table - HEADER4_SIZE, "extensions")
         entries = self._take(TABLE_ENTRY.size * len(sizes), "table of contents")
         self._table = dict(zip(sizes, TABLE_ENTRY.iter_unpack(entries), strict=True))
@@ -184,7 +184,7 @@ class _Frames(SpzContainer):
 
     def extensions(self) -> bytes:
         if self._left:
-            raise FormatError(self._source, f"{self._left} bytes behind the last stream", "none")
+            raise FormatError(self._source, f"{self._left} bytes after the last stream", "none")
         return self._records if self.header.has_extensions else b""
 
     def _take(self, size: int, what: str) -> bytes:

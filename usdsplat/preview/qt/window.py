@@ -197,8 +197,8 @@ class Window(QMainWindow):
     def about(self) -> None:
         """Show the about dialog."""
         words = (
-            f"<b>usdsplat {__version__}</b><p>Gaussian splats in USD "
-            "pipelines.</p><p>Apache-2.0</p>"
+            f"<b>usdsplat {__version__}</b>"
+            "<p>Gaussian splats in USD pipelines.</p><p>Apache-2.0</p>"
         )
         box = QMessageBox(QMessageBox.Icon.NoIcon, "About usdsplat", words, parent=self)
         box.setIconPixmap(window_icon().pixmap(64, 64))

@@ -71,7 +71,7 @@ class Job(ABC):
             self.failure = str(error)
         except Exception:  # an unexpected exception must not end the window
             LOG.exception("a bug in a simulation")
-            self.failure = "simulation: found a bug, expected none; see the terminal"
+            self.failure = "simulation: found an internal error, expected none; see the terminal"
         self.is_over = True
         self._changed()
 

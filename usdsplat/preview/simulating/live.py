@@ -110,7 +110,7 @@ class LiveRun(Job):
                 due = max(due + 1 / rate, now)
                 self.gate.rest(due - now)
             began, held = time.perf_counter(), self.gate.held
-        self.message = "the last frame is done; Run begins anew"
+        self.message = "the last frame is done; Run starts again"
 
     def _refused(self, error: StageError) -> None:
         """Report an error and wait until work is resumed after the stage is fixed."""

@@ -212,7 +212,7 @@ class Host(QObject):
             is_busy = view.session.has_work and view.session.turn()
         except Exception:  # a bug of ours must not end usdview, nor repeat every turn
             LOG.exception("a bug in usdsplat's docks")
-            self._say("found a bug, expected none; see the terminal")
+            self._say("found an internal error, expected none; see the terminal")
             self._end()
             return
         if view.document is not None:

@@ -352,7 +352,9 @@ def _check_names_no_file(settings: RenderSettings) -> None:
     """Raise an error for settings that would read a file of this machine's disks."""
     config = settings.ocio_config
     if config and not config.startswith("ocio://"):
-        raise UsageError("ocio_config", repr(config), "an ocio:// name; files are for $OCIO")
+        raise UsageError(
+            "ocio_config", repr(config), "an ocio:// name; a file can only be set by $OCIO"
+        )
 
 
 def _editors(instance: Any) -> Any:

@@ -87,7 +87,7 @@ class Guard:
         """Return the name of the requested file, or `SOCKET`, or why the request is rejected."""
         hosts = list(headers.get_all("Host"))
         if len(hosts) != 1 or not self._is_own(hosts[0]):
-            return _refused("Host: found another machine's, expected this one's")
+            return _refused("Host: found the name of another machine, expected that of this one")
         if method != "GET":
             return Refusal(
                 status=HTTPStatus.METHOD_NOT_ALLOWED,
@@ -95,13 +95,16 @@ class Guard:
             )
         token, _, name = path.partition("?")[0].removeprefix("/").partition("/")
         if not hmac.compare_digest(token.encode(errors="replace"), self._token):
-            return _refused("URL: found none or another token, expected the terminal's URL")
+            return _refused(
+                "URL: found no token or a wrong one, expected the URL printed in the terminal"
+            )
         origins = list(headers.get_all("Origin"))
         if origins not in ([], [f"http://{hosts[0]}"]) or (name == SOCKET and not origins):
-            return _refused("Origin: found another one, expected this page's")
+            return _refused("Origin: found another origin, expected that of this page")
         if name not in self._files:
             return Refusal(
-                status=HTTPStatus.NOT_FOUND, sentence="path: found nothing, expected the page's"
+                status=HTTPStatus.NOT_FOUND,
+                sentence="path: found an unknown path, expected one of the page's files",
             )
         return name
 

@@ -45,7 +45,9 @@ class _Drag:
 class Hello(_Size):
     """The first message of a page."""
 
-    page: str = knob(MISSING, "name chosen by the page; a known one is let in at once")
+    page: str = knob(
+        MISSING, "name chosen by the page; a page that is already known is accepted at once"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +136,7 @@ class SetTime:
     """Show a time."""
 
     time: float = knob(MISSING, "time code", range=(-1e9, 1e9))
-    is_scrubbing: bool = knob(False, "whether more follow soon, until the move ends")
+    is_scrubbing: bool = knob(False, "whether further times follow soon, until the drag ends")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -165,7 +165,7 @@ class Server:
             page.outbox.tell("problem", str(error))
         except Exception:
             LOG.exception("a bug in the web view")
-            page.outbox.tell("problem", "found a bug, expected none; see the terminal")
+            page.outbox.tell("problem", "found an internal error, expected none; see the terminal")
 
 
 def serve(

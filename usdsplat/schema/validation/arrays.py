@@ -36,7 +36,10 @@ def value_types(sample: Sample) -> Iterator[Finding]:
         name = sample.name(attribute)
         if not sample.is_typed(name):
             found, expected = actual_type(sample.value(name)), expected_type(name)
-            cure = f"author it as {expected}; with another type it is ignored, or the whole field"
+            cure = (
+                f"author it as {expected}; otherwise readers ignore the attribute or the whole "
+                "field"
+            )
             yield sample.finding("error", name, WRONG_TYPE, f"{found}", f"{expected}", cure)
 
 
@@ -48,8 +51,11 @@ def first_samples(sample: Sample) -> Iterator[Finding]:
         if stock.begins_empty(sample.prim, attribute):
             half = tokens.HALF_OF[attribute]
             found = "values after an empty first sample"
-            expected = f"values in the first one too, or readers by USD's rule look for {half}"
-            cure = "begin with at least one splat, if only one of opacity 0"
+            expected = (
+                "values in the first sample too; otherwise readers that follow USD's rule look "
+                f"for {half}"
+            )
+            cure = "begin with at least one splat; its opacity can be 0"
             yield sample.finding("warning", attribute, "emptyFirst", found, expected, cure)
 
 

@@ -36,7 +36,7 @@ def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str
         raise StageError(where, found, "finite ones")
     if cloud.ids is not None and (np.diff(cloud.ids) <= 0).any():
         said = StageError(
-            f"{where}.ids", "ids that do not ascend, and are not used", "a sorted field"
+            f"{where}.ids", "ids that do not ascend", "ascending ids; the ids are ignored"
         )
         return replace(cloud, ids=None), [str(said)]
     return cloud, []

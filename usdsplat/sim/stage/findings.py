@@ -45,12 +45,16 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
     if not _ever(simulation, "rd:enabled"):
         for name in ("growth:rate", "growth:birthRate"):
             if _ever(simulation, name):
-                yield f"{NAMESPACE}:{name}", "no pattern to grow by", "splatSim:rd:enabled on"
+                yield f"{NAMESPACE}:{name}", "growth without a pattern", "splatSim:rd:enabled on"
         for name in instances(simulation, "driver"):
             source = simulation.GetAttribute(f"{NAMESPACE}:driver:{name}:source")
             if (value(source, Usd.TimeCode.Default()) or "v") in _PATTERN:
                 where = f"{NAMESPACE}:driver:{name}:source"
-                yield where, "no pattern to read", "splatSim:rd:enabled on, or another source"
+                yield (
+                    where,
+                    "a driver without a pattern",
+                    "splatSim:rd:enabled on, or another source",
+                )
     target = simulation.GetRelationship(f"{NAMESPACE}:conform:target")
     has_target = bool(target and target.GetForwardedTargets())
     if has_target != _ever(simulation, "conform:weight"):

@@ -331,7 +331,7 @@ def _run(
     for path, solver in simulation.solvers.items():
         if solver.trapped:
             found = f"{counted(solver.trapped, 'splat')} that remain inside the affectors"
-            remark(f"{path}: found {found}, expected room between them")
+            remark(f"{path}: found {found}, expected enough space between affectors")
     return Report(
         target=str(bake.target),
         frames=len(left),

@@ -60,7 +60,7 @@ def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
                     name="noResults",
                     found=f"a bake without its layer {path}",
                     expected=f"the file beside {layer.GetDisplayName()}",
-                    cure="bring the folder of its data back, or bake it again",
+                    cure="restore the folder of its data, or bake it again",
                 )
 
 
