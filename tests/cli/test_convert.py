@@ -75,7 +75,7 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
         (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of ."),
         (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
-        (["ball.ply", "a.usdc", "--axes", "xyz"], "--axes: found 'xyz', expected where x, y"),
+        (["ball.ply", "a.usdc", "--axes", "xyz"], "--axes: found 'xyz', expected the directions"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
     ],
 )

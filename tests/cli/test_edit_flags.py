@@ -26,7 +26,7 @@ def test_files_and_flags_may_stand_in_any_order_but_edits_keep_theirs(typed) -> 
     """Oracle: the words, sorted by hand."""
     options = parse(Options, "convert", "", arranged(typed.split()))
     assert (options.source, options.others) == ("a.ply", ("b.ply",))
-    assert [str(item) for item in edits_of(options.edits)] == [
+    assert [str(item) for item in edits_of(options.edit)] == [
         "scale 2",
         "translate 1,0,0",
         "scale 3",
@@ -49,7 +49,7 @@ def test_values_may_be_left_out_where_there_is_a_usual_one(typed, said) -> None:
     """Oracle: the edits, written out by hand; a file is never taken for a value."""
     options = parse(Options, "convert", "", arranged(typed.split()))
     assert (options.source, options.others) == ("a", ("b",))
-    assert [str(item) for item in edits_of(options.edits)] == said
+    assert [str(item) for item in edits_of(options.edit)] == said
 
 
 @pytest.mark.parametrize(

@@ -4,18 +4,18 @@ examples:
   usdsplat compile
       for this machine: its CPU, and its GPU if there is one
   usdsplat compile --device cpu --cache-dir /opt/usdsplat-kernels
-      for a container image; set USDSPLAT_CACHE_DIR to that folder where it runs
+      for a container image; set USDSPLAT_CACHE_DIR to that folder in the image
   usdsplat compile --device cuda --capability 8.9,9.0
       for GPUs of other machines; no driver is needed
 
 notes:
   Kernels are stored in USDSPLAT_CACHE_DIR, or in the user's cache folder. A stored kernel is
   compiled again only if its sources, the versions of the compilers or the type of processor differ.
-  An image must therefore be made on the type of processor that it runs on. There the folder may be
-  read-only.
-  The GPU's sorting kernels can only be compiled on a GPU of the same capability. Without one, they
-  are left out with --capability, and the first process that sorts compiles them, which takes up to
-  half a minute.
+  An image must therefore be made on the type of processor that it runs on. In the image, the folder
+  may be read-only.
+  The GPU's sorting kernels can only be compiled on a GPU of the same capability. If --capability
+  names another one, these kernels are left out. The first process that needs them then compiles
+  them, which takes up to half a minute.
 """
 
 from __future__ import annotations

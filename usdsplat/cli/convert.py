@@ -24,8 +24,9 @@ examples:
 
 notes:
   Axes are the directions of x, y and z: rdf is right, down, forward, as in most captures.
-  Edits apply to the values of a capture, as 'usdsplat info' prints them. From a stage to a capture
-  they apply to the resulting capture, from stage to stage to the values of each field and sample.
+  Edits change the values that 'usdsplat info' prints for a capture. If a stage is converted to a
+  capture, they change the resulting capture; if a stage is converted to a stage, they change the
+  values of each field and time sample.
   Inputs are never changed. The output appears when it is complete.
 """
 
@@ -72,9 +73,9 @@ def run(options: Options) -> int:
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
     sources, target = [Path(options.source), *map(Path, options.others[:-1])], options.others[-1]
-    edits = edits_of(options.edits)
+    edits = edits_of(options.edit)
     check(options, sources, target)
-    stage, frames, captures = options.stage_written, options.sequences, options.captures
+    stage, frames, captures = options.stage_output, options.sequence, options.capture
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         if any(edit.kind.compiles for edit in edits):
@@ -96,8 +97,8 @@ def run(options: Options) -> int:
                 reading=ReadOptions(lod=captures.lod or 0),
             ),
             export=ExportOptions(
-                time=time_code(options.stage_read.frame),
-                split=options.stage_read.split,
+                time=time_code(options.stage_input.frame),
+                split=options.stage_input.split,
                 writing=WriteOptions(spz_version=captures.spz_version or 4),
             ),
             sequence=SequenceOptions(

@@ -45,7 +45,7 @@ class StageRead:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """Sequences: IN or OUT with a placeholder for the frame number, such as cap.####.ply."""
+    """For sequences: IN or OUT with a placeholder for the frame number, such as cap.####.ply."""
 
     frames: Annotated[str | None, option("RANGE")] = None
     """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; default: all"""
@@ -54,7 +54,7 @@ class Frames:
     rate: Annotated[float | None, option("FPS")] = None
     """frames per second of a sequence that becomes a stage; default: 24"""
     interpolate: Annotated[bool, option()] = False
-    """treat equal rows of all frames as the same splat, which then moves between frames"""
+    """treat row i of all frames as the same splat, and interpolate it between frames"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,11 +82,11 @@ class Options:
     """field to write or read; default: one named after the file, or the whole stage"""
     json: Annotated[bool, option()] = False
     """print one JSON object with a report"""
-    stage_written: StageWritten = field(default_factory=StageWritten)
-    stage_read: StageRead = field(default_factory=StageRead)
-    sequences: Frames = field(default_factory=Frames)
-    captures: Captures = field(default_factory=Captures)
-    edits: EditFlags = field(default_factory=EditFlags)
+    stage_output: StageWritten = field(default_factory=StageWritten)
+    stage_input: StageRead = field(default_factory=StageRead)
+    sequence: Frames = field(default_factory=Frames)
+    capture: Captures = field(default_factory=Captures)
+    edit: EditFlags = field(default_factory=EditFlags)
 
 
 _MEANINGFUL = {
@@ -142,7 +142,7 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
             said = f"{words[0]} that becomes {words[1]}" + (", frame by frame" if of_frames else "")
             listed = ", ".join(map(_flag, meaningful))
             raise UsageError(_flag(name), f"it with {said}", f"only {listed}, or edits")
-    lod, version = options.captures.lod, options.captures.spz_version
+    lod, version = options.capture.lod, options.capture.spz_version
     if lod is not None and lod < 0:
         raise UsageError("--lod", str(lod), "a level, 0 the finest")
     if version is not None and not target.lower().endswith(".spz"):
@@ -154,7 +154,7 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
 def _given(options: Options) -> Iterator[str]:
     """Yield the names of the flags whose value is not the default."""
     groups: tuple[Any, ...] = (
-        *(options.stage_written, options.stage_read, options.sequences, options.captures),
+        *(options.stage_output, options.stage_input, options.sequence, options.capture),
     )
     for group in groups:
         for item in fields(group):

@@ -41,7 +41,7 @@ class Options:
     json: Annotated[bool, option()] = False
     """print one JSON object"""
     plot: Annotated[Path | None, option("FILE")] = None
-    """also write a page with views from front, right and above and histograms: .png or .html"""
+    """also write a page with histograms and views from front, right and above: .png or .html"""
     opening: StageOptions = field(default_factory=StageOptions)
 
 

@@ -2,7 +2,7 @@
 
 examples:
   usdsplat match shot.usda -o graded.usda --reference plate.exr --camera /World/Cam
-      match the plate that this camera took of the same place
+      match a plate of the same place with the same view as this camera
   usdsplat match shot.usda -o graded.usda --reference plate.exr --fit exposure,whiteBalance
       the same without a matrix
   usdsplat match scan.usda -o graded.usda --chart classic24 --patches chart.json --camera /Cam
@@ -14,7 +14,7 @@ notes:
   Patches are pixel regions of the camera's picture, x0,y0,x1,y1 separated by semicolons, in the
   order of the chart. Alternatively a JSON file has a list of them, with null for a hidden patch, or
   an object with the chart's patch names as keys.
-  The matrix stays identity if the colours are too few or too similar to determine it.
+  The matrix remains the identity if the colours are too few or too similar to determine it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Options:
     frame: Annotated[float | None, option("FRAME")] = None
     """time code of the picture; default: the stage's first"""
     device: Annotated[str, option("NAME")] = "auto"
-    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
+    """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None
     """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False

@@ -109,7 +109,7 @@ def _parser(
 def _add(parser: Any, argument: Argument) -> None:
     """Add one argument to a parser or to one of its groups."""
     shown, text = argument.shown, argument.text.replace("%", "%%")
-    metavar = shown.metavar or _METAVARS.get(argument.kind)
+    metavar = _METAVARS.get(argument.kind) if shown.metavar is None else shown.metavar
     if shown.is_positional:
         nargs = "*" if argument.is_many else "?"
         parser.add_argument(argument.dest, metavar=metavar, nargs=nargs, help=text)

@@ -2,7 +2,7 @@
 
 examples:
   usdsplat render scan.ply -o scan.png
-      a capture as a viewer shows it, with a camera that frames it
+      a capture as splat viewers show it, with a camera that frames it
   usdsplat render shot.usd -o shot.####.exr --frames 1001-1024 --camera /World/Cam
       linear half EXRs for compositing, one per frame
   usdsplat render shot.usd -o shot.exr --aovs color,Z,id,splatId --float
@@ -21,9 +21,9 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
-  With several products, -o draws the first of the settings; --product selects another.
-  Without a camera on the stage, a static camera frames the first, middle and last frame. For a
-  sequence that is rendered in several runs, use --camera.
+  If the stage has several products, -o renders the first one; --product selects another.
+  If the stage has no camera, a static camera shows the splats of the first, middle and last
+  frame. For a sequence that is rendered in several runs, use --camera.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Options:
     axes: Annotated[str | None, option("AXES")] = None
     """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
-    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
+    """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None
     """number of threads; default: all cores"""
     memory_limit: Annotated[str | None, option("SIZE")] = None

@@ -29,7 +29,7 @@ ColorFlags: Any = flags_of(
         "color_mode", "working_space", "inverse_max",
         "ocio_config", "ocio_display", "ocio_view", "ocio_look",
     ),
-    about="Colours of the picture. inverseView and --bake-view need a view.",
+    about="Colours of the picture. inverseView and --bake-view need an OCIO view.",
 )  # fmt: skip
 FileFlags: Any = flags_of(RenderSettings, FILE_KNOBS)
 

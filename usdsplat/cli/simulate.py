@@ -60,7 +60,7 @@ class Options:
     axes: Annotated[str | None, option("AXES")] = None
     """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
-    """device that computes, auto, cpu or cuda; default: auto, the fastest one available"""
+    """device that computes, auto, cpu or cuda; default: auto, which is the CPU"""
     threads: Annotated[int | None, option("N")] = None
     """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False

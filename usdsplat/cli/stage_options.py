@@ -11,12 +11,12 @@ from usdsplat.cli.arguments import option
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageOptions:
-    """Options for opening a stage, with the names of usdview and husk."""
+    """Options for opening a stage, named as in usdview and husk."""
 
     variant: Annotated[tuple[str, ...], option("/PRIM:SET=NAME")] = ()
     """select a variant; may be repeated"""
     mute: Annotated[tuple[str, ...], option("LAYER")] = ()
-    """mute layers whose identifier contains this regular expression; may be repeated"""
+    """mute layers whose identifier matches this regular expression; may be repeated"""
     mask: Annotated[tuple[str, ...], option("/PRIM")] = ()
     """load only this prim, the prims below it and those that it refers to; may be repeated"""
     session_layer: Annotated[Path | None, option("FILE")] = None

@@ -1,4 +1,4 @@
-"""Check the splats and simulations of a stage; each finding has a cure.
+"""Check the splats and simulations of a stage, and say how to fix each problem.
 
 examples:
   usdsplat validate shot.usd
@@ -9,8 +9,8 @@ examples:
   usdsplat validate shot.usd --variant /World/Tree:season=autumn --mute proxy
 
 notes:
-  An error changes or loses the picture, or prevents a simulation. A warning is about a problem in
-  other applications, or about a setting without effect.
+  An error means that the picture is wrong or missing, or that the stage cannot be simulated. A
+  warning means that other applications have a problem, or that a setting has no effect.
 """
 
 from __future__ import annotations

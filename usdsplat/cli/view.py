@@ -78,7 +78,7 @@ class Options:
     axes: Annotated[str | None, option("AXES")] = None
     """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
     device: Annotated[str, option("NAME")] = "auto"
-    """device that renders, auto, cpu or cuda; default: auto, the fastest one available"""
+    """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None
     """number of threads; default: all cores"""
     browser: WebOptions = field(default_factory=WebOptions)

@@ -19,7 +19,9 @@ class RenderSettings:
         "auto", "order of all splats of a picture; auto follows the prims if they agree"
     )
     rasterize_mode: Literal["auto", "classic", "antialiased"] = knob(
-        "auto", "whether the low-pass filter lowers opacity as it widens; auto follows each prim"
+        "auto",
+        "how the low-pass filter, which enlarges small splats, changes opacity: classic keeps it, "
+        "antialiased lowers it to preserve the sum; auto follows each prim",
     )
     sh_degree: int = knob(4, "highest harmonic degree evaluated", range=(0, 4))
     display_mode: Literal["splats", "points", "ellipses", "normals"] = knob(
@@ -76,7 +78,8 @@ class RenderSettings:
     multipart: bool = knob(False, "whether each AOV is written as a separate EXR part")
     deep_error: float = knob(
         0.0,
-        "maximum change of the opacity in front of any depth of a deep pixel by merging samples",
+        "merge neighbouring deep samples while the opacity in front of any depth changes by this "
+        "or less; 0 merges none",
         range=(0.0, 0.1),
     )
 

@@ -21,7 +21,7 @@ class AffectorParameters:
         "collide pushes splats out; the others act with amount inside and fade over falloff "
         "outside: seed starts the pattern, mask limits growth, births and collisions to the "
         "splats inside, wind moves flying splats along the local z axis, feed adds to the "
-        "reaction's feed rate, growth and opacity multiply",
+        "reaction's feed rate, growth multiplies growth rates, opacity multiplies opacities",
         uniform=True,
     )
     amount: float = knob(
@@ -38,7 +38,7 @@ class AffectorParameters:
     clearance: float = knob(
         0.5,
         "distance kept from splats, in standard deviations of the splat at rest along its longest "
-        "axis, counted up to three times the field's median", unit="sigma",
+        "axis; for large splats, in three times the field's median deviation", unit="sigma",
         range=(0.0, 3.0),
     )  # fmt: skip
     friction: float = knob(0.2, "friction: 0 slides, 1 sticks", range=(0.0, 1.0))
@@ -58,7 +58,7 @@ class AffectorParameters:
     )
     joints: tuple[str, ...] = knob(
         (),
-        "joints of a Skeleton that have a capsule, by name or path; empty is all",
+        "joints of a Skeleton that get a capsule, by name or path; empty is all",
         usd_type="token[]",
         uniform=True,
     )

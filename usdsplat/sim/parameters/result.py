@@ -62,12 +62,12 @@ class DriverParameters:
     )
     color: tuple[float, float, float] = knob(
         (1.0, 1.0, 1.0),
-        "colour to mix in, in the field's colour space, with output color",
+        "colour that output color mixes in, in the field's colour space",
         usd_type="color3f",
     )
     sh_fade: float = knob(
         1.0,
-        "fraction of the view-dependent colour that is removed, with output color",
+        "fraction of the view-dependent colour that output color removes",
         range=(0.0, 1.0),
     )
 

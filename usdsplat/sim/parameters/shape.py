@@ -51,8 +51,8 @@ class ConformParameters:
     )
     mode: Literal["closest", "projectAlong", "normalRay", "optimalSpread"] = knob(
         "closest",
-        "point on the target: the closest one, along axis, along the splat's normal, or the "
-        "closest and then distributed evenly over the target",
+        "point on the target: the closest one, that of a ray along axis, that of a ray along the "
+        "splat's normal, or the closest one, redistributed evenly over the target",
         uniform=True,
     )
     axis: tuple[float, float, float] = knob(
@@ -62,7 +62,9 @@ class ConformParameters:
         uniform=True,
     )
     path: Literal["straight", "slide"] = knob(
-        "straight", "path to the target: a straight line, or down the distance field", uniform=True
+        "straight",
+        "path to the target: a straight line, or along the target's surface with decreasing height",
+        uniform=True,
     )
     orient: float = knob(1.0, "how far splats rotate to lie flat on the target", range=(0.0, 1.0))
     scale_mode: Literal["preserve", "density", "flatten"] = knob(
@@ -113,7 +115,7 @@ class DeformParameters:
     )
     falloff: float = knob(
         0.0,
-        "distance from the frame's origin at which the deformation has faded out; 0 is never",
+        "distance from the frame's origin at which the deformation has faded out; 0: no fading",
         unit="unit",
         range=(0.0, INF),
     )  # fmt: skip
@@ -126,17 +128,17 @@ class DeformParameters:
         0.0, "angle of bend and twist over the length", unit="deg", range=(-3600.0, 3600.0)
     )
     translate: tuple[float, float, float] = knob(
-        (0.0, 0.0, 0.0), "translation, with transform", usd_type="float3"
+        (0.0, 0.0, 0.0), "translation of type transform", usd_type="float3"
     )
     rotate: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0),
-        "rotation about X, then Y, then Z, with transform",
+        "rotation of type transform, about X, then Y, then Z",
         unit="deg",
         usd_type="float3",
     )
     scale: tuple[float, float, float] = knob(
         (1.0, 1.0, 1.0),
-        "scale, with transform; with taper that across the axis at the end of the length",
+        "scale of type transform; for taper, the scale across the axis at the end of the length",
         usd_type="float3",
     )
     amount: float = knob(0.1, "amplitude of noise, curl and wave", unit="unit", range=(-INF, INF))
@@ -182,7 +184,7 @@ class ParticlesParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DissolveParameters:
-    """Dissolving: splats detach one after the other; or, reversed in time, assembling."""
+    """Dissolving: splats detach one after the other. Assembling is the same, reversed in time."""
 
     enabled: bool = knob(False, "whether splats detach")
     mode: Literal["dissolve", "assemble"] = knob(
@@ -192,17 +194,18 @@ class DissolveParameters:
     )
     by: Literal["noise", "distance", "random"] = knob(
         "noise",
-        "order in which splats detach: patches of a size, the nearest to origin first, or random",
+        "order in which splats detach: in patches of dissolve:size, nearest to origin first, or "
+        "random",
         uniform=True,
     )
     origin: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0),
-        "point from which distance is measured, with by distance, in the field's space",
+        "point in the field's space from which order distance is measured",
         usd_type="point3f",
         uniform=True,
     )
     size: float = knob(
-        0.25, "size of the patches, with by noise", unit="unit", range=(1e-6, INF), uniform=True
+        0.25, "size of the patches of order noise", unit="unit", range=(1e-6, INF), uniform=True
     )
     start: float = knob(
         0.0,
@@ -229,7 +232,7 @@ class DissolveParameters:
     )
     fade: float = knob(
         0.5,
-        "time in which a detached splat vanishes; 0 is never",
+        "time in which a detached splat vanishes; with 0 it stays visible",
         unit="s",
         range=(0.0, INF),
         uniform=True,

@@ -72,7 +72,7 @@ class NeighborsParameters:
     target: float = knob(16.0, "number of neighbours wanted for each splat", range=(6.0, 48.0))
     gain: float = knob(
         0.8,
-        "fraction of the error of the number of neighbours that a step corrects",
+        "fraction of the difference from the target that a step corrects",
         range=(0.0, 1.0),
     )
     h_min: float = knob(
@@ -101,7 +101,7 @@ class RdParameters:
     enabled: bool = knob(False, "whether a pattern grows")
     preset: Literal[
         "custom", "spots", "worms", "labyrinth", "coral", "holes", "chaos", "uskate"
-    ] = knob("custom", "a feed and a kill rate by name; custom takes feed and kill")
+    ] = knob("custom", "a feed and a kill rate by name; custom uses rd:feed and rd:kill")
     feed: float = knob(0.037, "feed rate F of u", range=(0.0, 0.1))
     kill: float = knob(0.060, "kill rate k: decay of v in addition to F", range=(0.03, 0.075))
     diffusion_u: float = knob(0.16, "diffusion of u, in lattice units", range=(0.0, 0.25))
@@ -122,7 +122,7 @@ class RdParameters:
     )
     d_tau: float = knob(
         1.0,
-        "duration of a reaction step, in lattice units; divided where it would be unstable",
+        "duration of a reaction step, in lattice units; a step that would be unstable is split",
         range=(0.0, 2.0),
     )
     domain: Literal["carrier", "self"] = knob(
@@ -133,7 +133,9 @@ class RdParameters:
     )
     conservative: bool = knob(False, "whether diffusion preserves the sums of u and v exactly")
     anisotropy: float = knob(
-        0.0, "factor by which diffusion is faster along direction", range=(0.0, 0.9)
+        0.0,
+        "fraction by which diffusion is slower across direction than along it",
+        range=(0.0, 0.9),
     )
     direction: tuple[float, float, float] = knob(
         (0.0, 1.0, 0.0), "direction of anisotropy, in the field's space", usd_type="vector3f"
@@ -146,7 +148,7 @@ class RdParameters:
     )
     seed_density: float = knob(
         0.002,
-        "fraction of the points that are seeded, with points and noise",
+        "fraction of the points that are seeded, for seedMode points and noise",
         range=(0.0, 1.0),
         uniform=True,
     )
@@ -158,7 +160,7 @@ class RelaxParameters:
 
     iterations: int = knob(
         20,
-        "redistribution sweeps before the first frame, where the reaction's domain is self",
+        "redistribution sweeps before the first frame, if rd:domain is self",
         range=(0, 200),
         uniform=True,
     )  # fmt: skip
@@ -184,7 +186,7 @@ class GrowthParameters:
         range=(0.0, INF),
     )  # fmt: skip
     birth_fade: float = knob(
-        0.25, "time in which a child grows to its size", unit="s", range=(0.0, INF)
+        0.25, "time in which a child grows to its full size", unit="s", range=(0.0, INF)
     )
     life: float = knob(
         INF,
