@@ -96,7 +96,7 @@ def test_nothing_grows_on_a_large_capture(run, capture, tmp_path, monkeypatch):
     """Oracle: the line that says so, and no bake."""
     monkeypatch.setattr("usdsplat.products.demo.GROWN", 299)
     status, out, _ = run("demo", capture, "-o", tmp_path / "demo", "--frames", 1)
-    assert status == 0 and "no simulation: 300 splats are too many for a demo\n" in out
+    assert status == 0 and "no simulation: 300 splats are too many for the demo\n" in out
     assert not (tmp_path / "demo" / "growth.usda").exists()
 
 

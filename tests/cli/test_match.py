@@ -200,7 +200,7 @@ def test_the_space_of_the_plate_counts(run_json, tmp_path, capture_stage) -> Non
             ("--reference", "PLATE", "--prim", "/Nobody"),
             "--prim: found /Nobody, expected a visible",
         ),
-        (("--reference", "PLATE", "--fit", "gamma"), "--fit: found 'gamma', expected one of exposure"),
+        (("--reference", "PLATE", "--fit", "gamma"), "--fit: found 'gamma', expected one of"),
         (("--reference", "PLATE", "--reference-space", "x"), "expected one of lin_rec709_scene"),
         (("--reference", "PLATE", "--resolution", "9x9"), "--resolution: found a --reference"),
     ],

@@ -102,7 +102,7 @@ def test_what_cannot_be_a_sequence_is_refused(tmp_path: Path) -> None:
     schema.author(still, "/Still", cloud(n=1, degree=0))
     with pytest.raises(UsageError, match=r"found no frames, expected a stage with a range of them"):
         export_sequence(still, tmp_path / "out.####.ply")
-    with pytest.raises(UsageError, match=r"out\.ply: found no place, expected one place"):
+    with pytest.raises(UsageError, match=r"out\.ply: found no placeholder, expected one"):
         export_sequence(growing(), tmp_path / "out.ply")
     with pytest.raises(UsageError, match=r"found frame 2\.5, expected room for its fraction"):
         export_sequence(growing(), tmp_path / "out.####.ply", frames=(2.5,))

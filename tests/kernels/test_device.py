@@ -53,7 +53,7 @@ def test_a_gpu_that_does_not_start_is_one_sentence(broken_gpu):
         open_device("cuda")
     device = open_device("auto")
     assert device.name == "cpu"
-    assert re.match(f"{said} one that does; the CPU is used$", device.remark)
+    assert re.match(f"{said} a working GPU; the CPU is used$", device.remark)
 
 
 @pytest.mark.parametrize("threads", [0, -1, 10_000])
