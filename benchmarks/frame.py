@@ -185,7 +185,7 @@ def against_yardstick(
         f"{name} {size[0]}x{size[1]}: ours {wall:.1f} wall ms {cpu:.1f} CPU ms, prototype "
         f"{peer_wall:.1f} and {peer_cpu:.1f}: ratio {wall / peer_wall:.2f} and "
         f"{cpu / peer_cpu:.2f}; "
-        f"pictures {psnr(ours, theirs):.1f} dB apart"
+        f"PSNR {psnr(ours, theirs):.1f} dB"
     )
 
 

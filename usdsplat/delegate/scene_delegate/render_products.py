@@ -144,8 +144,8 @@ def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
         expected = () if name == "prune" else collections.everything(stage)
         if held != expected:
             words = (
-                f"found some prims, expected {'all' if expected else 'none'}; all are drawn, because "
-                "the collection is not supported"
+                f"found some prims, expected {'all' if expected else 'none'}; all are drawn, "
+                "because the collection is not supported"
             )
             found.append(f"{render_pass.GetPath()} collection:{name}: {words}")
     return tuple(found)
