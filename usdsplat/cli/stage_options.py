@@ -16,7 +16,7 @@ class StageOptions:
     variant: Annotated[tuple[str, ...], option("/PRIM:SET=NAME")] = ()
     """select a variant; may be repeated"""
     mute: Annotated[tuple[str, ...], option("LAYER")] = ()
-    """mute layers whose identifier matches this regular expression; may be repeated"""
+    """mute layers if this regular expression matches part of their identifier; may be repeated"""
     mask: Annotated[tuple[str, ...], option("/PRIM")] = ()
     """load only this prim, the prims below it and those that it refers to; may be repeated"""
     session_layer: Annotated[Path | None, option("FILE")] = None

@@ -38,7 +38,7 @@ class AffectorParameters:
     clearance: float = knob(
         0.5,
         "distance kept from splats, in standard deviations of the splat at rest along its longest "
-        "axis; for large splats, in three times the field's median deviation", unit="sigma",
+        "axis, or in three times their median over the field if this is smaller", unit="sigma",
         range=(0.0, 3.0),
     )  # fmt: skip
     friction: float = knob(0.2, "friction: 0 slides, 1 sticks", range=(0.0, 1.0))
