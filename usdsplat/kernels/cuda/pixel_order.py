@@ -1,9 +1,9 @@
 """Sort the contributions of a pixel by the depths of their ray hits on a GPU.
 
-Contributions arrive nearly sorted, see `quarter_lists`, and wait in the pixel's window until they
-can be processed. The windows of a block are two arrays, depths and places (indices in the list), of
-shape (slots, threads); each thread has a column. Short windows are sorted rings, because most
-contributions are inserted near the end. Long windows are binary heaps.
+Contributions arrive nearly sorted, see `quarter_lists`, and wait in the pixel's window until
+`walk_block` can process them. The windows of a block are two arrays, depths and places (indices in
+the list), of shape (slots, threads); each thread has a column. Short windows are sorted rings,
+because most contributions are inserted near the end. Long windows are binary heaps.
 """
 
 from __future__ import annotations
