@@ -10,20 +10,10 @@ import pytest
 from pxr import Usd, UsdRender
 
 from tests.cli.test_render import SMALL, header, read
+from tests.flattening import over
 from usdsplat.images.deep_reader import read_deep
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-
-def over(counts, color):
-    """Samples over one another, in plain loops and float64."""
-    image = np.zeros((counts.size, 4))
-    at = 0
-    for pixel, count in enumerate(counts.ravel()):
-        for sample in color[at : at + count].astype(np.float64):
-            image[pixel] += (1 - image[pixel, 3]) * sample
-        at += count
-    return image.reshape(*counts.shape, 4)
 
 
 def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import pytest
@@ -31,7 +31,7 @@ class Options:
 
     name: Annotated[str, positional("NAME")]
     """whose"""
-    settings: Flags = Flags()  # noqa: RUF009 - a frozen value
+    settings: Flags = field(default_factory=Flags)
 
 
 def test_flags_that_are_not_given_are_no_opinion():

@@ -139,7 +139,7 @@ def _flag(knob: Knob) -> Any:
 
 
 def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
-    """Yield the arguments of a dataclass, including those of its groups."""
+    """Yield the arguments of a dataclass and of the dataclasses in its fields."""
     hints = get_type_hints(options, include_extras=True)
     texts = _texts(options)
     for item in fields(options):

@@ -1,4 +1,4 @@
-"""Define the options of `convert`, and check which apply to a kind of conversion."""
+"""Define the options of `convert`, and check that those given fit the kind of conversion."""
 
 from __future__ import annotations
 

@@ -9,11 +9,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, get_type_hints
 
 from usdsplat.cli.arguments import Argument, arguments_of
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 _KINDS = {float: "a number", int: "a whole number"}
 _METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
@@ -199,7 +202,7 @@ def _made(options: type[T], values: dict[str, Any], owner: str = "") -> T:
     default."""
     hints = get_type_hints(options)
     found = {}
-    for item in fields(options):  # type: ignore[arg-type]
+    for item in fields(options):
         if is_dataclass(hints[item.name]):
             found[item.name] = _made(hints[item.name], values, item.name)
         elif f"{owner}.{item.name}" in values:

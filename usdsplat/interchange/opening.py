@@ -1,4 +1,4 @@
-"""Open a stage with options, or a capture as a stage; and reload it."""
+"""Open a stage or a capture as a stage, with options, and reload it."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class Pattern:
             state.globals[_LISTS + key] = array
 
     def restore(self, state: State) -> None:
-        """Restore the result of `remember`, bit for bit."""
+        """Set the values that `remember` saved in `state`, with the same bits."""
         if SHAPE in state.globals:
             dimension, self.usual_support = (float(each) for each in state.globals[SHAPE])
             self.dimension = int(dimension)

@@ -130,7 +130,7 @@ class TargetPose:
                 state.globals[f"{name}:{key}"] = array
 
     def restore(self, state: State) -> None:
-        """Restore the result of `remember`, bit for bit."""
+        """Set the values that `remember` saved in `state`, with the same bits."""
         for name, part in self._parts():
             lead = f"{name}:"
             part.restore(

@@ -16,7 +16,7 @@ class Block:
     """Rows that are sums of equally many terms."""
 
     rows: I32
-    """Rows of the result, shape (m,)."""
+    """Row of the result for each sum, shape (m,)."""
     columns: I32
     """Row of the values of each term, shape (w, m)."""
     weights: F32

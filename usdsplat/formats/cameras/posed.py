@@ -27,8 +27,8 @@ class Posed:
     """Image name as in the file: a path relative to the folder of images."""
     lens: Lens
     to_capture: F64
-    """Camera to capture, shape (4, 4), column vectors: a rotation and a translation. Camera axes
-    are OpenCV's: x right, y down, z forward."""
+    """Transformation from camera to capture, a rotation and a translation, shape (4, 4), for column
+    vectors. Camera axes are OpenCV's: x right, y down, z forward."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

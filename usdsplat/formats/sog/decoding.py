@@ -50,7 +50,7 @@ Codes = npt.NDArray[np.uint8]
 
 
 Range = tuple[int, int]
-"""Splats from the first index up to, excluding, the second."""
+"""Range of splats: index of the first, and index after the last."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Model stone and gold: drum, kerb and rim, the cup of the shell, vines."""
+"""Model the plinth of the demo scene: its stone and its gold ornaments."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING
 
 from usdsplat.core.errors import BackendError
@@ -21,7 +22,7 @@ def check_matplotlib() -> None:
         BackendError: If it is not; the message has the command that installs it.
     """
     try:
-        import matplotlib  # noqa: F401 - whether it loads
+        importlib.import_module("matplotlib")
     except ModuleNotFoundError:
         raise BackendError("--plot", "no matplotlib", INSTALL) from None
 
