@@ -23,7 +23,6 @@ notes:
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import tempfile
@@ -231,7 +230,7 @@ def _check_file(path: Path, options: Options) -> None:
 def _check_window() -> None:
     """Raise an error if no window can be shown. Each message suggests the page instead."""
     try:
-        importlib.import_module("PySide6.QtWidgets")
+        import PySide6.QtWidgets  # noqa: F401 - checks that it can be loaded
     except ModuleNotFoundError:
         expected = "'pip install usdsplat[view]', or --web for a page in a browser"
         raise BackendError("window", "no PySide6", expected) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
 
 from usdsplat.core.errors import BackendError
@@ -22,7 +21,7 @@ def check_matplotlib() -> None:
         BackendError: If it is not; the message has the command that installs it.
     """
     try:
-        importlib.import_module("matplotlib")
+        import matplotlib  # noqa: F401 - checks that it can be loaded
     except ModuleNotFoundError:
         raise BackendError("--plot", "no matplotlib", INSTALL) from None
 
