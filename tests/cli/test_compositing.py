@@ -159,7 +159,7 @@ def test_a_lens_and_a_shutter_are_spoken_of_once(run, shot, tmp_path):
     camera.GetFStopAttr().Set(2.0)
     camera.GetFocusDistanceAttr().Set(4.0)
     stage.GetRootLayer().Save()
-    output = ("-o", tmp_path / "a.#.png", *SMALL)
+    output = ("-o", tmp_path / "a.%d.png", *SMALL)
     sentence = (
         "one sample does not show the blur of the shutter and lens; use for example --samples 64"
     )

@@ -115,7 +115,7 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
             "--frames: found it with a capture that becomes a stage",
         ),
         (
-            ["shot.usda", "b.#.ply", "--frame", "1"],
+            ["shot.usda", "b.$F.ply", "--frame", "1"],
             "--frame: found it with a stage that becomes a capture, fra",
         ),
         (
@@ -129,12 +129,18 @@ def test_what_cannot_be_done_is_one_sentence(run, capture, monkeypatch, argv, se
         (["ball.ply", "b.ply", "--lod", "-1"], "--lod: found -1, expected a level, 0 the finest"),
         (["ball.ply", "shot.usda", "b.usdc"], "shot.usda: found a stage among several inputs"),
         (
-            ["ball.ply", "b.#.ply"],
-            "b.#.ply: found a placeholder for the frame number but no frames",
+            ["ball.ply", "b.$F.ply"],
+            "b.$F.ply: found a placeholder for the frame number but no frames",
         ),
-        (["b.#.ply", "b.ply"], "b.ply: found one file for a sequence, expected a stage, or a name"),
-        (["b.#.ply", "ball.ply", "b.usda"], "b.#.ply: found a sequence among several inputs"),
-        (["b.#.ply", "b.usda"], "b.#.ply: found no file of that name, expected one for each frame"),
+        (
+            ["b.$F.ply", "b.ply"],
+            "b.ply: found one file for a sequence, expected a stage, or a name",
+        ),
+        (["b.$F.ply", "ball.ply", "b.usda"], "b.$F.ply: found a sequence among several inputs"),
+        (
+            ["b.$F.ply", "b.usda"],
+            "b.$F.ply: found no file of that name, expected one for each frame",
+        ),
         (["ball.ply"], "convert: found no OUT, expected one; see 'usdsplat convert --help'"),
         (["shot.usda", "b.usda/"], "b.usda/: found the name of a folder, expected one of a file"),
         (["shot.usda", "b.doc"], "b.doc: found suffix '.doc', expected one of ."),

@@ -43,7 +43,7 @@ def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
     """Oracle: the files; a frame that is there stays, and no flat picture is spoken of."""
     (tmp_path / "a.1.exr").write_bytes(b"here already")
     flags = ("--deep", "--no-compare", "--deep-compression", "zips", "--resume", *SMALL)
-    output = ("-o", tmp_path / "a.#.exr", "--frames", "1-4x2,2", "--json")
+    output = ("-o", tmp_path / "a.%d.exr", "--frames", "1-4x2,2", "--json")
     status, out, err = run("render", shot, *output, *flags)
     assert (status, "flattened" in err) == (0, False)
     assert [item["frame"] for item in json.loads(out)] == [3, 2]

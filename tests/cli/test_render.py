@@ -128,7 +128,7 @@ def test_a_sequence_is_one_file_a_frame(run, run_json, shot, tmp_path, pictured)
 def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
     """Oracle: the file that was there is not touched, the others come."""
     (tmp_path / "a.2.png").write_bytes(b"here already")
-    output = tmp_path / "a.#.png"
+    output = tmp_path / "a.%d.png"
     drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)
     assert [item["frame"] for item in drawn] == [1, 3]
     assert (tmp_path / "a.2.png").read_bytes() == b"here already"
@@ -167,7 +167,7 @@ def moving(tmp_path):
 def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path):
     """Oracle: one matrix in all headers; the ball is whole in every frame and moves to the right
     by more than its own size; a run that resumes sees the same."""
-    drawn = run_json("render", moving, "-o", tmp_path / "a.#.exr", *SMALL)
+    drawn = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL)
     pictures = [read(item["path"])[..., 3] for item in drawn]
     matrices = {header(item["path"]).getattribute("worldToCamera") for item in drawn}
     assert (len(drawn), len(matrices)) == (3, 1)
@@ -176,7 +176,7 @@ def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path
     for alpha in pictures:
         assert max(edge.max() for edge in (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])) < 0.05
     (tmp_path / "a.3.exr").unlink()
-    (again,) = run_json("render", moving, "-o", tmp_path / "a.#.exr", *SMALL, "--resume")
+    (again,) = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL, "--resume")
     np.testing.assert_array_equal(read(again["path"])[..., 3], pictures[2])
 
 
@@ -341,7 +341,6 @@ def test_both_parts_say_what_ids_stand_for_and_where_the_camera_is(run, shot, tm
         (["-o", "a.png", "--threads", "0"], "--threads: found 0, expected 1 to"),
         (["-o", "a.png", "--settings", "/No"], "--settings: found /No, expected the path"),
         (["-o", "a.png", "--product", "/No"], "--product: found /No, expected a product of"),
-        (["-o", "no/a.png"], "no/a.png: found no folder"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_sentence(run, shot, monkeypatch, argv, sentence):

@@ -60,7 +60,18 @@ def test_a_slip_of_the_finger_is_not_a_week_of_rendering():
     ("pattern", "frame", "expected"),
     [
         ("out.####.exr", 7, "out.0007.exr"),
-        ("out.#.exr", 123, "out.123.exr"),
+        ("out.##.exr", 123, "out.123.exr"),
+        ("take#2.####.exr", 7, "take#2.0007.exr"),
+        ("out.$F.exr", 7, "out.7.exr"),
+        ("out.$F4.exr", 7, "out.0007.exr"),
+        ("out.${F4}F.exr", 7, "out.0007F.exr"),
+        ("out_$F4_v2.exr", 1001, "out_1001_v2.exr"),
+        ("out.<F>.exr", 7, "out.7.exr"),
+        ("out.<F4>.exr", 7, "out.0007.exr"),
+        ("out.<f4>.exr", 7, "out.0007.exr"),
+        ("out.$FF.exr", 7.25, "out.7.25.exr"),
+        ("out.<FF>.exr", 7, "out.7.exr"),
+        ("out.$FF.exr", -0.0, "out.0.exr"),
         ("out_%04d.exr", 7, "out_0007.exr"),
         ("out_%d.exr", 7, "out_7.exr"),
         ("out.####.exr", -7, "out.-007.exr"),
@@ -75,6 +86,13 @@ def test_names_take_the_number(pattern, frame, expected):
     """Oracle: written out by hand; C's printf for the sign."""
     assert frame_path(pattern, frame) == Path(expected)
     assert has_place(pattern) == (expected != pattern)
+
+
+@pytest.mark.parametrize("name", ["take#2.exr", "$FOO.exr", "$F4x.exr", "<Frame>.exr", "%4d.exr"])
+def test_other_names_have_no_place(name):
+    """Oracle: a single # is a letter, and other variables are none of ours."""
+    assert not has_place(name)
+    assert frame_path(name, 7) == Path(name)
 
 
 def test_names_without_room_are_refused():
@@ -100,7 +118,10 @@ def test_a_single_frame_needs_no_place():
     [
         ("cap.####.ply", {-1: "cap.-001.ply", 2: "cap.0002.ply", 12345: "cap.12345.ply"}),
         ("cap.%04d.ply", {-1: "cap.-001.ply", 2: "cap.0002.ply", 12345: "cap.12345.ply"}),
-        ("cap.#.ply", {3: "cap.3.ply", 12345: "cap.12345.ply"}),
+        ("cap.%d.ply", {3: "cap.3.ply", 12345: "cap.12345.ply"}),
+        ("cap.$F.ply", {3: "cap.3.ply", 12345: "cap.12345.ply"}),
+        ("cap.<F4>.ply", {-1: "cap.-001.ply", 2: "cap.0002.ply", 12345: "cap.12345.ply"}),
+        ("cap.$FF.ply", {3: "cap.3.ply", 12345: "cap.12345.ply"}),
         ("cap.####.##.ply", {2.5: "cap.0002.50.ply"}),
         ("cap[1]+####.ply", {1: "cap[1]+0001.ply"}),
         ("none.####.ply", {}),
@@ -138,6 +159,7 @@ def test_files_are_found_by_one_place(tmp_path, pattern):
         ("cap_%04d.compressed.ply", "cap.compressed.ply"),
         ("cap.####.##.ply", "cap.ply"),
         ("####.ply", ".ply"),
+        ("cap.$F4.ply", "cap.ply"),
         ("cap.ply", "cap.ply"),
     ],
 )

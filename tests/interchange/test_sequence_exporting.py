@@ -32,7 +32,7 @@ def test_a_sequence_comes_back(tmp_path: Path) -> None:
     for frame in (7, 8, 9):
         formats.write(cloud(seed=frame, n=frame), tmp_path / f"in.{frame}.ply")
     import_sequence(
-        tmp_path / "in.#.ply", tmp_path / "stage.usdc", sequence=SequenceOptions(clips=True)
+        tmp_path / "in.%d.ply", tmp_path / "stage.usdc", sequence=SequenceOptions(clips=True)
     )
     report = export_sequence(tmp_path / "stage.usdc", tmp_path / "out.%04d.ply")
     assert (report.frames, report.counts, report.splats) == ((7, 8, 9), (7, 8, 9), 24)
@@ -75,7 +75,7 @@ def test_transforms_of_the_frame_are_applied(tmp_path: Path) -> None:
     move = UsdGeom.Xformable(stage.GetPrimAtPath("/Growing")).AddTranslateOp()
     move.Set((10, 0, 0), 1)
     move.Set((20, 0, 0), 2)
-    export_sequence(stage, tmp_path / "out.#.ply")
+    export_sequence(stage, tmp_path / "out.%d.ply")
     for time in (1, 2):
         xs = formats.read(tmp_path / f"out.{time}.ply").cloud.positions[:time, 0]
         expected = cloud(n=time, degree=0).positions[:, 0] + 10 * time

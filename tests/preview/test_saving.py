@@ -145,7 +145,7 @@ class CancelAfter:
 def test_a_flipbook_ends_when_it_is_cancelled_and_keeps_what_is_whole(tmp_path, document):
     """Oracle: two frames were done before it was cancelled."""
     told = CancelAfter(2)
-    frames, name = (1.0, 2.0, 3.0), tmp_path / "f.#.png"
+    frames, name = (1.0, 2.0, 3.0), tmp_path / "f.%d.png"
     files = flipbook(document, STATE, frames, name, progress=told, cancel=told.token)
     assert sorted(os.listdir(tmp_path)) == [file.name for file in files] == ["f.1.png", "f.2.png"]
 
@@ -153,9 +153,9 @@ def test_a_flipbook_ends_when_it_is_cancelled_and_keeps_what_is_whole(tmp_path, 
 def test_others_have_turns_between_the_frames_of_a_flipbook(tmp_path, document, events):
     """Oracle: a flipbook alone; and the viewport's listeners see their own picture, in full."""
     frames, document.publish = (1.0, 2.0), events.append
-    alone = [pixels(file) for file in flipbook(document, STATE, frames, tmp_path / "a.#.png")]
+    alone = [pixels(file) for file in flipbook(document, STATE, frames, tmp_path / "a.%d.png")]
     assert not events.pictures
-    book = Flipbook(STATE, frames, tmp_path / "b.#.png")
+    book = Flipbook(STATE, frames, tmp_path / "b.%d.png")
     while book.turn(document):
         while document.draw(replace(STATE, time=2.0)):
             pass
@@ -216,7 +216,7 @@ def test_a_movie_has_every_frame_at_the_rate_of_the_stage(tmp_path, document):
     """Oracle: the flipbook of pictures."""
     target = tmp_path / "f.mp4"
     assert flipbook(document, STATE, (1.0, 2.0), target) == (target,)
-    files = flipbook(document, STATE, (1.0, 2.0), tmp_path / "f.#.png")
+    files = flipbook(document, STATE, (1.0, 2.0), tmp_path / "f.%d.png")
     (reel,) = reels
     assert (reel.size, reel.rate, reel.is_whole) == (SIZE, 25.0, True)
     assert reel.metadata["usdsplat:frame"] == 1.0

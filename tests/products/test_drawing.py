@@ -31,11 +31,11 @@ def test_progress_is_one_for_all_frames_and_pictures(shot, tmp_path):
     with Engine(Usd.Stage.Open(str(shot)), time=1.0) as engine:
         pictures = [
             *plan_pictures(
-                engine, RenderRequest(output=str(tmp_path / "a.#.exr"), resolution=(64, 40))
+                engine, RenderRequest(output=str(tmp_path / "a.%d.exr"), resolution=(64, 40))
             ),
             *plan_pictures(
                 engine,
-                RenderRequest(output=str(tmp_path / "b.#.exr"), resolution=(8, 8), deep=True),
+                RenderRequest(output=str(tmp_path / "b.%d.exr"), resolution=(8, 8), deep=True),
             ),
         ]
         drawn = draw_frames(engine, pictures, (1.0, 2.0), source="shot", progress=heard)
@@ -48,7 +48,7 @@ def test_progress_is_one_for_all_frames_and_pictures(shot, tmp_path):
 def plans(shot, tmp_path):
     """Three frames of the shot, and the engine that draws them."""
     with Engine(Usd.Stage.Open(str(shot)), time=1.0) as engine:
-        request = RenderRequest(output=str(tmp_path / "a.#.exr"), resolution=(48, 32))
+        request = RenderRequest(output=str(tmp_path / "a.%d.exr"), resolution=(48, 32))
         yield partial(draw_frames, engine, plan_pictures(engine, request), source="shot")
 
 

@@ -116,7 +116,7 @@ def test_a_camera_that_is_no_prim_is_named_by_what_it_is(document, tmp_path):
 def test_each_frame_of_a_flipbook_names_its_frame(document, tmp_path):
     """Oracle: the frames, in the headers of the files."""
     frames = (1.0, 3.0)
-    files = flipbook(document, ViewState(size=SIZE, camera=CAMERA), frames, tmp_path / "a.#.exr")
+    files = flipbook(document, ViewState(size=SIZE, camera=CAMERA), frames, tmp_path / "a.%d.exr")
     assert tuple(parts(file)[0][2]["usdsplat:frame"] for file in files) == frames
 
 

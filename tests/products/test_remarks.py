@@ -34,7 +34,7 @@ def test_a_picture_of_nothing_says_why_once(run, shot, tmp_path, edit, why):
     """Oracle: the stage is changed so that nothing can be seen; status 0, one line for a
     sequence."""
     change(shot, edit)
-    status, out, err = run("render", shot, "-o", tmp_path / "a.#.png", *SMALL)
+    status, out, err = run("render", shot, "-o", tmp_path / "a.%d.png", *SMALL)
     assert (status, len(out.splitlines())) == (0, 4)
     assert err.startswith(f"usdsplat: {tmp_path}/a.1.png: nothing is drawn: {why}")
     assert len(err.splitlines()) == 1

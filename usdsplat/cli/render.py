@@ -21,6 +21,7 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
+  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>'.
   If the stage has several products, -o renders the first one; --product selects another.
   If the stage has no camera, a static camera shows the splats of the first, middle and last
   frame. For a sequence that is rendered in several runs, use --camera.
@@ -62,9 +63,10 @@ class Options:
     stage: Annotated[Path, positional("STAGE")]
     """stage or capture to render"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
-    """file to write, .exr or .png, with #### or %04d for the frame; default: the products' names"""
+    """file to write, .exr or .png, with ####, %04d, $F4 or <F4> for the frame; missing folders are
+    made; default: the products' names"""
     frames: Annotated[str | None, option("RANGE")] = None
-    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; default: see the notes"""
+    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12, or stage for its range; default: see the notes"""
     aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None
     settings: Annotated[str | None, option("/PRIM")] = None
     """RenderSettings prim to use; default: the one that the stage names, or its first"""

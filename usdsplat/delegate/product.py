@@ -15,8 +15,8 @@ class ProductSpec:
 
     path: str
     """Path of the prim."""
-    name: str = ""
-    """`productName`: the file to write; empty if not authored."""
+    names: tuple[tuple[float, str], ...] = ()
+    """`productName`, the file to write, as pairs (first time code, name); empty if not authored."""
     kind: str = "raster"
     """`productType`: raster, deepRaster, or a renderer's own."""
     camera: str = ""

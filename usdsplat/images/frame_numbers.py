@@ -11,13 +11,19 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from usdsplat.core.errors import UsageError
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _PIECE = re.compile(rf"{_NUMBER}(?:[-:]{_NUMBER}(?:x{_NUMBER})?)?")
-_PLACE = re.compile(r"(#+)(?:\.(#+))?|%(?:0(\d+))?d")
+_PLACE = re.compile(
+    r"(?P<hashes>##+)(?:\.(?P<decimals>#+))?"
+    r"|%(?:0(?P<printf>\d\d?))?d"
+    r"|\$(?:F(?P<dollar>\d?)(?![A-Za-z\d])|\{F(?P<braces>\d?)\}|(?P<real>FF)(?![A-Za-z\d]))"
+    r"|<(?:[Ff](?P<angles>\d?)|(?P<husk>FF))>"
+)
 
 LIMIT = 1_000_000
 """Maximum number of frames in a request; more are assumed to be a mistake."""
@@ -40,6 +46,27 @@ def parse_frames(text: str) -> tuple[float, ...]:
     return tuple(frames)
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Placeholder for a frame number in a name."""
+
+    start: int
+    end: int
+    width: int
+    """Minimum number of digits before the point; negative numbers have one less."""
+    decimals: int | None
+    """Number of decimals; None for as many as needed."""
+
+    def number(self, frame: float) -> str:
+        """Return the text of a frame number."""
+        if self.decimals is None:
+            text = f"{frame:.6f}".rstrip("0").rstrip(".")
+            return "0" if text == "-0" else text
+        if not self.decimals:
+            return f"{int(frame):0{self.width}d}"
+        return f"{frame:0{self.width + 1 + self.decimals}.{self.decimals}f}"
+
+
 def has_place(pattern: str | Path) -> bool:
     """Return whether the name has a placeholder for a frame number."""
     return _PLACE.search(Path(pattern).name) is not None
@@ -52,22 +79,18 @@ def frame_path(pattern: str | Path, frame: float) -> Path:
         UsageError: If there are several placeholders, or a fractional frame does not fit.
     """
     path = Path(pattern)
-    places = list(_PLACE.finditer(path.name))
+    places = _places(path)
     if len(places) > 1:
         raise UsageError(
             str(pattern), f"{len(places)} placeholders", "one placeholder for the frame number"
         )
     if not places:
         return path
-    whole, fraction, digits = places[0].groups()
-    if not fraction and frame != int(frame):
-        raise UsageError(str(pattern), f"frame {frame:g}", "room for its fraction, such as ####.##")
-    width = len(whole) if whole else int(digits or 0)
-    if fraction:
-        text = f"{frame:0{width + 1 + len(fraction)}.{len(fraction)}f}"
-    else:
-        text = f"{int(frame):0{width}d}"
-    return path.with_name(_PLACE.sub(text, path.name))
+    place = places[0]
+    if place.decimals == 0 and frame != int(frame):
+        expected = "room for its fraction, such as ####.## or $FF"
+        raise UsageError(str(pattern), f"frame {frame:g}", expected)
+    return path.with_name(path.name[: place.start] + place.number(frame) + path.name[place.end :])
 
 
 def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...]:
@@ -76,32 +99,65 @@ def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...
     Raises:
         UsageError: If two frames have the same path, and as for `frame_path`.
     """
-    paths = tuple(frame_path(pattern, frame) for frame in frames)
-    if len(set(paths)) < len(paths):
-        raise UsageError(
-            str(pattern),
-            f"{len(frames)} frames",
-            "a placeholder for the frame number, such as ####",
-        )
-    return paths
+    return FileName.of(pattern).paths(frames)
+
+
+@dataclass(frozen=True, slots=True)
+class FileName:
+    """Name of the files of a sequence: a pattern, or several that hold one after the other."""
+
+    samples: tuple[tuple[float, str], ...]
+    """Pairs (first frame, pattern), ascending; the first pattern holds before its frame too."""
+
+    @classmethod
+    def of(cls, pattern: str | Path) -> FileName:
+        """Return the name that has one pattern."""
+        return cls(((0.0, str(pattern)),))
+
+    def __str__(self) -> str:
+        """Return the first pattern."""
+        return self.samples[0][1]
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether frames differ in their names."""
+        return len({pattern for _, pattern in self.samples}) > 1 or has_place(str(self))
+
+    def at(self, frame: float) -> Path:
+        """Return the path of a frame.
+
+        Raises:
+            UsageError: As for `frame_path`.
+        """
+        held = [pattern for first, pattern in self.samples if first <= frame]
+        return frame_path(held[-1] if held else str(self), frame)
+
+    def paths(self, frames: Sequence[float]) -> tuple[Path, ...]:
+        """Return a path for each frame.
+
+        Raises:
+            UsageError: As for `frame_paths`.
+        """
+        return _distinct(str(self), tuple(map(self.at, frames)))
 
 
 def frames_found(pattern: str | Path) -> dict[float, Path]:
     """Return existing files and folders that match `pattern` by frame number, ascending.
 
-    Only names that `frame_path` would return match: `####` does not match `1`, nor `#` `01`.
+    Only names that `frame_path` would return match: `####` does not match `1`, nor `%d` `01`.
 
     Raises:
         UsageError: If the name has no placeholder, or more than one.
         OSError: If the folder cannot be listed.
     """
     path = Path(pattern)
-    places = list(_PLACE.finditer(path.name))
+    places = _places(path)
     if len(places) != 1:
         found = f"{len(places)} placeholders" if places else "no placeholder"
         raise UsageError(str(pattern), found, "one placeholder for the frame number, such as ####")
-    before, after = path.name[: places[0].start()], path.name[places[0].end() :]
-    number = r"-?\d{1,15}" + (r"\.\d{1,15}" if places[0][2] else "")
+    before, after = path.name[: places[0].start], path.name[places[0].end :]
+    decimals = {None: r"(?:\.\d{1,15})?", 0: ""}.get(places[0].decimals, r"\.\d{1,15}")
+    number = r"-?\d{1,15}" + decimals
     matcher = re.compile(f"{re.escape(before)}({number}){re.escape(after)}")
     matches = (matcher.fullmatch(name) for name in os.listdir(path.parent))
     frames = sorted({float(match[1]): match[0] for match in matches if match}.items())
@@ -113,6 +169,30 @@ def without_place(pattern: str | Path) -> Path:
     """Return `pattern` without the placeholder and the separator before it."""
     path = Path(pattern)
     return path.parent / re.sub(rf"[._-]?(?:{_PLACE.pattern})", "", path.name)
+
+
+def _distinct(pattern: str, paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    """Return the paths of frames, and raise an error if two are the same."""
+    if len(set(paths)) < len(paths):
+        expected = "a placeholder for the frame number in the file's name, such as #### or $F4"
+        raise UsageError(pattern, f"{len(paths)} frames", expected)
+    return paths
+
+
+def _places(path: Path) -> list[_Place]:
+    """Return the placeholders in a file's name."""
+    return [_place(match) for match in _PLACE.finditer(path.name)]
+
+
+def _place(match: re.Match[str]) -> _Place:
+    """Return a placeholder that `_PLACE` has matched."""
+    start, end = match.span()
+    if match["real"] or match["husk"]:
+        return _Place(start, end, 0, None)
+    if match["hashes"]:
+        return _Place(start, end, len(match["hashes"]), len(match["decimals"] or ""))
+    digits = match["printf"] or match["dollar"] or match["braces"] or match["angles"]
+    return _Place(start, end, int(digits or 0), 0)
 
 
 def _span(text: str, first: float, last: str | None, step: str | None) -> list[float]:

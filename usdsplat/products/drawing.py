@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.folders import made_folder
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.images.frame_numbers import frame_path, frame_paths
+from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
@@ -88,6 +89,8 @@ def draw_frames(
 ) -> Iterator[DrawnPicture]:
     """Draw every picture at every frame, frame by frame, and yield each when its file is complete.
 
+    Folders of files that do not exist are made.
+
     Args:
         engine: Engine of the stage; its time and purposes are changed.
         plans: The pictures.
@@ -134,7 +137,8 @@ def draw_frames(
         )
         try:
             cancel.check()
-            report = write_picture(engine, file, rows_written=rows_written)
+            with made_folder(path.parent):
+                report = write_picture(engine, file, rows_written=rows_written)
         except Cancelled:
             return
         rows += plan.rows
@@ -265,7 +269,7 @@ def _framing_camera(
 
 def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
     """Return the pictures to draw with their files, frame by frame."""
-    names = [frame_paths(plan.output, frames) for plan in plans]
+    names = [plan.output.paths(frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate import Stage
-from usdsplat.images.frame_numbers import has_place, parse_frames
+from usdsplat.images.frame_numbers import parse_frames
 from usdsplat.products.request import PicturePlan
+
+WHOLE_RANGE = "stage"
+"""Request for all frames from the stage's startTimeCode to its endTimeCode."""
 
 
 def first_frame(stage: Stage, asked: str | None) -> float:
@@ -14,10 +18,12 @@ def first_frame(stage: Stage, asked: str | None) -> float:
 
     Args:
         stage: The stage to draw.
-        asked: Requested frames in the format of `parse_frames`; None for the stage's own.
+        asked: Requested frames in the format of `parse_frames`, or `WHOLE_RANGE`; None for the
+            stage's own.
 
     Raises:
         UsageError: If `asked` is not a valid range.
+        StageError: If it is `WHOLE_RANGE`, and the stage has none.
     """
     return frames_to_draw(stage, asked, ())[0]
 
@@ -27,8 +33,8 @@ def frames_to_draw(
 ) -> tuple[float, ...]:
     """Return the requested frames, or the stage's own.
 
-    Without a request, these are the stage's whole range if a file name has a placeholder for the
-    frame number, otherwise its first frame, and 0 for a stage without a range.
+    `WHOLE_RANGE` requests all frames of the stage. Without a request, these are drawn if a file
+    name depends on the frame, otherwise the first frame, and 0 for a stage without a range.
 
     Args:
         stage: The stage to draw.
@@ -37,12 +43,16 @@ def frames_to_draw(
 
     Raises:
         UsageError: If `asked` is not a valid range.
+        StageError: If it is `WHOLE_RANGE`, and the stage has none.
     """
-    if asked is not None:
+    if asked is not None and asked != WHOLE_RANGE:
         return parse_frames(asked)
     if not stage.HasAuthoredTimeCodeRange():
+        if asked == WHOLE_RANGE:
+            expected = "startTimeCode and endTimeCode, or frames such as 1-10"
+            raise StageError("--frames", "a stage without a range", expected)
         return (0.0,)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    if last > first and any(has_place(plan.output) for plan in plans):
-        return tuple(first + i for i in range(int(last - first) + 1))
+    if asked == WHOLE_RANGE or any(plan.output.is_sequence for plan in plans):
+        return tuple(first + i for i in range(max(int(last - first), 0) + 1))
     return (first,)

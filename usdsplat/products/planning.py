@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
@@ -10,7 +11,7 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
-from usdsplat.images.frame_numbers import frame_path
+from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.products.header import layout_of
 from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
@@ -79,13 +80,17 @@ def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) ->
 
 def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
     """Complete a plan: choose the colour mode by the file, and check what the file can hold."""
-    where, output = spec.path, request.output or spec.name
-    if not output:
-        raise UsageError(where, "no output file", "-o FILE, or productName on the product")
+    where, name = spec.path, _name_of(request, spec)
+    output = str(name)
     deep = request.deep or spec.kind == "deepRaster"
     warnings = spec.warnings
     suited = default_color_mode(frame_path(output, 0))
     names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
+    is_png = suited == COLOR_MODES[".png"]
+    if is_png and not request.aovs and "color" in names and len(names) > 1:
+        left_out = ", ".join(aov for aov in names if aov != "color")
+        warnings = (*warnings, f"{where}: a PNG holds only color; left out: {left_out}")
+        names = ("color",)
     if deep:
         others = [name for name in names if name not in DEEP_AOVS]
         _check_deep(request, output, others)
@@ -97,10 +102,9 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
     view_of(settings)  # raises an error if the view does not exist
-    is_png = suited == COLOR_MODES[".png"]
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
-        output=output,
+        output=name,
         camera=camera,
         framing=_framing(request, spec.framing, where),
         settings=settings,
@@ -124,6 +128,17 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     else:
         open_writer(output, layout)
     return picture
+
+
+def _name_of(request: RenderRequest, spec: ProductSpec) -> FileName:
+    """Return the name of a picture's files: the requested one, else the product's."""
+    name = FileName.of(request.output) if request.output else FileName(spec.names)
+    if not name.samples:
+        raise UsageError(spec.path, "no output file", "-o FILE, or productName on the product")
+    suffixes = sorted({Path(pattern).suffix.lower() for _, pattern in name.samples})
+    if len(suffixes) > 1:
+        raise StageError(f"{spec.path}.productName", " and ".join(suffixes), "one suffix")
+    return name
 
 
 def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:

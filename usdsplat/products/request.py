@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from usdsplat.images.frame_numbers import FileName
 from usdsplat.images.layout import PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
 MOST_PIXELS = 65536
 """Maximum size of a side [pixel]; larger values are typing errors."""
+
+NO_NAME = FileName.of("")
+"""Name of the files of a plan whose caller names each file."""
 
 Window = tuple[int, int, int, int]
 
@@ -61,8 +65,8 @@ class RenderRequest:
 class PicturePlan:
     """Complete plan of a picture, with one file for each frame."""
 
-    output: str = ""
-    """File, with a placeholder for the frame number; empty if the caller names each file."""
+    output: FileName = NO_NAME
+    """Name of the files; `NO_NAME` if the caller names each file."""
     camera: str | None
     """Path of the camera; None for a camera that is given separately or frames the scene."""
     framing: Framing

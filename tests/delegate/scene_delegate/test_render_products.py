@@ -50,7 +50,7 @@ def test_products_inherit_what_they_do_not_say(stage):
     """Oracle: UsdRender's documentation: settings first, then what the product authors."""
     with Engine(stage, time=2) as engine:
         plain, own = engine.products()
-    assert (plain.path, plain.name) == ("/Render/Plain", "")
+    assert (plain.path, plain.names) == ("/Render/Plain", ())
     assert plain.camera == "/Main"
     assert plain.kind == "raster"
     assert plain.framing == Framing(
@@ -60,7 +60,8 @@ def test_products_inherit_what_they_do_not_say(stage):
     assert plain.settings == RenderSettings(sorting="zDepth", sh_degree=1)
     assert plain.aovs == ("color",)
     assert plain.purposes == own.purposes == ("default", "guide")
-    assert (own.path, own.name, own.camera) == ("/Render/Own", "second.exr", "/Witness")
+    assert (own.path, own.camera) == ("/Render/Own", "/Witness")
+    assert own.names == ((1.0, "first.exr"), (2.0, "second.exr"))
     assert own.framing == Framing(resolution=(40, 30), data_window=(-20, 0, 40, 30))
     assert own.settings == RenderSettings(sorting="cameraDistance", sh_degree=1)
     assert own.aovs == ("color", "depth", "primId")
@@ -157,7 +158,11 @@ def test_pixars_render_settings_are_understood(data):
     with Engine(stage) as engine:
         (product,) = engine.products()
         view = engine.view(product.camera, framing=product.framing)
-    assert (product.name, product.camera, product.aovs) == ("primary.exr", "/main_cam", ("color",))
+    assert (product.names, product.camera, product.aovs) == (
+        ((0.0, "primary.exr"),),
+        "/main_cam",
+        ("color",),
+    )
     assert view.framing == Framing(resolution=(512, 512))
     assert view.camera.window[2] == pytest.approx(0.5 * 20.955 / 25.0)
 

@@ -151,6 +151,14 @@ def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _names(attribute: Usd.Attribute) -> tuple[tuple[float, str], ...]:
+    """Return the file names of a product with the time codes from which they hold."""
+    times = attribute.GetTimeSamples()
+    codes = [Usd.TimeCode(time) for time in times] or [Usd.TimeCode.Default()]
+    found = zip(times or [0.0], (attribute.Get(code) for code in codes), strict=True)
+    return tuple((float(time), str(name)) for time, name in found if name)
+
+
 class _Reader:
     """Reader of a product and its settings."""
 
@@ -176,7 +184,7 @@ class _Reader:
         product = UsdRender.Product(self._product)
         return ProductSpec(
             path=str(self._product.GetPath()),
-            name=str(product.GetProductNameAttr().Get(self._time) or ""),
+            names=_names(product.GetProductNameAttr()),
             kind=str(product.GetProductTypeAttr().Get() or UsdRender.Tokens.raster),
             camera=camera or self._camera(),
             framing=self._framing(resolution),

@@ -1,0 +1,35 @@
+"""Tests of folders that are made for output files."""
+
+from __future__ import annotations
+
+import pytest
+
+from usdsplat.core.errors import OutputError
+from usdsplat.core.folders import made_folder
+
+
+def test_missing_folders_are_made(tmp_path):
+    """Oracle: the file system."""
+    with made_folder(tmp_path / "a" / "b"):
+        (tmp_path / "a" / "b" / "file").touch()
+    assert (tmp_path / "a" / "b" / "file").exists()
+
+
+def test_an_error_takes_only_new_and_empty_folders_away(tmp_path):
+    """Oracle: the file system: what was there, and what others wrote, stays."""
+    (tmp_path / "old").mkdir()
+    with pytest.raises(KeyError), made_folder(tmp_path / "old" / "new" / "newer"):
+        raise KeyError
+    assert list((tmp_path / "old").iterdir()) == []
+    with pytest.raises(KeyError), made_folder(tmp_path / "old" / "new" / "newer"):
+        (tmp_path / "old" / "new" / "theirs").touch()
+        raise KeyError
+    assert [path.name for path in (tmp_path / "old" / "new").iterdir()] == ["theirs"]
+
+
+def test_a_folder_inside_a_file_is_refused(tmp_path):
+    """Oracle: one sentence with the place."""
+    (tmp_path / "file").touch()
+    refused = pytest.raises(OutputError, match=r"file.*expected a place where a folder can be made")
+    with refused, made_folder(tmp_path / "file" / "a"):
+        pass
