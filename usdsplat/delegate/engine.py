@@ -20,7 +20,13 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
+from usdsplat.delegate.scene_delegate import (
+    Stage,
+    UsdSceneDelegate,
+    find_products,
+    read_stage_info,
+)
+from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
 from usdsplat.render.cost import Work
@@ -144,6 +150,10 @@ class Engine:
         return self.render_scene.draw_list().prims
 
     # --- views -----------------------------------------------------------------------------
+
+    def stage_info(self) -> StageInfo:
+        """Return the rates, the unit and the files of the stage."""
+        return read_stage_info(self._open().stage)
 
     def cameras(self) -> list[str]:
         """Return the paths of the stage's cameras, sorted."""

@@ -1,20 +1,25 @@
 """Describe the camera of a picture in header entries that compositing packages know.
 
-OpenEXR's matrices are for row vectors. Its camera space is left-handed (x right, y up, z in viewing
-direction). Its normalised device coordinates go from (0, 0) at the top left of the display window
-to (1, 1) at the bottom right.
+OpenEXR's matrices are for row vectors, so a point is multiplied from the left. Its camera space is
+left-handed (x right, y up, z in viewing direction). Its normalised device coordinates go from
+(0, 0) at the top left of the display window to (1, 1) at the bottom right, after the division by w.
 
-Source: OpenEXR's standard attributes worldToCamera, worldToNDC, screenWindowCenter and -Width.
+Nuke's camera looks down -z. Scripts that make one of a header transpose worldToCamera, scale z by
+-1 and invert. Nuke's focal length and apertures are pinholeFocalLength and sensorOverallDimensions.
+
+Source: OpenEXR's standard attributes worldToCamera, worldToNDC, screenWindowCenter and -Width,
+pinholeFocalLength, sensorOverallDimensions, aperture and focus.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from usdsplat.core.cloud import F64
-from usdsplat.images.layout import Metadata
+from usdsplat.images.layout import Entry, Metadata
 
 
 def camera_metadata(
@@ -34,13 +39,45 @@ def camera_metadata(
     """
     left, bottom, right, top = window
     camera = np.reshape(np.asarray(world_to_camera, np.float64), (4, 4))
-    entries: dict[str, str | int | float | tuple[float, ...]] = {
+    entries: dict[str, Entry] = {
         "worldToCamera": _row_vectors(np.diag([1.0, 1.0, -1.0, 1.0]) @ camera),
         "worldToNDC": _row_vectors(_to_ndc(window, orthographic) @ camera),
     }
     if not orthographic:
         entries["screenWindowCenter"] = ((left + right) / 2, (bottom + top) / 2)
         entries["screenWindowWidth"] = right - left
+    return entries
+
+
+def lens_metadata(
+    *,
+    window: tuple[float, float, float, float],
+    focal_length: float,
+    lens_radius: float,
+    focus_distance: float,
+    meters_per_unit: float,
+) -> Metadata:
+    """Return the entries on lens and film back; none for a camera without a focal length.
+
+    Args:
+        window: As for `camera_metadata`. The film back is the part of it that the picture shows.
+        focal_length: Focal length [scene unit].
+        lens_radius: Radius of the entrance pupil [scene unit]; 0 for a pinhole.
+        focus_distance: Planar depth in focus [scene unit]; 0 if there is none.
+        meters_per_unit: Length of a scene unit [m].
+    """
+    if not (focal_length > 0 and 0 < meters_per_unit < math.inf):
+        return {}
+    left, bottom, right, top = window
+    millimetres = 1000.0 * meters_per_unit * focal_length
+    entries: dict[str, Entry] = {
+        "pinholeFocalLength": millimetres,
+        "sensorOverallDimensions": (millimetres * (right - left), millimetres * (top - bottom)),
+    }
+    if lens_radius > 0:
+        entries["aperture"] = focal_length / (2.0 * lens_radius)
+    if focus_distance > 0:
+        entries["focus"] = meters_per_unit * focus_distance
     return entries
 
 

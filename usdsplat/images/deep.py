@@ -43,7 +43,7 @@ from usdsplat.images.exr_bytes import (
     header,
     zipped,
 )
-from usdsplat.images.layout import ImageLayout
+from usdsplat.images.layout import Entry, ImageLayout
 from usdsplat.images.writer import ROWS
 
 COMPRESSIONS = {"none": NONE, "zips": ZIPS}
@@ -216,7 +216,7 @@ class DeepWriter:
         channels = dict.fromkeys("ABGR", self._color)
         channels |= dict.fromkeys(("Z", "ZBack")[: 1 + self._merged], np.dtype("<f4"))
         space = color_space(layout.color_space)
-        labels: dict[str, str | int | float | tuple[float, ...]] = {
+        labels: dict[str, Entry] = {
             "screenWindowCenter": (0.0, 0.0),
             "screenWindowWidth": 1.0,
             "pixelAspectRatio": float(layout.pixel_aspect_ratio),

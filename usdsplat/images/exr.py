@@ -21,6 +21,7 @@ from __future__ import annotations
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -33,7 +34,9 @@ from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
+from usdsplat.images.labels import is_reproducible
 from usdsplat.images.layout import Band, ImageLayout, Metadata
+from usdsplat.images.timecode import Timecode
 from usdsplat.images.writer import ROWS, ImageWriter
 
 Pixels = npt.NDArray[Any]
@@ -48,9 +51,13 @@ SHARED = (
     "worldToNDC",
     "screenWindowCenter",
     "screenWindowWidth",
+    "pinholeFocalLength",
+    "sensorOverallDimensions",
+    "framesPerSecond",
+    "timeCode",
 )
-"""Entries of every part: the prims of ids, and the camera. Readers of a single part need them
-there."""
+"""Entries of every part: the prims of ids, the camera and the time. Readers of a single part need
+them there."""
 
 PART_NAMES = {"color": "rgba", "Z": "depth"}
 """AOV -> name of its part in a multipart file, if it differs from the AOV's."""
@@ -210,6 +217,9 @@ def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
 def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries: Metadata) -> None:
     """Add metadata of the whole picture: our version, and the caller's entries."""
     specs[0].attribute("Software", f"usdsplat {usdsplat.__version__}")
+    if is_reproducible():
+        for spec in specs:
+            spec.attribute("DateTime", "")  # else OpenImageIO writes the time of now
     _attach(specs[0], entries)
     for spec, part in zip(specs[1:], parts[1:], strict=True):
         shared = set(SHARED)
@@ -221,7 +231,11 @@ def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries:
 def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
     """Add the caller's entries."""
     for key, value in metadata.items():
-        if isinstance(value, tuple):
+        if isinstance(value, Fraction):
+            spec.attribute(key, oiio.TypeRational, (value.numerator, value.denominator))
+        elif isinstance(value, Timecode):
+            spec.attribute("smpte:TimeCode", oiio.TypeTimeCode, (value.packed, 0))
+        elif isinstance(value, tuple):
             kind = "matrix" if len(value) == 16 else f"float[{len(value)}]"
             spec.attribute(key, kind, tuple(float(number) for number in value))
         else:

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import struct
 import zlib
+from fractions import Fraction
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from usdsplat.core.errors import FormatError
 from usdsplat.images.layout import Metadata
+from usdsplat.images.timecode import Timecode
 
 MAGIC = 20000630
 LONG_NAMES, DEEP, MULTIPART = 0x400, 0x800, 0x1000
@@ -40,7 +42,8 @@ _TUPLES = {2: "v2f", 3: "v3f", 8: "chromaticities", 16: "m44f"}
 
 
 def encoded(metadata: Metadata) -> Attributes:
-    """Encode header entries as attributes: text, int, float, and tuples as vector or matrix."""
+    """Encode header entries as attributes: text, numbers, ratios, time codes, and tuples as vector
+    or matrix."""
     found: Attributes = {}
     for key, value in metadata.items():
         if isinstance(value, str):
@@ -49,6 +52,11 @@ def encoded(metadata: Metadata) -> Attributes:
             found[key] = "int", struct.pack("<i", value)
         elif isinstance(value, float):
             found[key] = "float", struct.pack("<f", value)
+        elif isinstance(value, Fraction):
+            ratio = struct.pack("<iI", value.numerator, value.denominator)
+            found[key] = "rational", ratio
+        elif isinstance(value, Timecode):
+            found[key] = "timecode", struct.pack("<II", value.packed, 0)
         else:
             kind = _TUPLES.get(len(value), "floatvector")
             found[key] = kind, struct.pack(f"<{len(value)}f", *value)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
+from fractions import Fraction
 
-from usdsplat.images.layout import Metadata
+from usdsplat.images.layout import Entry, Metadata
+from usdsplat.images.timecode import Timecode, exact_rate, timecode_of
 
 
 def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float) -> Metadata:
@@ -24,9 +28,55 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
     }
 
 
+def time_metadata(
+    *, frame: float, rate: float, per_second: float, shutter: tuple[float, float]
+) -> Metadata:
+    """Return the entries on time, in the names and units of OpenEXR's standard attributes.
+
+    Args:
+        frame: Time code of the stage.
+        rate: Frames per second of playback.
+        per_second: Time codes per second.
+        shutter: Times at which the shutter opens and closes, relative to the frame [time code].
+    """
+    entries: dict[str, Entry] = {}
+    exact = exact_rate(rate)
+    if exact is not None and per_second > 0:
+        entries["framesPerSecond"] = exact
+        counted = timecode_of(frame * rate / per_second, exact)
+        if counted is not None:
+            entries["timeCode"] = counted
+    opens, closes = shutter
+    if closes > opens:
+        entries["usdsplat:shutter"] = (opens, closes)
+        if per_second > 0:
+            entries["expTime"] = (closes - opens) / per_second
+    return entries
+
+
+def origin_metadata(source: str) -> Metadata:
+    """Return the entries that identify the machine and the files of a picture.
+
+    Under SOURCE_DATE_EPOCH, the variable of reproducible builds, the machine is left out.
+
+    Args:
+        source: Hash of the files; "" if there is none.
+    """
+    entries: dict[str, Entry] = {"usdsplat:stageHash": source} if source else {}
+    host = platform.node()
+    if host and not is_reproducible():
+        entries["HostComputer"] = host
+    return entries
+
+
+def is_reproducible() -> bool:
+    """Return whether files must be the same in each run: without date and machine."""
+    return bool(os.environ.get("SOURCE_DATE_EPOCH"))
+
+
 def as_text(metadata: Metadata) -> dict[str, str]:
     """Return header entries for a format that holds text only: numbers and tuples as JSON."""
     return {
-        key: value if isinstance(value, str) else json.dumps(value)
+        key: str(value) if isinstance(value, str | Fraction | Timecode) else json.dumps(value)
         for key, value in metadata.items()
     }

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.timecode import Timecode
 
 PixelType = Literal["half", "float", "uint8", "uint16"]
-Metadata = Mapping[str, str | int | float | tuple[float, ...]]
+Entry = str | int | float | tuple[float, ...] | Fraction | Timecode
+"""Value of a header entry; 16 numbers are a matrix in the file format's convention."""
+Metadata = Mapping[str, Entry]
 Band = Mapping[str, npt.NDArray[np.generic]]
 
 
@@ -36,7 +40,7 @@ class ImageLayout:
     multipart: bool = False
     """Whether an EXR has a part for each AOV, instead of one with many channels."""
     metadata: Metadata = field(default_factory=dict)
-    """Further header entries; 16 numbers are a matrix in the file format's convention."""
+    """Further header entries."""
 
     @property
     def window(self) -> tuple[int, int, int, int]:

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field, replace
 
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import cryptomatte
-from usdsplat.images.camera import camera_metadata
-from usdsplat.images.labels import picture_metadata
+from usdsplat.images.camera import camera_metadata, lens_metadata
+from usdsplat.images.labels import origin_metadata, picture_metadata, time_metadata
 from usdsplat.images.layout import ImageLayout, Metadata
 from usdsplat.products.request import PicturePlan
+from usdsplat.products.source_hash import source_hash
 from usdsplat.render.framing import conform
 from usdsplat.render.output import view_of
 from usdsplat.render.renderer import blend_space_of
@@ -84,12 +85,27 @@ def labelled_layout(
 def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
     """Return all entries of a picture's header. For arguments see `labelled_layout`."""
     window, _ = conform(view.camera.window, view.framing)
+    info = engine.stage_info()
     entries = {
         **camera_metadata(
             world_to_camera=view.camera.world_to_camera,
             window=window,
             orthographic=view.camera.orthographic,
         ),
+        **lens_metadata(
+            window=window,
+            focal_length=view.camera.focal_length,
+            lens_radius=view.camera.lens_radius,
+            focus_distance=view.camera.focus_distance,
+            meters_per_unit=info.meters_per_unit,
+        ),
+        **time_metadata(
+            frame=origin.frame,
+            rate=info.frames_per_second,
+            per_second=info.time_codes_per_second,
+            shutter=view.camera.shutter,
+        ),
+        **origin_metadata(source_hash(info.files)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,

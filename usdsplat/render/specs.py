@@ -156,6 +156,8 @@ class CameraSpec:
     a perspective camera, in scene units for an orthographic one."""
     clipping_range: tuple[float, float] = (1.0, 1e6)
     """Near and far planar depth [scene unit]."""
+    focal_length: float = 0.0
+    """Focal length [scene unit]; 0 if the camera has none. Pictures depend on `window` only."""
     exposure: float = 1.0
     """Factor on linear light from the camera's exposure attributes."""
     lens_radius: float = 0.0

@@ -36,6 +36,7 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
         orthographic=lens.projection == Gf.Camera.Orthographic,
         window=_window(where, lens),
         clipping_range=(near, far),
+        focal_length=0.0 if lens.projection == Gf.Camera.Orthographic else UNIT * lens.focalLength,
         exposure=_exposure(where, UsdGeom.Camera(prim), time),
         lens_radius=_lens_radius(lens),
         focus_distance=lens.focusDistance,

@@ -1,0 +1,25 @@
+"""Read the values of a stage that describe its pictures."""
+
+from __future__ import annotations
+
+from pxr import Usd, UsdGeom
+
+from usdsplat.delegate.stage_info import StageInfo
+
+
+def read_stage_info(stage: Usd.Stage) -> StageInfo:
+    """Return the rates, the unit and the files of a stage."""
+    session = stage.GetSessionLayer()
+    layers = [layer for layer in stage.GetUsedLayers() if layer != session]
+    is_saved = all(layer.realPath and not layer.dirty for layer in layers)
+    return StageInfo(
+        frames_per_second=stage.GetFramesPerSecond(),
+        time_codes_per_second=stage.GetTimeCodesPerSecond(),
+        meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+        files=tuple(sorted({_file(layer.realPath) for layer in layers})) if is_saved else (),
+    )
+
+
+def _file(path: str) -> str:
+    """Return the file of a layer: for a layer inside a package, the outermost package."""
+    return path.split("[", 1)[0]

@@ -1,0 +1,38 @@
+"""Hash the files that a picture is made from, for its header."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from functools import lru_cache
+
+
+def source_hash(files: Sequence[str]) -> str:
+    """Return the SHA-256 of the contents of files, as 64 hexadecimal digits; "" without files.
+
+    The hash is that of the hashes of the files, sorted: it does not depend on their names or their
+    places, so that a copy of a show has the same one. Files that have not changed since the last
+    call are not read again.
+
+    Args:
+        files: Paths. If one cannot be read, the result is "".
+    """
+    try:
+        digests = sorted(_digest(path, *_version(path)) for path in files)
+    except OSError:
+        return ""
+    return hashlib.sha256("".join(digests).encode()).hexdigest() if digests else ""
+
+
+def _version(path: str) -> tuple[int, int]:
+    """Return what changes when a file is written: its size and its time."""
+    status = os.stat(path)
+    return status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=4096)
+def _digest(path: str, _size: int, _time: int) -> str:
+    """Return the SHA-256 of a file's content. The version is only part of the cache's key."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
