@@ -58,8 +58,8 @@ def seconds(action: Callable[[], object]) -> float:
 
 def write_ours(path: Path, part: DeepBand, compression: str) -> None:
     """Write a picture that repeats one band, with our writer."""
-    layout = ImageLayout(resolution=(WIDTH, HEIGHT))
-    with DeepWriter(path, layout, compression=compression) as writer:
+    layout = ImageLayout(resolution=(WIDTH, HEIGHT), compression=compression)
+    with DeepWriter(path, layout) as writer:
         for y in range(0, HEIGHT, BAND):
             writer.write_band(y, part)
 

@@ -42,7 +42,7 @@ def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):
 def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
     """Oracle: the files; a frame that is there stays, and no flat picture is spoken of."""
     (tmp_path / "a.1.exr").write_bytes(b"here already")
-    flags = ("--deep", "--no-compare", "--deep-compression", "zips", "--resume", *SMALL)
+    flags = ("--deep", "--no-compare", "--compression", "zips", "--resume", *SMALL)
     output = ("-o", tmp_path / "a.%d.exr", "--frames", "1-4x2,2", "--json")
     status, out, err = run("render", shot, *output, *flags)
     assert (status, "flattened" in err) == (0, False)
@@ -77,8 +77,12 @@ def test_a_product_may_be_deep(run, shot, tmp_path):
         (["-o", "a.png", "--deep"], "a.png: found a deep picture, expected the suffix .exr"),
         (["-o", "a.exr", "--deep", "--aovs", "color,P"], "--aovs: found P, expected color or Z"),
         (["-o", "a.exr", "--deep", "--bake-view"], "--bake-view: found a deep picture, expected"),
-        (["-o", "a.exr", "--deep", "--deep-compression", "x"], "a.exr: found compression 'x'"),
-        (["-o", "a.exr", "--deep-compression", "zips"], "--deep-compression: found no deep"),
+        (["-o", "a.exr", "--deep", "--compression", "zip"], "a.exr: found compression 'zip', exp"),
+        (
+            ["-o", "a.exr", "--compression", "x"],
+            "a.exr: found compression 'x', expected one of none",
+        ),
+        (["-o", "a.exr", "--compression", "dwaa:x"], "a.exr: found compression 'dwaa:x', expected"),
         (["-o", "a.exr", "--deep", "--deep-error", "2"], "--deep-error: found 2.0, expected 0 to"),
     ],
 )

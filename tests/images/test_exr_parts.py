@@ -16,7 +16,7 @@ from tests.images.test_exr import write
 from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.camera import camera_metadata
-from usdsplat.images.exr import COMPRESSIONS
+from usdsplat.images.compression import FLAT_COMPRESSIONS
 from usdsplat.images.labels import picture_metadata
 from usdsplat.images.layout import ImageLayout
 
@@ -76,7 +76,7 @@ def test_each_aov_is_a_part_called_as_compositors_expect(tmp_path):
 
 
 @pytest.mark.parametrize("multipart", [False, True])
-@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("compression", FLAT_COMPRESSIONS)
 def test_no_compression_changes_a_bit_of_data_or_ids(tmp_path, compression, multipart):
     """Oracle: OpenImageIO's reader, channel by channel; dwa loses by the name of a channel."""
     layout = ImageLayout(resolution=(40, 66), aovs=tuple(AOVS), multipart=multipart)

@@ -363,8 +363,8 @@ def test_great_ids_come_through_to_the_file(tmp_path) -> None:
     scene = add(scene_of(), "/wall", wall(0, half=1.0, faces=faces))
     found = picture(scene, view_of(eye()), aovs=("elementId", "color"))
     assert set(np.unique(found["elementId"])) == {-1, first, first + 2}
-    layout = ImageLayout(resolution=SIZE, aovs=("color", "splatId"))
-    with ExrWriter(tmp_path / "a.exr", layout, compression="none") as writer:
+    layout = ImageLayout(resolution=SIZE, aovs=("color", "splatId"), compression="none")
+    with ExrWriter(tmp_path / "a.exr", layout) as writer:
         ids = found["elementId"].view(np.uint32)
         writer.write_band(0, {"color": found["color"], "splatId": ids})
     channels = {k: v for _, part in ExrFile(tmp_path / "a.exr").parts for k, v in part.items()}

@@ -1,6 +1,7 @@
 """Accept renamed flags for one version, with a hint.
 
-Up to 0.6, `--frame` was the axes of a capture, and `--time` was a frame.
+Up to 0.6, `--frame` was the axes of a capture, `--time` was a frame, and only deep pictures had a
+choice of compression, `--deep-compression`.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ def renamed(words: Sequence[str]) -> list[str]:
 
 def _name(flag: str, value: str) -> str:
     """Return the current name of a flag."""
+    if flag == "--deep-compression":
+        return "--compression"
     if flag == "--time":
         return "--frame"
     if flag == "--frame" and _AXES.fullmatch(value):

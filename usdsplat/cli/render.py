@@ -174,7 +174,6 @@ def _request(options: Options) -> RenderRequest:
         holdout=framing.holdout,
         pixel_type="float" if file.float_ else "half" if file.half else None,
         deep=file.deep,
-        deep_compression=file.deep_compression,
         compare=not file.no_compare,
         bake_view=file.bake_view,
         settings={name: value for each in flags for name, value in given(each).items()},

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from usdsplat.cli.arguments import flags_of, option
-from usdsplat.render.settings import RenderSettings
-
-FILE_KNOBS = ("multipart", "deep_error")
+from usdsplat.render.settings import FILE_KNOBS, RenderSettings
 
 DrawingFlags: Any = flags_of(
     RenderSettings,
@@ -70,7 +68,5 @@ class FileOptions(FileFlags):
     """apply the view transform to the file; PNGs always have it"""
     deep: Annotated[bool, option()] = False
     """write a deep EXR, with every contribution to a pixel"""
-    deep_compression: Annotated[str | None, option("none|zips")] = None
-    """compression of a deep EXR; zips is slower and saves about a third; default: none"""
     no_compare: Annotated[bool, option()] = False
     """do not compare a deep picture with a flat one; takes half the time"""

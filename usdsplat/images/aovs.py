@@ -12,6 +12,9 @@ from typing import Literal
 
 from usdsplat.core.errors import UsageError
 
+_EMPTY = "; inf in empty pixels"
+"""End of the meaning of every depth."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aov:
@@ -28,6 +31,15 @@ class Aov:
     """Colour may be stored as half; data is float32; ids are uint32, in a separate part."""
     meaning: str
     """Meaning in one sentence, for the file's header."""
+
+    @property
+    def is_depth(self) -> bool:
+        """Whether empty pixels are inf."""
+        return self.meaning.endswith(_EMPTY)
+
+    def meaning_with(self, empty_depth: float) -> str:
+        """Return the meaning in a file in which empty pixels have this depth."""
+        return self.meaning.replace(_EMPTY, f"; {empty_depth:g} in empty pixels")
 
 
 _ALL = (

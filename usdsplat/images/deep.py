@@ -32,6 +32,7 @@ from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import atomic_path
 from usdsplat.images import thread_count
 from usdsplat.images.color import color_space
+from usdsplat.images.compression import Compression
 from usdsplat.images.exr_bytes import (
     DEEP,
     NONE,
@@ -46,7 +47,7 @@ from usdsplat.images.exr_bytes import (
 from usdsplat.images.layout import Entry, ImageLayout
 from usdsplat.images.writer import ROWS
 
-COMPRESSIONS = {"none": NONE, "zips": ZIPS}
+CODES_OF = {"none": NONE, "zips": ZIPS}
 MEANINGS = {
     "usdsplat:aov:color": "premultiplied linear radiance of one sample in the space of "
     "colorInteropID; A = its opacity",
@@ -74,10 +75,9 @@ class DeepWriter:
 
     Args:
         path: The file; it appears when the context ends without an error.
-        layout: Size and metadata; `pixel_type` half (default) or float applies to R, G, B and A,
-            and `aovs` is ignored. Its colour space must be linear.
+        layout: Size, compression (none or zips) and metadata; `pixel_type` half (default) or float
+            applies to R, G, B and A, and `aovs` is ignored. Its colour space must be linear.
         merged: Whether samples may have an extent in depth, which adds ZBack.
-        compression: One of `COMPRESSIONS`.
 
     Raises:
         UsageError: If a deep EXR cannot have this layout or compression.
@@ -90,11 +90,8 @@ class DeepWriter:
         layout: ImageLayout,
         *,
         merged: bool = False,
-        compression: str = "none",
     ) -> None:
-        if compression not in COMPRESSIONS:
-            expected = f"one of {', '.join(COMPRESSIONS)}"
-            raise UsageError(str(path), f"compression {compression!r}", expected)
+        compression = Compression.parse(layout.compression or "none", where=str(path), deep=True)
         if layout.pixel_type not in (None, "half", "float"):
             raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
         if color_space(layout.color_space, where="output color space").gamma != 1.0:
@@ -102,7 +99,7 @@ class DeepWriter:
         self._path = Path(path)
         self._layout = layout
         self._merged = merged
-        self._compression = compression
+        self._compression = compression.name
         self._color = np.dtype("<f4" if layout.pixel_type == "float" else "<f2")
         self._next_row = layout.window[1]
         self._most = 0
@@ -230,7 +227,7 @@ class DeepWriter:
             labels["chromaticities"] = space.chromaticities
         attributes: Attributes = {
             "channels": ("chlist", channel_list(channels)),
-            "compression": ("compression", bytes([COMPRESSIONS[self._compression]])),
+            "compression": ("compression", bytes([CODES_OF[self._compression]])),
             "dataWindow": ("box2i", box(layout.window)),
             "displayWindow": ("box2i", box((0, 0, *layout.resolution))),
             "lineOrder": ("lineOrder", b"\0"),

@@ -18,6 +18,7 @@ Source: OpenEXR's standard attributes; ASWF Color Interop IDs; OpenImageIO's not
 
 from __future__ import annotations
 
+import math
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
+from usdsplat.images.compression import Compression
 from usdsplat.images.labels import is_reproducible
 from usdsplat.images.layout import Band, ImageLayout, Metadata
 from usdsplat.images.timecode import Timecode
@@ -41,9 +43,8 @@ from usdsplat.images.writer import ROWS, ImageWriter
 
 Pixels = npt.NDArray[Any]
 
-COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
-"""Compressions. Parts with Cryptomatte do not use the last two, which are lossy."""
-LOSSY = ("dwaa", "dwab")
+DEFAULT = "zip"
+"""Compression of a layout that names none, and of parts that a lossy one would spoil."""
 
 SHARED = (
     "usdsplat:ids",
@@ -69,7 +70,7 @@ class _Part:
 
     name: str
     aovs: tuple[Aov, ...]
-    compression: str
+    compression: Compression
 
 
 class ExrWriter(ImageWriter):
@@ -77,8 +78,8 @@ class ExrWriter(ImageWriter):
 
     Args:
         path: The file; it appears when the context ends without an error.
-        layout: Contents of the file; `pixel_type` half (default) or float.
-        compression: One of `COMPRESSIONS`; all of them keep ids exactly.
+        layout: Contents of the file; `pixel_type` half (default) or float. All compressions keep
+            ids and Cryptomatte exactly.
 
     Raises:
         UsageError: If EXR cannot have this layout or compression.
@@ -87,15 +88,14 @@ class ExrWriter(ImageWriter):
 
     FORMAT = "openexr"
 
-    def __init__(self, path: Path | str, layout: ImageLayout, *, compression: str = "zip") -> None:
-        if compression not in COMPRESSIONS:
-            expected = f"one of {', '.join(COMPRESSIONS)}"
-            raise UsageError(str(path), f"compression {compression!r}", expected)
+    def __init__(self, path: Path | str, layout: ImageLayout) -> None:
+        compression = Compression.parse(layout.compression or DEFAULT, where=str(path))
         if layout.pixel_type not in (None, "half", "float"):
             raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
         aovs = find_aovs(layout.aovs, where=str(path))
         self._parts = _parts(aovs, layout, compression)
         self._waiting: list[IO[bytes]] = []
+        self._tile_rows: list[Pixels] = []
         specs = tuple(_spec(layout, part) for part in self._parts)
         _label(specs, self._parts, layout.metadata)
         super().__init__(path, layout, specs)
@@ -113,17 +113,36 @@ class ExrWriter(ImageWriter):
 
     def _append(self, y0: int, band: Band) -> None:
         first, *others = [
-            _side_by_side([self._within_range(aov, band[aov.name]) for aov in part.aovs])
+            _side_by_side([self._stored(aov, band[aov.name]) for aov in part.aovs])
             for part in self._parts
         ]
         self._write_rows(y0, first)
         for pixels, file in zip(others, self._waiting, strict=True):
             self._put_aside(pixels, file)
 
-    def _within_range(self, aov: Aov, values: Pixels) -> Pixels:
-        """Clamp values to the range of an AOV's channels; NaN stays NaN."""
+    def _stored(self, aov: Aov, values: Pixels) -> Pixels:
+        """Return the values of an AOV in the file: within the range of its type, NaN as it is, and
+        with the layout's depth in empty pixels."""
+        if aov.is_depth and self._layout.empty_depth != math.inf:
+            return np.where(np.isposinf(values), np.float32(self._layout.empty_depth), values)
         is_half = _type_of(aov, self._layout) == "half"
         return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
+
+    def _write_rows(self, y0: int, pixels: Pixels) -> None:
+        """Append rows to the open part: at once, or in whole rows of tiles."""
+        size = self._layout.tile_size
+        if not size:
+            super()._write_rows(y0, pixels)
+            return
+        x0, top, x1, bottom = self._layout.window
+        self._tile_rows.append(pixels)
+        end = y0 + len(pixels)
+        rows = np.concatenate(self._tile_rows)
+        first = end - len(rows)
+        last = max(first, bottom if end == bottom else end - (end - top) % size)
+        if last > first:
+            self._check(self._file.write_tiles(x0, x1, first, last, 0, 1, rows[: last - first]))
+        self._tile_rows = [rows[last - first :]] if end > last else []
 
     def _put_aside(self, pixels: Pixels, file: IO[bytes]) -> None:
         """Store rows of a later part until the parts before it are complete."""
@@ -151,7 +170,9 @@ class ExrWriter(ImageWriter):
                 self._write_rows(y0, pixels.reshape(rows, width, channels))
 
 
-def _parts(aovs: tuple[Aov, ...], layout: ImageLayout, compression: str) -> tuple[_Part, ...]:
+def _parts(
+    aovs: tuple[Aov, ...], layout: ImageLayout, compression: Compression
+) -> tuple[_Part, ...]:
     """Assign AOVs to parts, in the order of the file."""
     groups: dict[str, list[Aov]] = {}
     for aov in aovs:
@@ -161,19 +182,20 @@ def _parts(aovs: tuple[Aov, ...], layout: ImageLayout, compression: str) -> tupl
     return tuple(_part(name, tuple(groups[name]), compression) for name in names)
 
 
-def _part_name(aov: Aov, is_multipart: bool, compression: str) -> str:
+def _part_name(aov: Aov, is_multipart: bool, compression: Compression) -> str:
     """Return the name of an AOV's part."""
     if aov.kind == "id":
         return "ids"
     if is_multipart:
         return PART_NAMES.get(aov.name, aov.name)
-    return aov.name if _must_be_exact(aov) and compression in LOSSY else "main"
+    return aov.name if _must_be_exact(aov) and compression.is_lossy else "main"
 
 
-def _part(name: str, aovs: tuple[Aov, ...], compression: str) -> _Part:
+def _part(name: str, aovs: tuple[Aov, ...], compression: Compression) -> _Part:
     """Return a part with a compression that keeps its channels exact where necessary."""
     is_exact = any(map(_must_be_exact, aovs))
-    return _Part(name, aovs, "zip" if is_exact and compression in LOSSY else compression)
+    is_spoilt = is_exact and compression.is_lossy
+    return _Part(name, aovs, Compression(DEFAULT) if is_spoilt else compression)
 
 
 def _must_be_exact(aov: Aov) -> bool:
@@ -197,10 +219,12 @@ def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     spec.x, spec.y = layout.window[:2]
     spec.full_x, spec.full_y = 0, 0
     spec.full_width, spec.full_height = layout.resolution
-    spec.attribute("compression", part.compression)
+    spec.attribute("compression", str(part.compression))
+    if layout.tile_size:
+        spec.tile_width, spec.tile_height = layout.tile_size, layout.tile_size
     spec.attribute("oiio:subimagename", part.name)
     for aov in part.aovs:
-        spec.attribute(f"usdsplat:aov:{aov.name}", aov.meaning)
+        spec.attribute(f"usdsplat:aov:{aov.name}", aov.meaning_with(layout.empty_depth))
     # OpenEXR rejects files whose parts differ in one of these two.
     spec.attribute("PixelAspectRatio", float(layout.pixel_aspect_ratio))
     chromaticities = color_space(layout.color_space, where="output color space").chromaticities

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -39,6 +40,12 @@ class ImageLayout:
     """Colour space of the colour channels, a name from `color.COLOR_SPACES`."""
     multipart: bool = False
     """Whether an EXR has a part for each AOV, instead of one with many channels."""
+    compression: str = ""
+    """Compression of an EXR, see `compression.Compression`; empty for the format's default."""
+    tile_size: int = 0
+    """Side of the tiles of a flat EXR [pixel]; 0 for scan lines."""
+    empty_depth: float = math.inf
+    """Depth of empty pixels in an EXR [scene unit]; arrays have inf there."""
     metadata: Metadata = field(default_factory=dict)
     """Further header entries."""
 

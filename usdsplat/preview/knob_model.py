@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, knobs
+from usdsplat.render.settings import FILE_KNOBS
 
 T = TypeVar("T")
 Kind = Literal["bool", "int", "float", "choice", "text", "vector", "color"]
@@ -80,7 +81,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
     ),
     "Sampling": ("samples", "pixel_filter", "filter_width", "motion_blur", "depth_of_field"),
     "Surfaces": ("refinement",),
-    "Files": ("multipart", "deep_error"),
+    "Files": FILE_KNOBS,
     "Display": ("exposure", "gamma", "channel", "background"),
     "Depth": ("depth_range", "colormap"),
 }

@@ -60,7 +60,6 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         file.path,
         file.layout,
         merged=settings.deep_error > 0,
-        compression=plan.deep_compression,
     )
     with writer:
         for (y0, y1, samples), beauty in zip(bands, flat, strict=False):

@@ -7,6 +7,7 @@ of them therefore name stage, frame, camera and drawing settings in the same way
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -60,6 +61,8 @@ def layout_of(plan: PicturePlan) -> ImageLayout:
         pixel_type=plan.pixel_type,
         color_space=output_space(plan),
         multipart=plan.settings.multipart,
+        compression=plan.settings.compression,
+        tile_size=0 if plan.deep else plan.settings.tile_size,
     )
 
 
@@ -78,8 +81,16 @@ def labelled_layout(
     return replace(
         layout_of(plan),
         pixel_aspect_ratio=pixel_aspect_ratio,
+        empty_depth=_empty_depth(plan, view),
         metadata=picture_header(engine, plan, view, origin=origin),
     )
+
+
+def _empty_depth(plan: PicturePlan, view: View) -> float:
+    """Return the depth of empty pixels."""
+    return {"inf": math.inf, "0": 0.0, "far": view.camera.clipping_range[1]}[
+        plan.settings.empty_depth
+    ]
 
 
 def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:

@@ -53,10 +53,6 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         products = products[:1]
     pictures = tuple(_of_product(engine, request, product) for product in products)
     pictures = pictures or (_own(engine, request, camera),)
-    if request.deep_compression is not None and not any(picture.deep for picture in pictures):
-        raise UsageError(
-            "--deep-compression", "no deep picture", "one, from --deep or a deepRaster product"
-        )
     return pictures
 
 
@@ -115,7 +111,6 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         holdout=request.holdout,
         deep=deep,
-        deep_compression=request.deep_compression or "none",
         compare=request.compare,
         is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
         warnings=warnings,
@@ -124,7 +119,7 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     if deep:
         from usdsplat.images.deep import DeepWriter
 
-        DeepWriter(output, layout, compression=picture.deep_compression)
+        DeepWriter(output, layout)
     else:
         open_writer(output, layout)
     return picture

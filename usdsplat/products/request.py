@@ -48,7 +48,6 @@ class RenderRequest:
     pixel_type: PixelType | None = None
     deep: bool = False
     """Whether every contribution to a pixel is kept. A product can request it too."""
-    deep_compression: str | None = None
     compare: bool = True
     """Whether a deep picture is compared with a flat one."""
     bake_view: bool = False
@@ -77,7 +76,6 @@ class PicturePlan:
     matte: tuple[tuple[str, bool], ...] = ()
     holdout: str | None = None
     deep: bool = False
-    deep_compression: str = "none"
     compare: bool = True
     is_baked: bool = False
     """Whether the view transform is applied when the picture is written."""

@@ -9,6 +9,9 @@ from typing import Literal
 from usdsplat.core.knobs import knob, knobs
 from usdsplat.render.specs import SortingMode
 
+FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error")
+"""Knobs that only affect files."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderSettings:
@@ -75,6 +78,17 @@ class RenderSettings:
     depth_of_field: bool = knob(True, "whether samples are spread over the camera's lens")
     refinement: int = knob(2, "refinement level of subdivision surfaces", range=(0, 5))
     """Commands pass it to `Engine.set_refinement`: a scene has one level at a time."""
+    compression: str = knob(
+        "",
+        "compression of EXRs: none, rle, zips, zip, piz, or the lossy dwaa and dwab with an "
+        "optional level, such as dwaa:45; deep EXRs take none and zips; default: zip, deep none",
+    )
+    tile_size: int = knob(
+        0, "side of the tiles of flat EXRs; 0 writes scan lines", unit="pixel", range=(0, 4096)
+    )
+    empty_depth: Literal["inf", "0", "far"] = knob(
+        "inf", "depth of empty pixels in EXRs; far is the camera's far clipping plane"
+    )
     multipart: bool = knob(False, "whether each AOV is written as a separate EXR part")
     deep_error: float = knob(
         0.0,

@@ -24,10 +24,9 @@ from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.values import Look, Picture
+from usdsplat.render.settings import FILE_KNOBS
 
 DEVICES = ("auto", "cpu", "cuda")
-FILES_ALONE = ("multipart", "deep_error")
-"""Knobs that only affect files."""
 FIRST = {
     "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
     "Colour": (
@@ -190,7 +189,7 @@ def _line(label: str, *widgets: QWidget) -> QHBoxLayout:
 
 def _grouped(editors: tuple[Editor, ...]) -> list[Editor]:
     """Group render settings, frequently used ones first."""
-    by_name = {editor.name: editor for editor in editors if editor.name not in FILES_ALONE}
+    by_name = {editor.name: editor for editor in editors if editor.name not in FILE_KNOBS}
     found = [
         replace(by_name.pop(name), group=group)
         for group, names in FIRST.items()

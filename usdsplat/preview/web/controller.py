@@ -34,14 +34,12 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.pages import Pages
 from usdsplat.preview.web.session_proxy import SessionProxy
-from usdsplat.render.settings import RenderSettings
+from usdsplat.render.settings import FILE_KNOBS, RenderSettings
 
 GLIDE = 0.25
 """Duration of a camera move when something is framed [s]."""
 TICK = 1 / 60
 """Interval of the timer during playback and camera moves [s]."""
-FOR_FILES = ("multipart", "deep_error")
-"""Render settings that only affect how files are written."""
 
 
 class WebController:
@@ -311,7 +309,7 @@ class WebController:
         settings = (state.look.settings, state.display)
         if settings != self._settings_told:
             self._settings_told = settings
-            render = [each for each in editors_of(settings[0]) if each.name not in FOR_FILES]
+            render = [each for each in editors_of(settings[0]) if each.name not in FILE_KNOBS]
             self._tell("settings", {"render": as_json(render), "display": _editors(settings[1])})
         self._start_clock()
 
