@@ -145,6 +145,15 @@ class Engine:
         """Statistics of the last picture."""
         return self._drawer.renderer.stats
 
+    def prim_paths(self) -> tuple[str, ...]:
+        """Return the paths of all prims that can be drawn, hidden ones too, sorted.
+
+        They do not depend on time, visibility and purposes: an index in them identifies a prim over
+        a sequence, and between runs.
+        """
+        self.sync()
+        return self._open().prim_paths()
+
     def drawn_paths(self) -> tuple[str, ...]:
         """Return the paths of the drawn prims; entry i has the value i in the AOV primId."""
         return self.render_scene.draw_list().prims

@@ -14,6 +14,9 @@ from usdsplat.images.view import ViewTransform
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.render.output import view_of
 
+EMPTY = 2**32 - 1
+"""Id of empty pixels in files."""
+
 
 def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -> None:
     """Draw a picture at the engine's time. The file appears when it is complete.
@@ -40,6 +43,7 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         holdout=file.holdout,
         band_pixels=file.band_pixels,
     )
+    numbers = _file_ids(engine) if "id" in names else np.empty(0, np.uint32)
     with open_writer(file.path, layout) as writer:
         for band in bands:
             # The renderer's id for no prim, -1, is 2**32 - 1 in the file.
@@ -47,10 +51,21 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
                 aov.name: array.view(np.uint32) if aov.kind == "id" else array
                 for aov, array in ((by_hydra[key], band.arrays[key]) for key in by_hydra)
             }
+            if "id" in arrays:
+                arrays["id"] = numbers[band.arrays["primId"]]
             if through is not None:
                 arrays |= _baked(through, arrays)
             writer.write_band(band.y0, arrays)
             rows_written(band.y1 - layout.window[1])
+
+
+def _file_ids(engine: Engine) -> npt.NDArray[np.uint32]:
+    """Return the id in files of each drawn prim: its index among all prims that can be drawn.
+
+    The last entry, which the renderer's -1 selects, is the id of empty pixels.
+    """
+    index = {path: number for number, path in enumerate(engine.prim_paths())}
+    return np.array([*(index[path] for path in engine.drawn_paths()), EMPTY], np.uint32)
 
 
 def _baked(

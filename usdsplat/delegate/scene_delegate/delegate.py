@@ -182,6 +182,15 @@ class UsdSceneDelegate:
 
     # --- implementation of `SceneDelegate` ------------------------------------------------
 
+    def prim_paths(self) -> tuple[str, ...]:
+        """Return the paths of all fields and surfaces in all native instances, sorted."""
+        placed = (
+            seen.placement.path
+            for _, entry in self._population.rprims()
+            for seen in entry.appearances
+        )
+        return tuple(sorted(set(placed)))
+
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
