@@ -54,11 +54,30 @@ def test_depth_is_found_by_position_whatever_its_window(tmp_path, name, tile):
 def test_depth_counts_only_where_something_is(tmp_path):
     """Oracle: the rule; background is A = 0, or a depth that is nowhere in front of the eye."""
     z = np.float32([[5, 5, 5, 0, -1, np.nan, np.inf, 1e30]])
-    alpha = np.float32([[1, 0.01, 0, 1, 1, 1, 1, 1]])
+    alpha = np.float32([[1, 2, 0, 1, 0.5, 1, 1, 1]])
     flat(tmp_path / "a.exr", {"A": alpha, "Z": z}, full=(8, 1))
     found = open_holdout(tmp_path / "a.exr", resolution=(8, 1)).rows(0, 0, 8, 1)
     inf = np.inf
     np.testing.assert_array_equal(found, np.float32([[5, 5, inf, inf, inf, inf, inf, 1e30]]))
+
+
+def test_an_edge_lets_a_part_through(tmp_path):
+    """Oracle: the rule, 1 - A behind the depth, in each window alike; all but one pixel are opaque
+    or empty."""
+    z = depths(300, 9)
+    alpha = np.ones((300, 9), np.float32)
+    alpha[290, 4] = 0.25
+    alpha[7] = 0
+    alpha[8, 3] = np.nan
+    flat(tmp_path / "a.exr", {"A": alpha, "Z": z}, full=(9, 300))
+    holdout = open_holdout(tmp_path / "a.exr", resolution=(9, 300))
+    for window in ((0, 0, 9, 300), (2, 5, 7, 10), (-3, 289, 6, 292)):
+        x0, y0, x1, y1 = window
+        places = [(x, y) for y in range(y0, y1) for x in range(x0, x1)]
+        opaque, edges = holdout.rows(*window)
+        depth = [z[y, x] if x >= 0 and alpha[y, x] == 1 else np.inf for x, y in places]
+        np.testing.assert_array_equal(opaque.ravel(), depth)
+        compare(edges, [[(z[290, 4], 0.75)] if place == (4, 290) else [] for place in places])
 
 
 @pytest.mark.parametrize("multipart", [False, True])
@@ -66,6 +85,7 @@ def test_our_own_pictures_hold_out(tmp_path, multipart):
     """Oracle: the depths that were written, in either kind of file."""
     layout = ImageLayout(resolution=SIZE, aovs=("color", "Z"), multipart=multipart)
     pixels = picture(48, 64)
+    pixels["color"][..., 3] = 1
     write(tmp_path / "a.exr", layout, pixels)
     holdout = open_holdout(tmp_path / "a.exr", resolution=SIZE)
     np.testing.assert_array_equal(holdout.rows(0, 5, 64, 48), pixels["Z"][5:])

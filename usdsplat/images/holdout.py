@@ -1,7 +1,7 @@
 """Read pictures of other renderers as holdouts, which hide splats behind them.
 
-A flat picture has one depth per pixel. A deep one has transmittance: light from behind a sample is
-multiplied by one minus its opacity.
+A flat picture has one depth per pixel, at which one minus its A passes: pixels at antialiased edges
+hide in part. A deep one has any number of such samples.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from usdsplat.images.deep_reader import I64, DeepFile
 DEPTHS = ("Z", "depth.Z", "depth")
 """Channels of planar camera depth, in order of preference."""
 
+STRIP = 256
+"""Number of rows read at a time when a file is searched; a multiple of usual tile sizes."""
+
 DeepRows = tuple[I64, F32, F32]
 """Offsets of each pixel's samples, (h*w + 1,); planar camera depth of the samples, (n,), near to
 far within a pixel; and the transmittance of each sample together with all in front of it, (n,)
@@ -30,12 +33,13 @@ class Holdout(ABC):
     """A picture with depth, created by `open_holdout`."""
 
     @abstractmethod
-    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | DeepRows:
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | DeepRows | tuple[F32, DeepRows]:
         """Read the holdout in a window of the display window's pixels, ends exclusive.
 
         Returns:
-            For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf in empty pixels;
-            for a deep one its samples, pixels row-major. Pixels outside the file are empty.
+            For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf in pixels that do
+            not hide everything; for a deep one its samples, pixels row-major. For a flat picture
+            with pixels that hide in part, both. Pixels outside the file are empty.
 
         Raises:
             FormatError: If the file is damaged.
@@ -46,7 +50,7 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
     """Open a picture as a holdout: its first part that is deep or has depth.
 
     In a flat picture the channel is Z, depth.Z or depth, or that of another layer ("x.Z"). If the
-    same part has A, depth applies only where A is above 0; depths that are not above 0 are ignored.
+    same part has A, a pixel lets 1 - A through; depths that are not above 0 are ignored.
     A deep sample with a ZBack acts at the middle of its extent.
 
     Args:
@@ -100,7 +104,7 @@ def _check_display(where: str, spec: oiio.ImageSpec, resolution: tuple[int, int]
 
 
 class _Flat(Holdout):
-    """A flat holdout: one depth for each pixel."""
+    """A flat holdout: one depth for each pixel, and the part of the light that passes."""
 
     def __init__(self, where: str, part: int, spec: oiio.ImageSpec, depth: str) -> None:
         self._where = where
@@ -109,14 +113,41 @@ class _Flat(Holdout):
         names = spec.channelnames
         self._depth = names.index(depth)
         self._alpha = names.index("A") if "A" in names else None
+        self._hides_in_part = self._alpha is not None and self._has_edges()
 
-    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32:
-        plane = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | tuple[F32, DeepRows]:
+        depth = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
+        alpha = np.ones_like(depth)
         spec = self._spec
         left, top = max(x0, spec.x), max(y0, spec.y)
         right, bottom = min(x1, spec.x + spec.width), min(y1, spec.y + spec.height)
-        if left >= right or top >= bottom:
-            return plane
+        if left < right and top < bottom:
+            columns = slice(left - spec.x, right - spec.x)
+            inside = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
+            for plane, values in zip((depth, alpha), self._planes(top, bottom), strict=True):
+                plane[inside] = values[:, columns]
+        if not self._hides_in_part:
+            return depth
+        # Also for rows without such pixels, so that no pixel depends on the rows that are read with
+        # it.
+        is_edge = (np.isfinite(depth) & (alpha < 1)).ravel()
+        offsets = np.zeros(depth.size + 1, np.int64)
+        np.cumsum(is_edge, out=offsets[1:])
+        edges = offsets, depth.ravel()[is_edge], 1 - alpha.ravel()[is_edge]
+        return np.where(alpha < 1, np.float32(np.inf), depth), edges
+
+    def _has_edges(self) -> bool:
+        """Return whether a pixel lets a part of the light through."""
+        spec = self._spec
+        ends = range(spec.y, spec.y + spec.height, STRIP)
+        for top in ends:
+            depth, alpha = self._planes(top, min(top + STRIP, spec.y + spec.height))
+            if (np.isfinite(depth) & (alpha < 1)).any():
+                return True
+        return False
+
+    def _planes(self, top: int, bottom: int) -> tuple[F32, F32]:
+        """Read depth, inf where nothing is, and opacity of whole rows."""
         file = oiio.ImageInput.open(self._where)
         if file is None:
             raise FormatError(
@@ -125,14 +156,14 @@ class _Flat(Holdout):
         try:
             depth = self._channel(file, self._depth, top, bottom)
             is_there = depth > 0
+            alpha = np.ones_like(depth)
             if self._alpha is not None:
-                is_there &= self._channel(file, self._alpha, top, bottom) > 0
+                found = self._channel(file, self._alpha, top, bottom)
+                is_there &= found > 0
+                alpha = np.where(is_there, np.minimum(found, 1), alpha)
         finally:
             file.close()
-        columns = slice(left - spec.x, right - spec.x)
-        seen = np.where(is_there, depth, np.float32(np.inf))[:, columns]
-        plane[top - y0 : bottom - y0, left - x0 : right - x0] = seen
-        return plane
+        return np.where(is_there, depth, np.float32(np.inf)), alpha
 
     def _channel(self, file: oiio.ImageInput, index: int, y0: int, y1: int) -> F32:
         """Read whole rows of one channel."""

@@ -54,8 +54,8 @@ RANKS = 8
 """Bytes per splat that a display mode draws, for its rank."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes per vertex and per triangle on the screen."""
-HOLDOUT_ROWS = 4
-"""Bytes per pixel of a holdout that is being read."""
+HOLDOUT_ROWS = 16
+"""Bytes per pixel of a holdout that is being read: depth and opacity, as read and as used."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
 without OCIO settings, float32 with them."""

@@ -28,8 +28,9 @@ for _each in NO_HOLDOUT:
 NO_DEPTH = np.empty((0, 0), np.float32)
 NO_COVER = np.empty((0, 0), np.uint8)
 
-HoldoutRows = F32 | DeepHoldout
-"""Holdout of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples."""
+HoldoutRows = F32 | DeepHoldout | tuple[F32, DeepHoldout]
+"""Holdout of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples; or
+both, for a flat picture some of whose pixels hide only in part."""
 
 
 ReadHoldout = Callable[[int, int, int, int], HoldoutRows]
@@ -62,7 +63,7 @@ def with_holdout(
 ) -> Occluders:
     """Return the occluders of a band with a holdout added.
 
-    A flat holdout hides everything behind it. A deep one hides as much as its samples cover.
+    Depths hide everything behind them, deep samples as much as they cover.
 
     Args:
         shape: Rows and columns of the band.
@@ -70,6 +71,10 @@ def with_holdout(
     Raises:
         UsageError: If the holdout has another shape.
     """
+    if isinstance(rows, tuple) and len(rows) == 2:
+        for each in rows:
+            occluders = with_holdout(device, buffers, occluders, each, shape)
+        return occluders
     _check(rows, shape)
     if isinstance(rows, tuple):
         offsets, depths, through = rows
@@ -77,13 +82,13 @@ def with_holdout(
         return Occluders(occluders.depth, occluders.covered, kept)
     if occluders.depth.size == 0:
         depth = buffers.holdout_depth(*shape)
-        occluders = Occluders(depth, buffers.holdout_covered(*shape))
+        occluders = Occluders(depth, buffers.holdout_covered(*shape), occluders.holdout)
         device.run(surface.clear, occluders.depth, occluders.covered)
     device.run(surface.hold_back, occluders.depth, occluders.covered, device.upload(rows))
     return occluders
 
 
-def _check(rows: HoldoutRows, shape: tuple[int, int]) -> None:
+def _check(rows: F32 | DeepHoldout, shape: tuple[int, int]) -> None:
     """Raise an error if a holdout has the wrong size, because kernels would read past its end."""
     if not isinstance(rows, tuple):
         if rows.shape != shape:
