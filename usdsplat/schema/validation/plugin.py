@@ -1,7 +1,8 @@
 """Provide the checks as UsdValidation validators; USD imports this module on demand.
 
-plugInfo.json declares them, so any process with our folder in PXR_PLUGINPATH_NAME lists them
-without importing our package.
+plugInfo.json beside this module declares them, so any process with this folder in
+PXR_PLUGINPATH_NAME lists them without importing our package. Only a Python that can import the
+package may have the folder on its path (`usdsplat plugin-path --validators`).
 """
 
 from __future__ import annotations
