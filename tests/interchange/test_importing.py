@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdVol
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdVol
 
 from tests.interchange.samples import assert_same, capture, covariances, read_ply
 from tests.schema.clouds import cloud
@@ -407,3 +407,33 @@ def test_an_import_says_which_published_rule_its_form_breaks(tmp_path, form, deg
     )
     found = [note for note in report.notes if "VG.035" in note]
     assert [said in note for note in found] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(("unit", "factor"), [(1.0, 1.0), (0.01, 100.0)])
+def test_a_glb_has_its_size_on_a_stage_of_any_unit(tmp_path: Path, unit, factor) -> None:
+    """Oracle: glTF's unit is the metre; centres in world space, by Gf."""
+    source = cloud(n=20)
+    formats.write(source, tmp_path / "tree.glb")
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, unit)
+    report = import_capture(tmp_path / "tree.glb", stage)
+    prim = field(stage, report.prim_path)
+    matrix = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0)
+    found = [matrix.Transform(Gf.Vec3d(*map(float, p))) for p in schema.fetch(prim).positions]
+    np.testing.assert_allclose(found, factor * source.positions, rtol=1e-6)
+    memory = prim.GetCustomDataByKey("usdsplat")
+    assert (memory["meters_per_unit"], memory["unit_source"]) == (1.0, "file")
+    assert not any("a unit" in note for note in report.notes)
+
+
+def test_the_prim_remembers_the_unit_and_where_it_is_from(tmp_path: Path) -> None:
+    """Oracle: the option, or the stage's unit that is assumed."""
+    source = capture(tmp_path, degree=2)
+    found = []
+    for unit in (0.01, None):
+        stage = Usd.Stage.CreateInMemory()
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        report = import_capture(source, stage, options=ImportOptions(meters_per_unit=unit))
+        memory = field(stage, report.prim_path).GetCustomDataByKey("usdsplat")
+        found.append([memory[name] for name in ("meters_per_unit", "unit_source", "sh_degree")])
+    assert found == [[0.01, "given", 2], [1.0, "assumed", 2]]

@@ -25,7 +25,6 @@ IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """Options for reading captures that will be authored: most arrays are then not copied."""
 
 _BLOCK = 1 << 16  # splats transformed at a time
-_UNKNOWN_SIZE = "captures do not state a unit of length: the unit of the stage is assumed"
 
 
 def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:
@@ -101,10 +100,9 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
             array[rows] = getattr(turned, name)
 
 
-def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
-    """Return notes on assumptions that the file does not confirm."""
-    given = [] if frame is None else [f"the axes are {frame!r} as given to the import"]
-    return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
+def given_axes(frame: str | None) -> list[str]:
+    """Return a note on axes that the caller has given."""
+    return [] if frame is None else [f"the axes are {frame!r} as given to the import"]
 
 
 def axes_text(placed: Placement, baked: bool) -> str:

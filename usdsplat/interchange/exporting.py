@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from usdsplat import formats, schema
 from usdsplat.core import edit
@@ -36,7 +36,8 @@ def export_capture(
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, with the capture's axes.
 
-    Transforms are applied exactly, harmonics included. Lengths stay in the stage's unit.
+    Transforms are applied exactly, harmonics included. Lengths are converted to the unit of the
+    format, such as metres for .glb; in formats without one they stay in the stage's.
 
     Args:
         source: A USD file, or a stage, which is not modified.
@@ -57,7 +58,10 @@ def export_capture(
     """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
-    capture, prims = capture_of(stage, frame, prim_path=prim_path, time=time, progress=progress)
+    unit = formats.unit_written(path)
+    capture, prims = capture_of(
+        stage, frame, meters_per_unit=unit, prim_path=prim_path, time=time, progress=progress
+    )
     capture = edit_capture(capture, edits, progress=progress)
     return _written(capture, prims, source, path, how, progress)
 
@@ -83,10 +87,12 @@ def export_each(
     """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
+    unit = formats.unit_written(path)
     found, notes = appearances(stage, prim_path, time)
     parts = []
     for item, name in zip(found, names([item.prim for item in found]), strict=True):
-        capture = edit_capture(_capture([item], frame, time, progress), edits, progress=progress)
+        part = _capture([item], frame, unit, time, progress)
+        capture = edit_capture(part, edits, progress=progress)
         beside = _named(path, name)
         files.check_not_input(beside, files.layer_files(stage))
         parts.append(_written(capture, [item.prim], source, beside, how, progress))
@@ -102,16 +108,18 @@ def capture_of(
     stage: Usd.Stage,
     frame: str,
     *,
+    meters_per_unit: float | None = None,
     prim_path: str | None = None,
     time: float | None = None,
     progress: Progress = silent,
 ) -> tuple[Capture, list[Usd.Prim]]:
     """Read the visible fields of a stage as a capture with axes `frame`, and their prims.
 
-    Args and errors are those of `export_capture`.
+    Args and errors are those of `export_capture`; `meters_per_unit` is the unit of the capture,
+    None for the stage's.
     """
     found, notes = appearances(stage, prim_path, time)
-    capture = _capture(found, frame, time, progress)
+    capture = _capture(found, frame, meters_per_unit, time, progress)
     notes = [*files.composition_remarks(stage), *notes, *capture.notes]
     return replace(capture, notes=tuple(notes)), [item.prim for item in found]
 
@@ -144,12 +152,18 @@ def _opened(source: Path | str | Usd.Stage, target: Path | str) -> Usd.Stage:
 
 
 def _capture(
-    found: Sequence[Appearance], frame: str, time: float | None, progress: Progress
+    found: Sequence[Appearance],
+    frame: str,
+    unit: float | None,
+    time: float | None,
+    progress: Progress,
 ) -> Capture:
     """Join appearances in one capture, with notes on what captures cannot hold."""
     prims = [item.prim for item in found]
     stage = prims[0].GetStage()
-    turn = change_axes(stage_frame(stage), frame)
+    own = UsdGeom.GetStageMetersPerUnit(stage)
+    unit = unit or own
+    turn = own / unit * change_axes(stage_frame(stage), frame)
     clouds = []
     for done, item in enumerate(found):
         progress.step("reading fields", done, len(found))
@@ -159,6 +173,11 @@ def _capture(
     spaces = sorted({schema.color_space(prim) for prim in prims})
     modes = {schema.rasterize_mode(prim) for prim in prims}
     notes = unknown_color_spaces(prims)
+    if unit != own:
+        said = "" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else ", USD's default,"
+        notes.append(
+            f"lengths are converted from the stage's unit of {own:g} m{said} to {unit:g} m"
+        )
     if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
         listed = " and ".join(spaces)
         notes.append(f"colours are in {listed}, which the file cannot state")
@@ -174,6 +193,7 @@ def _capture(
         format="USD",
         files=tuple(files.layer_files(stage)) or (Path(stage.GetRootLayer().identifier),),
         frame=frame,
+        meters_per_unit=unit,
         antialiased=modes == {"antialiased"},
         color_space=spaces[0],
         notes=tuple(notes),

@@ -25,8 +25,8 @@ class ImportOptions:
     """Up axis of a new file, "Y" or "Z"; None is "Y" for a file, and the stage's own for a
     stage."""
     meters_per_unit: float | None = None
-    """Metres per unit of the capture and of a new file; None is 1 for a new file and the stage's
-    own for a stage."""
+    """Metres per unit of the capture and of a new file. None is 1 for a new file; a capture that
+    states no unit then has the stage's."""
     prim_path: str | None = None
     """Path of the field; None is the file's name below the default prim."""
     bake_axes: bool = False
