@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from tests.interchange.samples import assert_same, capture
 from usdsplat import formats, schema
@@ -333,3 +333,23 @@ def test_fractions_of_frames_are_times(tmp_path: Path) -> None:
     assert report.frames == (1, 1.5, 2)
     _stage, prim = opened(tmp_path / "out.usdc")
     assert [len(schema.fetch(prim, time)) for time in (1, 1.25, 1.5, 2)] == [3, 3, 4, 5]
+
+
+@pytest.mark.parametrize("clips", [False, True])
+def test_the_proxy_of_a_packed_sequence_shows_each_frame(tmp_path: Path, clips: bool) -> None:
+    """Oracle: the captures' centres, and the field's place."""
+    import_sequence(
+        sequence(tmp_path),
+        tmp_path / "out.usda",
+        options=ImportOptions(form="packed"),
+        sequence=SequenceOptions(clips=clips),
+    )
+    stage, prim = opened(tmp_path / "out.usda")
+    points = UsdGeom.Points(UsdGeom.Imageable(prim).ComputeProxyPrim()[0])
+    for frame in COUNTS:
+        read = formats.read(tmp_path / f"cap.{frame:04d}.ply").cloud
+        np.testing.assert_array_equal(points.GetPointsAttr().Get(frame), read.positions)
+        places = UsdGeom.XformCache(frame)
+        world = [places.GetLocalToWorldTransform(each) for each in (prim, points.GetPrim())]
+        assert world[0] == world[1] != Gf.Matrix4d(1)
+    assert stage.GetCompositionErrors() == []

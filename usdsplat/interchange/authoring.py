@@ -85,6 +85,7 @@ def author_field(
         drawing=DrawingHints(rasterize_mode="antialiased" if capture.antialiased else "classic"),
     )
     set_op(prim, None if bake_axes else placed.matrix)
+    schema.place_proxy(prim)
     set_default_prim(stage, where)
     return prim
 
@@ -103,6 +104,13 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
 def given_axes(frame: str | None) -> list[str]:
     """Return a note on axes that the caller has given."""
     return [] if frame is None else [f"the axes are {frame!r} as given to the import"]
+
+
+def missing_proxy(prim: Usd.Prim) -> list[str]:
+    """Return a note if a packed field has no proxy points for renderers without its type."""
+    if not schema.is_packed(prim) or prim.GetRelationship(schema.tokens.PROXY_PRIM).GetTargets():
+        return []
+    return [f"{prim.GetPath()} has no proxy points: a field has them only below another prim"]
 
 
 def axes_text(placed: Placement, baked: bool) -> str:

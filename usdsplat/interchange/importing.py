@@ -20,6 +20,7 @@ from usdsplat.interchange.authoring import (
     author_field,
     axes_text,
     given_axes,
+    missing_proxy,
     prepare,
 )
 from usdsplat.interchange.cameras import import_cameras
@@ -73,7 +74,7 @@ def import_capture(
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing releases the GIL
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=options.bake_axes)
-    notes += tuple(schema.broken_rules(prim))
+    notes += (*schema.broken_rules(prim), *missing_proxy(prim))
     memory = provenance(
         sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes
     )

@@ -31,6 +31,7 @@ from usdsplat.interchange.authoring import (
     author_field,
     axes_text,
     given_axes,
+    missing_proxy,
     prepare,
 )
 from usdsplat.interchange.gathering import edit_capture, unit_assumed, with_unit
@@ -182,7 +183,7 @@ class _Job:
         placed = placement(self.stage, capture.frame, capture.meters_per_unit)
         text = axes_text(placed, self.bake_axes)
         notes = (*account.notes.told(), *given_axes(self.frame))
-        notes += tuple(schema.broken_rules(prim))
+        notes += (*schema.broken_rules(prim), *missing_proxy(prim))
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
         memory = provenance(

@@ -128,3 +128,11 @@ print(len(validators) > 0, known)
     done = run(plugin_folder())
     assert (done.returncode, done.stderr, done.stdout.strip()) == (0, "", "True True")
     assert "ErrorException" in run(plugin_folder(), validators_folder()).stderr
+
+
+@pytest.mark.parametrize(("form", "degree"), [("half", 1), ("float", 4)])
+def test_a_form_that_the_user_chose_is_no_fault(stage: Usd.Stage, form: str, degree: int) -> None:
+    """Oracle: `validate`, which has a warning that USD's validators do not have."""
+    schema.author(stage, "/Splats", cloud(n=2, degree=degree), form=form)
+    assert [finding.severity for finding in schema.validate(stage)] == ["warning"]
+    assert errors(stage, *VALIDATORS) == []

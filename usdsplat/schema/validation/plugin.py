@@ -21,6 +21,11 @@ _TYPES = {
 }
 
 
+_CHOICES = ("halfOnly", "interchangeDegree")
+"""Findings about a form that the user chose, which `usdsplat validate` prints: they are no faults
+of an asset, which UsdValidation lists."""
+
+
 def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]:
     """Return a group of checks as a function for UsdValidation."""
 
@@ -35,7 +40,8 @@ def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]
             for code in sample_codes(prim)
             if code.IsDefault() or interval.Contains(code.GetValue())
         ]
-        return [_error(prim, finding) for finding in check_field(prim, CHECKS[group], codes)]
+        found = check_field(prim, CHECKS[group], codes)
+        return [_error(prim, each) for each in found if each.name not in _CHOICES]
 
     return run
 

@@ -86,15 +86,16 @@ class BakeLayers:
             Sdf.AttributeSpec(owner, spec.name, spec.typeName, spec.variability)
         names = [f"./{self.clip(number).name}" for number in range(len(spans))]
         stops = sorted({float(time) for span in spans for time in span})
-        for plan in self._plans:
+        owners = [path for plan in self._plans for path in (plan.path, plan.proxy) if path]
+        for path in owners:
             clips = {
-                "primPath": plan.path,
+                "primPath": path,
                 "assetPaths": Sdf.AssetPathArray([Sdf.AssetPath(name) for name in names]),
                 "manifestAssetPath": Sdf.AssetPath("./manifest.usda"),
                 "active": Vt.Vec2dArray([(span[0], i) for i, span in enumerate(spans)]),
                 "times": Vt.Vec2dArray([(time, time) for time in stops]),
             }
-            Sdf.CreatePrimInLayer(layer, plan.path).SetInfo("clips", {"default": clips})
+            Sdf.CreatePrimInLayer(layer, path).SetInfo("clips", {"default": clips})
         _export(manifest, self.folder / "manifest.usda")
         _export(layer, self.folder / "clips.usda")
         self._write_root([self.folder / "clips.usda"], record)
