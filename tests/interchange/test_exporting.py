@@ -39,7 +39,7 @@ def test_there_and_back_is_the_same_capture(data, tmp_path, up_axis: str, suffix
     for name in ("scales", "rotations", "opacities", "sh"):
         np.testing.assert_allclose(after[name], before[name], rtol=1e-5, atol=1e-6, err_msg=name)
     assert (report.splats, report.degree, report.frame) == (1000, 3, "rdf")
-    assert report.prim_paths == ("/World/tiny",)
+    assert report.prim_paths == ("/tiny/splats",)
 
 
 def test_transforms_are_applied_to_centres_covariances_and_colours(stage, tmp_path) -> None:

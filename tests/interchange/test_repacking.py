@@ -35,10 +35,10 @@ def test_a_capture_goes_to_packed_and_back_within_the_bounds(data, tmp_path, suf
     """Oracle: the bounds of the layout against the capture's own numbers."""
     import_capture(data / "oracle" / "tiny.ply", tmp_path / "a.usdc")
     report = repack(tmp_path / "a.usdc", tmp_path / f"b{suffix}", form="packed")
-    assert (report.prim_paths, report.samples, report.splats) == (("/World/tiny",), 1, 1000)
+    assert (report.prim_paths, report.samples, report.splats) == (("/tiny/splats",), 1, 1000)
     repack(tmp_path / f"b{suffix}", tmp_path / "c.usdc", form="float")
-    before = schema.fetch(opened(tmp_path / "a.usdc", "/World/tiny"))
-    after = schema.fetch(opened(tmp_path / "c.usdc", "/World/tiny"))
+    before = schema.fetch(opened(tmp_path / "a.usdc", "/tiny/splats"))
+    after = schema.fetch(opened(tmp_path / "c.usdc", "/tiny/splats"))
     np.testing.assert_array_equal(after.positions, before.positions)
     np.testing.assert_allclose(after.scales, before.scales, rtol=3.4e-4)
     assert np.abs(after.opacities - before.opacities).max() <= 1 / 1022 + 1e-7
@@ -47,7 +47,7 @@ def test_a_capture_goes_to_packed_and_back_within_the_bounds(data, tmp_path, suf
         stage = Usd.Stage.Open(str(tmp_path / path))
         assert schema.validate(stage) == []
         assert UsdGeom.GetStageUpAxis(stage) == "Y"
-        ops = UsdGeom.Xformable(stage.GetPrimAtPath("/World/tiny")).GetOrderedXformOps()
+        ops = UsdGeom.Xformable(stage.GetPrimAtPath("/tiny/splats")).GetOrderedXformOps()
         assert [op.GetOpName() for op in ops] == ["xformOp:transform:axes"]
 
 

@@ -33,7 +33,7 @@ def sequence(folder: Path, counts: dict[int, int] = COUNTS, *, degree: int = 1) 
     return folder / "cap.####.ply"
 
 
-def opened(path: Path, prim_path: str = "/World/cap") -> tuple[Usd.Stage, Usd.Prim]:
+def opened(path: Path, prim_path: str = "/cap/splats") -> tuple[Usd.Stage, Usd.Prim]:
     """The stage, which must be kept, and its field."""
     stage = Usd.Stage.Open(str(path))
     return stage, stage.GetPrimAtPath(prim_path)
@@ -48,7 +48,7 @@ def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> 
         sequence(tmp_path), target, sequence=SequenceOptions(clips=clips, rate=25)
     )
     assert (report.frames, report.counts) == (tuple(COUNTS), tuple(COUNTS.values()))
-    assert (report.prim_path, report.splats) == ("/World/cap", sum(COUNTS.values()))
+    assert (report.prim_path, report.splats) == ("/cap/splats", sum(COUNTS.values()))
     stage, prim = opened(target)
     assert schema.sample_times(prim) == list(COUNTS)
     for frame in COUNTS:
@@ -59,7 +59,7 @@ def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> 
         np.testing.assert_array_equal(box, schema.compute_extent(read))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 4)
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 25
-    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert stage.GetDefaultPrim().GetPath() == "/cap"
     assert schema.validate(stage) == []
 
 

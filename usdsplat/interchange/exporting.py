@@ -18,6 +18,7 @@ from usdsplat.formats.options import WRITE_OPTIONS
 from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.gathering import edit_capture, fitted
+from usdsplat.interchange.models import FIELD
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
@@ -79,7 +80,7 @@ def export_each(
 ) -> SplitReport:
     """Write every splat field to a separate capture, named after `target` and the prim.
 
-    Fields "/World/Tree" and "/World/Rock" become shot_Tree.ply and shot_Rock.ply if the target is
+    Fields "/World/Tree" and "/Rock/splats" become shot_Tree.ply and shot_Rock.ply if the target is
     shot.ply. For prims of equal names, as much of the paths is used as makes them unique. Edits
     apply to each field separately.
 
@@ -125,8 +126,10 @@ def capture_of(
 
 
 def names(prims: Sequence[Usd.Prim]) -> list[str]:
-    """Return names for files of these prims: the shortest unique ends of their paths."""
+    """Return names for files of these prims: the shortest unique ends of the paths of the fields,
+    or of the models that they were imported with."""
     paths = [str(prim.GetPath()).strip("/").split("/") for prim in prims]
+    paths = [path[:-1] if path[-1] == FIELD and len(path) > 1 else path for path in paths]
     for length in range(1, max(map(len, paths), default=0) + 1):
         ends = ["_".join(path[-length:]) for path in paths]
         if len({end.lower() for end in ends}) == len(ends):

@@ -26,6 +26,7 @@ from usdsplat.interchange.authoring import (
 from usdsplat.interchange.cameras import import_cameras
 from usdsplat.interchange.editing import map_of
 from usdsplat.interchange.gathering import gather, unit_assumed
+from usdsplat.interchange.models import author_model, update_extents
 from usdsplat.interchange.options import IMPORT, ImportOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
@@ -74,6 +75,10 @@ def import_capture(
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing releases the GIL
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=options.bake_axes)
+    if options.prim_path is None:
+        author_model(prim, path)
+    else:
+        update_extents(prim)
     notes += (*schema.broken_rules(prim), *missing_proxy(prim))
     memory = provenance(
         sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes

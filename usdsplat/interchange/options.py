@@ -28,7 +28,8 @@ class ImportOptions:
     """Metres per unit of the capture and of a new file. None is 1 for a new file; a capture that
     states no unit then has the stage's."""
     prim_path: str | None = None
-    """Path of the field; None is the file's name below the default prim."""
+    """Path of the field; None is `splats` below a model named like the file, which is below the
+    default prim, or at the root of a stage without one."""
     bake_axes: bool = False
     """Transform the splats instead of authoring a transform op on the prim."""
     cameras: Path | str | None = None

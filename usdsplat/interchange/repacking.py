@@ -20,6 +20,7 @@ from usdsplat.interchange import files
 from usdsplat.interchange.authoring import missing_proxy
 from usdsplat.interchange.editing import edited
 from usdsplat.interchange.exporting import unknown_color_spaces
+from usdsplat.interchange.models import update_extents
 from usdsplat.interchange.provenance import add_edits, add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
@@ -91,6 +92,7 @@ def repack(
             add_form(written, form)
         notes += [f"{prim.GetPath()}: {rule}" for rule in schema.broken_rules(written)]
         notes += missing_proxy(written)
+        update_extents(written)
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
     return RepackReport(

@@ -35,6 +35,7 @@ from usdsplat.interchange.authoring import (
     prepare,
 )
 from usdsplat.interchange.gathering import edit_capture, unit_assumed, with_unit
+from usdsplat.interchange.models import author_extents, author_model
 from usdsplat.interchange.options import IMPORT, SEQUENCE, ImportOptions, SequenceOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import fingerprint, provenance, record
@@ -104,6 +105,7 @@ def import_sequence(
             stage=stage,
             target=path,
             where=field_path(stage, without_place(pattern), options.prim_path),
+            is_model=options.prim_path is None,
             clips=Clips(stage, scratch / clip_folder.name) if clip_folder else None,
             form=options.form,
             frame=options.axes,
@@ -132,6 +134,8 @@ class _Job:
     stage: Usd.Stage
     target: Path
     where: Sdf.Path
+    is_model: bool
+    """Whether the prim above the field is made a model."""
     clips: Clips | None
     form: Form
     frame: str | None
@@ -153,7 +157,7 @@ class _Job:
             cloud = replace(capture.cloud, ids=rows + (number << _ROW_BITS))
             capture = replace(capture, cloud=cloud)
         with self._stage_at(time) as stage:
-            author_field(
+            prim = author_field(
                 stage,
                 self.where,
                 capture,
@@ -162,6 +166,8 @@ class _Job:
                 bake_axes=self.bake_axes,
                 time=time,
             )
+            if self.is_model:
+                author_extents(prim, time)
 
     @contextmanager
     def _stage_at(self, time: float) -> Iterator[Usd.Stage]:
@@ -196,6 +202,8 @@ class _Job:
             notes=notes,
         )
         record(prim, memory)
+        if self.is_model:
+            author_model(prim, self.target)
         with files.usd_errors(self.target):
             self.stage.Save()
         return SequenceImportReport(
