@@ -23,7 +23,7 @@ from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QApplication, QDockWidget
 
 from benchmarks.scenes import DATA
-from benchmarks.simulations import SIM, run, save
+from benchmarks.simulations import part, run, save
 from tests.preview.usdview import usdviewq
 from tests.preview.web.conftest import ARGUMENTS, NAMES
 from usdsplat.preview.opening import open_document
@@ -38,7 +38,7 @@ from usdsplat.sim.stage.authoring import author
 CAPTURE = DATA / "splats" / "statue_angel.sog"
 SETTINGS = {"rd:substeps": 80, "rd:seedDensity": 0.003}
 SIZE = (1440, 900)
-BALL = "/World/Simulation/Ball"
+BALL = "/statue_angel/Simulation/Ball"
 """Path of an affector, which is selected."""
 FRAME = 24
 """Simulated frame to wait for."""
@@ -51,7 +51,7 @@ def scene(folder: Path) -> Path:
     path = folder / "grow.usda"
     run(f"simulate --preset grow {CAPTURE} -o {path}")
     stage = Usd.Stage.Open(str(path))
-    author(stage.GetPrimAtPath(SIM), SETTINGS)
+    author(stage.GetPrimAtPath(part(stage, "Sim")), SETTINGS)
     stage.Save()
     return path
 

@@ -26,7 +26,6 @@ from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.torus import author_torus
 
 CAMERA = "/Shot"
-SIM = "/World/Simulation/Sim"
 BACKGROUND = (0.09, 0.1, 0.12)
 LIMIT = 300_000
 """Maximum size of a strip [byte]."""
@@ -43,6 +42,11 @@ class Strip:
     """Function that edits the preset's stage, including its camera."""
     size: tuple[int, int] = (480, 640)
     """Size of a picture [pixel], before the strip is reduced."""
+
+
+def part(stage: Usd.Stage, name: str) -> Sdf.Path:
+    """Return the path of a prim of the simulation that a preset authored."""
+    return stage.GetDefaultPrim().GetPath().AppendPath(f"Simulation/{name}")
 
 
 def shoot(
@@ -68,14 +72,14 @@ def shoot(
 
 def grow(stage: Usd.Stage) -> None:
     """Grow a labyrinth pattern on a bust."""
-    stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
-    author(stage.GetPrimAtPath(SIM), {"rd:substeps": 120, "growth:birthRate": 0.25})
+    stage.GetPrimAtPath(part(stage, "Ball")).SetActive(False)
+    author(stage.GetPrimAtPath(part(stage, "Sim")), {"rd:substeps": 120, "growth:birthRate": 0.25})
     shoot(stage, (-1.3, 1.6, -3.6), (0.0, 1.15, 0))
 
 
 def push(stage: Usd.Stage) -> None:
     """Move a ball through a statue."""
-    ball = UsdGeom.Sphere.Get(stage, "/World/Simulation/Ball")
+    ball = UsdGeom.Sphere.Get(stage, part(stage, "Ball"))
     ball.GetDisplayColorAttr().Set([(0.75, 0.16, 0.05)])
     ball.GetRadiusAttr().Set(0.27)
     move = ball.GetTranslateOp()
@@ -89,8 +93,8 @@ def push(stage: Usd.Stage) -> None:
 
 def walk(stage: Usd.Stage) -> None:
     """Let a figure walk out of a flower bed."""
-    stage.GetPrimAtPath("/World/Simulation/Ball").SetActive(False)
-    figure = stage.DefinePrim("/World/Simulation/Figure")
+    stage.GetPrimAtPath(part(stage, "Ball")).SetActive(False)
+    figure = stage.DefinePrim(part(stage, "Figure"))
     figure.GetReferences().AddReference(str(DATA / "usd" / "usdwg" / "CesiumMan.usdz"))
     place = UsdGeom.Xformable(figure)
     place.ClearXformOpOrder()
@@ -101,14 +105,14 @@ def walk(stage: Usd.Stage) -> None:
     for prim in Usd.PrimRange(figure):
         if prim.GetTypeName() == "Skeleton":
             author(prim, {"affector:friction": 0.0, "affector:radiusScale": 1.1})
-    author(stage.GetPrimAtPath(SIM), {"settle:omega": 6.0})
+    author(stage.GetPrimAtPath(part(stage, "Sim")), {"settle:omega": 6.0})
     shoot(stage, (0.1, 0.26, 0.64), (-0.015, 0.1, 0.03))
 
 
 def conform(stage: Usd.Stage) -> None:
     """Conform a kettle to a doughnut."""
     select(stage, lambda points: points[:, 1] > -0.078)
-    path = Sdf.Path("/World/Simulation/Ring")
+    path = part(stage, "Ring")
     stage.RemovePrim(path)
     ring = author_torus(stage, path, radius=0.042, tube=0.023, axis="Y")
     ring.GetDisplayColorAttr().Set([(0.5, 0.3, 0.12)])
@@ -116,7 +120,7 @@ def conform(stage: Usd.Stage) -> None:
     for frame, angle in ((1, 0.0), (48, 60.0)):
         turn.Set(angle, frame)
     author(
-        stage.GetPrimAtPath(SIM),
+        stage.GetPrimAtPath(part(stage, "Sim")),
         {
             "conform:start": 0.1,
             "conform:duration": 1.0,

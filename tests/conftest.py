@@ -1,8 +1,10 @@
-"""Fixtures for all tests: the folder of real captures, and Qt without a display."""
+"""Fixtures for all tests: the folder of real captures, USD's validators on the stages that tests
+write, and Qt without a display."""
 
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +24,37 @@ def data() -> Path:
     if not (DATA / "README.md").is_file():
         pytest.skip(f"no test data at {DATA}; set USDSPLAT_TEST_DATA")
     return DATA
+
+
+VALIDATE = "USDSPLAT_VALIDATE"
+"""Environment variable: "all" validates every stage that any test writes, "none" no stage."""
+_EVERY = 8
+"""One in so many tests has its stages validated; of slow tests, each."""
+_LARGEST = 4_000_000
+"""Maximum size of a validated file [byte]; without "all"."""
+
+
+@pytest.fixture(autouse=True)
+def stock_validation(request: pytest.FixtureRequest) -> Iterator[None]:
+    """USD's validators find nothing in stages that we wrote to the test's folder.
+
+    A test whose stages are wrong on purpose has the marker `wrong_stages`.
+    """
+    yield
+    asked = os.environ.get(VALIDATE, "")
+    is_sampled = zlib.crc32(request.node.nodeid.encode()) % _EVERY == 0
+    is_wanted = asked == "all" or request.node.get_closest_marker("slow") or is_sampled
+    if asked == "none" or not is_wanted or request.node.get_closest_marker("wrong_stages"):
+        return
+    folder = request.node.funcargs.get("tmp_path")
+    stages = [] if folder is None else sorted(Path(folder).rglob("*.usd*"))
+    if asked != "all":
+        stages = [path for path in stages if path.is_file() and path.stat().st_size <= _LARGEST]
+    if stages:
+        from tests.stock_validation import errors, is_ours
+
+        found = {path.name: errors(path) for path in stages if is_ours(path)}
+        assert not any(found.values()), found
 
 
 ON_EACH_DEVICE = ("delegate/", "render/", "sim/", "kernels/", "test_")

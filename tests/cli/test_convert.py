@@ -16,10 +16,10 @@ def test_a_capture_becomes_a_stage(run, capture, tmp_path):
     status, out, err = run("convert", capture, tmp_path / "a.usdc", "--up-axis", "Z")
     assert (status, err) == (0, "")
     assert out.startswith(f"{tmp_path}/a.usdc: 300 splats, degree 1, float, from PLY")
-    assert "\n  prim   /World/ball\n" in out
+    assert "\n  prim   /ball/splats\n" in out
     assert "\n  axes   rdf to rfu" in out
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
-    cloud = schema.fetch(stage.GetPrimAtPath("/World/ball"))
+    cloud = schema.fetch(stage.GetPrimAtPath("/ball/splats"))
     np.testing.assert_array_equal(cloud.positions, formats.read(capture).cloud.positions)
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
 
@@ -180,7 +180,7 @@ def test_several_captures_become_one(run, run_json, capture, tmp_path):
     report = run_json("convert", *pair, tmp_path / "both.usdc", "--sh-degree", "0")
     assert (report["splats"], report["degree"]) == (600, 0)
     stage = Usd.Stage.Open(str(tmp_path / "both.usdc"))
-    memory = stage.GetPrimAtPath("/World/ball").GetCustomDataByKey("usdsplat")
+    memory = stage.GetPrimAtPath("/ball/splats").GetCustomDataByKey("usdsplat")
     assert memory["source"] == "ball.ply + far.ply"
     assert list(memory["edits"]) == ["sh-degree 0"]
 
@@ -236,6 +236,6 @@ def test_cameras_come_along_with_edits_that_move(run, capture, tmp_path):
     assert status == 0
     assert "  seen   by 1 camera beside it" in out
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
-    camera = stage.GetPrimAtPath("/World/cameras/a")
+    camera = stage.GetPrimAtPath("/ball/cameras/a")
     place = UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(0).ExtractTranslation()
     np.testing.assert_allclose(place, (2, 0, 8), atol=1e-6)

@@ -75,7 +75,7 @@ def test_the_demo_bakes_a_growth_that_a_ball_passes(run, capture, tmp_path):
     folder = tmp_path / "demo"
     assert run("demo", capture, "-o", folder, "--frames", 4)[0] == 0
     stage = Usd.Stage.Open(str(folder / "growth_bake.usda"))
-    field = stage.GetPrimAtPath("/World/Subject/ball")
+    field = stage.GetPrimAtPath("/World/Subject/splats")
     first, last = (schema.fetch(field, frame) for frame in (1, 4))
     same = min(len(first), len(last))
     assert not np.allclose(first.sh[:same, 0], last.sh[:same, 0])

@@ -122,6 +122,7 @@ def test_a_file_has_no_finding_that_0_6_0_did_not_have(run, name: str) -> None:
     assert found == ([("warning", "halfOnly")] if name == "half.usdc" else [])
 
 
+@pytest.mark.wrong_stages  # of 0.6.0, whose proxy points are below their field
 @pytest.mark.parametrize("bake", SIMULATIONS)
 def test_a_simulation_of_0_6_0_computes_what_it_computed(run, tmp_path: Path, bake: str) -> None:
     """Oracle: the bake of 0.6.0, on the CPU. A parameter that is no longer read would change it."""

@@ -18,9 +18,20 @@ def test_the_folders_hold_our_schemas_and_the_plugin_of_usdview(run):
     folders = [Path(folder) for folder in out.strip().split(os.pathsep)]
     told = [json.loads((folder / "plugInfo.json").read_text())["Plugins"] for folder in folders]
     schemas, (viewport,) = told
+    assert [plugin["Type"] for plugin in schemas] == ["resource"]
     assert "UsdSplatParticleFieldPackedSplat" in schemas[0]["Info"]["Types"]
     assert viewport["Type"] == "python"
     assert [*viewport["Info"]["Types"]] == [f"{viewport['Name']}.UsdSplatContainer"]
+
+
+def test_the_validators_are_added_only_on_request(run):
+    """Oracle: the plugInfo.json of the third folder, and the first two as without the flag."""
+    _, plain, _ = run("plugin-path")
+    _, out, _ = run("plugin-path", "--validators")
+    *rest, last = out.strip().split(os.pathsep)
+    assert os.pathsep.join(rest) == plain.strip()
+    (plugin,) = json.loads((Path(last) / "plugInfo.json").read_text())["Plugins"]
+    assert "SplatArrays" in plugin["Info"]["Validators"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")

@@ -284,3 +284,27 @@ def test_a_holdout_of_another_shape_is_refused(holdout, found: str) -> None:
         view = engine.view(resolution=(8, 8))
         with pytest.raises(UsageError, match=f"holdout: found {found}"):
             list(engine.render(view, holdout=lambda *_: holdout))
+
+
+def test_an_engine_begins_at_the_first_frame():
+    """Oracle: the range of the stage, and an engine that is told the time."""
+    stage = two_fields()
+    move = UsdGeom.Xformable(stage.GetPrimAtPath("/World/A")).AddTranslateOp(opSuffix="shot")
+    move.Set((0.5, 0, 0), 1001)
+    move.Set((-0.5, 0, 0), 1010)
+    with Engine(stage) as engine:
+        assert engine.time is None
+    stage.SetStartTimeCode(1001)
+    stage.SetEndTimeCode(1010)
+    with (
+        Engine(stage) as engine,
+        Engine(stage, time=1001) as told,
+        Engine(stage, time=None) as still,
+    ):
+        assert (engine.time, told.time, still.time) == (1001.0, 1001.0, None)
+        view = told.view(resolution=SIZE)
+        first, other, default = (each.picture(view)["color"] for each in (engine, told, still))
+        np.testing.assert_array_equal(first, other)
+        assert (first != default).any()
+        engine.set_time(None)
+        np.testing.assert_array_equal(engine.picture(view)["color"], default)

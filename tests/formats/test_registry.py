@@ -106,3 +106,10 @@ def test_what_writing_costs_is_what_reading_says(tmp_path, suffix):
     bounds = formats.write(random_cloud(5, 0), path)
     assert bounds == formats.read(path).error_bounds
     assert bool(bounds) == (suffix != ".ply")
+
+
+def test_only_gltf_defines_a_unit():
+    """Oracle: glTF 2.0: all lengths are in metres; the others' descriptions name no unit."""
+    units = {suffix: formats.unit_written(f"a{suffix}") for suffix in formats.suffixes_written()}
+    assert units.pop(".glb") == 1.0
+    assert units and set(units.values()) == {None}

@@ -85,7 +85,7 @@ def test_points_are_where_colmap_has_them(tmp_path, stage_up, bake_axes, unit):
         tmp_path, dots(points()), stage_up=stage_up, bake_axes=bake_axes, meters_per_unit=unit
     )
     report = import_cameras(colmap_binary(tmp_path / "sparse/0"), field, meters_per_unit=unit)
-    assert report.prim_paths == ("/World/cameras/left_0001", "/World/cameras/a_picture")
+    assert report.prim_paths == ("/scan/cameras/left_0001", "/scan/cameras/a_picture")
     world = in_world(field, schema.fetch(field).positions)
     for path, shot in zip(report.prim_paths, SHOTS, strict=True):
         found = pixels(stage.GetPrimAtPath(path), world)
@@ -200,8 +200,8 @@ def test_cameras_of_a_second_capture_leave_the_first_ones_alone(tmp_path):
     path = colmap_text(tmp_path / "sparse", twins)
     first = import_cameras(path, field).prim_paths
     second = import_cameras(path, field).prim_paths
-    assert first == ("/World/cameras/left_0001", "/World/cameras/left_0001_1")
-    assert second == ("/World/cameras_1/left_0001", "/World/cameras_1/left_0001_1")
+    assert first == ("/scan/cameras/left_0001", "/scan/cameras/left_0001_1")
+    assert second == ("/scan/cameras_1/left_0001", "/scan/cameras_1/left_0001_1")
     assert all(stage.GetPrimAtPath(path).IsA(UsdGeom.Camera) for path in (*first, *second))
 
 
@@ -214,9 +214,9 @@ def test_what_no_camera_can_do_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(UsageError, match="edited"):
         import_cameras(path, field, edited=np.diag([1.0, 2, 1, 1]))
     UsdGeom.Xformable(field).AddScaleOp().Set(Gf.Vec3f(1, 2, 1))
-    with pytest.raises(StageError, match="/World/scan"):
+    with pytest.raises(StageError, match="/scan/splats"):
         import_cameras(path, field)
-    assert not stage.GetPrimAtPath("/World/cameras")
+    assert not stage.GetPrimAtPath("/scan/cameras")
 
 
 def test_numbered_photographs_keep_their_numbers(tmp_path):
@@ -224,4 +224,4 @@ def test_numbered_photographs_keep_their_numbers(tmp_path):
     _, field = staged(tmp_path, dots(points()))
     shots = [Shot(f"{number}.png", (1, 0, 0, 0), (0, 0, 3)) for number in ("0001", "1001")]
     report = import_cameras(colmap_text(tmp_path / "sparse", shots), field)
-    assert report.prim_paths == ("/World/cameras/_0001", "/World/cameras/_1001")
+    assert report.prim_paths == ("/scan/cameras/_0001", "/scan/cameras/_1001")

@@ -6,12 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from tests.interchange.samples import capture, covariances, read_ply
 from usdsplat import formats, schema
 from usdsplat.core.errors import OutputError, UnknownFormatError
-from usdsplat.interchange import ExportReport, ImportReport, RepackReport, convert
+from usdsplat.interchange import (
+    ExportReport,
+    ImportReport,
+    RepackReport,
+    convert,
+    import_capture,
+)
 from usdsplat.interchange.options import ImportOptions
 from usdsplat.interchange.provenance import joined_bounds
 
@@ -89,3 +95,32 @@ def test_what_has_no_bound_gets_none_by_what_writing_costs():
     merged = "unbounded: splats were merged by decimate 25%"
     joined = joined_bounds({"scales": merged, "sh": "1/8"}, {"scales": "1 %", "sh": "1/16"})
     assert joined == {"scales": merged, "sh": "1/8 + 1/16"}
+
+
+def test_sizes_survive_a_way_through_glb(tmp_path: Path) -> None:
+    """Oracle: the centres of the first stage, in metres: stage in cm, glb, stage in cm."""
+    source = capture(tmp_path)
+    first, middle, last = (tmp_path / name for name in ("a.usda", "b.glb", "c.usda"))
+    in_cm = ImportOptions(meters_per_unit=0.01)
+    convert(source, first, options=in_cm)
+    convert(first, middle)
+    stage = Usd.Stage.CreateNew(str(last))
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    import_capture(middle, stage)
+    stage.Save()
+    convert(last, tmp_path / "back.ply")
+    before, after = read_ply(source)["positions"], read_ply(tmp_path / "back.ply")["positions"]
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-7)
+
+
+def test_a_stage_joins_a_capture_in_the_unit_of_the_target(tmp_path: Path) -> None:
+    """Oracle: centres by hand: both parts in metres, whichever comes first."""
+    scan = capture(tmp_path)
+    convert(scan, tmp_path / "a.usda", options=ImportOptions(meters_per_unit=0.01))
+    convert(tmp_path / "a.usda", tmp_path / "small.glb")
+    centres = formats.read(tmp_path / "small.glb").cloud.positions
+    for order in (("a.usda", "small.glb"), ("small.glb", "a.usda")):
+        convert([tmp_path / name for name in order], tmp_path / "both.glb")
+        found = formats.read(tmp_path / "both.glb").cloud.positions
+        np.testing.assert_allclose(found, np.tile(centres, (2, 1)), rtol=1e-5, atol=1e-9)

@@ -39,7 +39,7 @@ def test_there_and_back_is_the_same_capture(data, tmp_path, up_axis: str, suffix
     for name in ("scales", "rotations", "opacities", "sh"):
         np.testing.assert_allclose(after[name], before[name], rtol=1e-5, atol=1e-6, err_msg=name)
     assert (report.splats, report.degree, report.frame) == (1000, 3, "rdf")
-    assert report.prim_paths == ("/World/tiny",)
+    assert report.prim_paths == ("/tiny/splats",)
 
 
 def test_transforms_are_applied_to_centres_covariances_and_colours(stage, tmp_path) -> None:
@@ -297,3 +297,30 @@ def test_a_stage_that_cannot_be_opened_is_one_sentence(tmp_path: Path, content) 
     with pytest.raises(StageError, match="expected a USD file") as caught:
         export_capture(path, tmp_path / "out.ply")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_glb_is_in_metres(stage, tmp_path: Path, split: bool) -> None:
+    """Oracle: 1 cm is 0.01 m, of centres and covariances; and a .ply keeps the stage's numbers."""
+    source = cloud(n=20, degree=1)
+    schema.author(stage, "/World/Splats", source)
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    export = export_each if split else export_capture
+    report = export(stage, tmp_path / "out.glb")
+    parts = report.parts if split else (report,)
+    found = formats.read(parts[0].target).cloud
+    np.testing.assert_allclose(found.positions, source.positions / 100, rtol=1e-6)
+    np.testing.assert_allclose(covariances(found), covariances(source) / 1e4, rtol=1e-4, atol=1e-9)
+    assert "from the stage's unit of 0.01 m to 1 m" in " ".join(parts[0].notes)
+    plain = export_capture(stage, tmp_path / "out.ply", axes="rub")
+    assert not any("unit" in note for note in plain.notes)
+    np.testing.assert_array_equal(
+        formats.read(tmp_path / "out.ply").cloud.positions, source.positions
+    )
+
+
+def test_an_unauthored_unit_is_named_as_usds_default(stage, tmp_path: Path) -> None:
+    """Oracle: USD's fallback, 0.01."""
+    schema.author(stage, "/World/Splats", cloud(n=2))
+    notes = " ".join(export_capture(stage, tmp_path / "out.glb").notes)
+    assert "unit of 0.01 m, USD's default, to 1 m" in notes

@@ -91,3 +91,40 @@ def test_a_capture_tells_of_its_edits() -> None:
     found = edit_capture(one, [parsed("scale", "3"), parsed("min-opacity", "0.5")])
     assert found.error_bounds == {"positions": "0.1, before scale 3"}
     assert found.notes == (f"min-opacity 0.5: {len(found.cloud)} splats of 20 left",)
+
+
+def test_captures_of_different_units_are_joined_in_that_of_the_first() -> None:
+    """Oracle: 1 m is 100 cm, of centres and of covariances; and the remark."""
+    first = kept("a.glb", meters_per_unit=0.01)
+    second = kept("bb.glb", meters_per_unit=1.0)
+    both = joined([first, second])
+    assert (both.meters_per_unit, both.unit_source) == (0.01, "file")
+    larger = edit.take(both.cloud, np.arange(20, 40))
+    np.testing.assert_allclose(larger.positions, 100 * second.cloud.positions, rtol=1e-6)
+    np.testing.assert_allclose(covariances(larger), 1e4 * covariances(second.cloud), rtol=1e-4)
+    np.testing.assert_array_equal(larger.sh, second.cloud.sh)
+    assert both.notes == ("bb.glb was scaled by 100 to the unit of a.glb",)
+
+
+def test_a_capture_without_a_unit_is_assumed_to_have_that_of_the_others() -> None:
+    """Oracle: the same numbers, the unit of the one that states it, and the remark."""
+    first, second = kept("a.ply"), kept("bb.glb", meters_per_unit=1.0)
+    both = joined([first, second])
+    assert both.meters_per_unit == 1.0
+    np.testing.assert_array_equal(both.cloud.positions[:20], first.cloud.positions)
+    np.testing.assert_array_equal(both.cloud.positions[20:], second.cloud.positions)
+    assert both.notes == ("a.ply states no unit of length: that of bb.glb is assumed",)
+    neither = joined([first, kept("c.ply")])
+    assert (neither.meters_per_unit, neither.notes) == (None, ())
+
+
+def test_a_unit_that_is_given_replaces_that_of_the_file(tmp_path: Path) -> None:
+    """Oracle: glTF's unit is the metre; a .ply states none."""
+    scan, scene = capture(tmp_path), tmp_path / "scene.glb"
+    formats.write(formats.read(scan).cloud, scene)
+    units = [
+        (each.meters_per_unit, each.unit_source if each.meters_per_unit else None)
+        for path in (scan, scene)
+        for each in (gather([path]), gather([path], meters_per_unit=0.5))
+    ]
+    assert units == [(None, None), (0.5, "given"), (1.0, "file"), (0.5, "given")]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdVol
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdVol
 
 from tests.interchange.samples import assert_same, capture, covariances, read_ply
 from tests.schema.clouds import cloud
@@ -28,7 +28,7 @@ from usdsplat.interchange.options import ImportOptions
 RDF_TO = {"Y": np.diag([1, -1, -1]), "Z": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])}
 
 
-def field(path: Path | Usd.Stage, prim_path: str = "/World/tree") -> Usd.Prim:
+def field(path: Path | Usd.Stage, prim_path: str = "/tree/splats") -> Usd.Prim:
     """A prim of a file; the stage stays open as long as the process."""
     stage = path if isinstance(path, Usd.Stage) else Usd.Stage.Open(str(path))
     OPEN.append(stage)
@@ -114,7 +114,7 @@ def test_a_file_says_its_default_prim_axes_and_unit(tmp_path: Path) -> None:
         capture(tmp_path), tmp_path / "a.usda", options=ImportOptions(meters_per_unit=0.01)
     )
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
-    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert stage.GetDefaultPrim().GetPath() == "/tree"
     assert stage.GetDefaultPrim().GetTypeName() == "Xform"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
     assert UsdGeom.StageHasAuthoredMetersPerUnit(stage)
@@ -163,8 +163,8 @@ def test_a_folder_is_hashed_as_a_whole_however_it_is_named(data: Path, tmp_path:
     def digest(source: Path) -> str:
         stage = Usd.Stage.CreateInMemory()
         report = import_capture(source, stage)
-        assert report.prim_path == "/World/scan"
-        memory = field(stage, "/World/scan").GetCustomDataByKey("usdsplat")
+        assert report.prim_path == "/scan/splats"
+        memory = field(stage, "/scan/splats").GetCustomDataByKey("usdsplat")
         assert memory["source"] == "scan"
         return memory["sha256"]
 
@@ -210,7 +210,7 @@ def test_prims_are_named_after_files(tmp_path: Path, name: str, expected: str) -
     source = capture(tmp_path)
     source.rename(tmp_path / name)
     report = import_capture(tmp_path / name, tmp_path / "out.usdc")
-    assert report.prim_path == f"/World/{expected}"
+    assert report.prim_path == f"/{expected}/splats"
 
 
 def test_a_path_can_be_asked_for(tmp_path: Path) -> None:
@@ -234,10 +234,10 @@ def test_a_capture_joins_a_stage(tmp_path: Path) -> None:
     reports = [
         import_capture(source, stage, options=ImportOptions(meters_per_unit=1)) for _ in range(2)
     ]
-    assert [r.prim_path for r in reports] == ["/Shot/tree", "/Shot/tree_1"]
+    assert [r.prim_path for r in reports] == ["/Shot/tree/splats", "/Shot/tree_1/splats"]
     assert (reports[0].target, reports[0].meters_per_unit) == ("", 0.01)
     assert "100 times as large" in reports[0].axes
-    prim = stage.GetPrimAtPath("/Shot/tree_1")
+    prim = stage.GetPrimAtPath("/Shot/tree_1/splats")
     to_world = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
     np.testing.assert_allclose(to_world[:3, :3].T, 100 * RDF_TO["Z"], atol=1e-12)
     assert stage.GetRootLayer().anonymous
@@ -407,3 +407,33 @@ def test_an_import_says_which_published_rule_its_form_breaks(tmp_path, form, deg
     )
     found = [note for note in report.notes if "VG.035" in note]
     assert [said in note for note in found] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(("unit", "factor"), [(1.0, 1.0), (0.01, 100.0)])
+def test_a_glb_has_its_size_on_a_stage_of_any_unit(tmp_path: Path, unit, factor) -> None:
+    """Oracle: glTF's unit is the metre; centres in world space, by Gf."""
+    source = cloud(n=20)
+    formats.write(source, tmp_path / "tree.glb")
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, unit)
+    report = import_capture(tmp_path / "tree.glb", stage)
+    prim = field(stage, report.prim_path)
+    matrix = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(0)
+    found = [matrix.Transform(Gf.Vec3d(*map(float, p))) for p in schema.fetch(prim).positions]
+    np.testing.assert_allclose(found, factor * source.positions, rtol=1e-6)
+    memory = prim.GetCustomDataByKey("usdsplat")
+    assert (memory["meters_per_unit"], memory["unit_source"]) == (1.0, "file")
+    assert not any("a unit" in note for note in report.notes)
+
+
+def test_the_prim_remembers_the_unit_and_where_it_is_from(tmp_path: Path) -> None:
+    """Oracle: the option, or the stage's unit that is assumed."""
+    source = capture(tmp_path, degree=2)
+    found = []
+    for unit in (0.01, None):
+        stage = Usd.Stage.CreateInMemory()
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        report = import_capture(source, stage, options=ImportOptions(meters_per_unit=unit))
+        memory = field(stage, report.prim_path).GetCustomDataByKey("usdsplat")
+        found.append([memory[name] for name in ("meters_per_unit", "unit_source", "sh_degree")])
+    assert found == [[0.01, "given", 2], [1.0, "assumed", 2]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdValidation
 
 from tests.interchange.samples import assert_same, capture
 from tests.schema.clouds import angles, cloud
@@ -27,6 +27,7 @@ def opened(path: Path, prim_path: str) -> Usd.Prim:
 
 
 OPEN: list[Usd.Stage] = []
+V0_6 = Path(__file__).parents[1] / "data" / "v0_6_0"
 
 
 @pytest.mark.parametrize("suffix", [".usdc", ".usdz"])
@@ -34,10 +35,10 @@ def test_a_capture_goes_to_packed_and_back_within_the_bounds(data, tmp_path, suf
     """Oracle: the bounds of the layout against the capture's own numbers."""
     import_capture(data / "oracle" / "tiny.ply", tmp_path / "a.usdc")
     report = repack(tmp_path / "a.usdc", tmp_path / f"b{suffix}", form="packed")
-    assert (report.prim_paths, report.samples, report.splats) == (("/World/tiny",), 1, 1000)
+    assert (report.prim_paths, report.samples, report.splats) == (("/tiny/splats",), 1, 1000)
     repack(tmp_path / f"b{suffix}", tmp_path / "c.usdc", form="float")
-    before = schema.fetch(opened(tmp_path / "a.usdc", "/World/tiny"))
-    after = schema.fetch(opened(tmp_path / "c.usdc", "/World/tiny"))
+    before = schema.fetch(opened(tmp_path / "a.usdc", "/tiny/splats"))
+    after = schema.fetch(opened(tmp_path / "c.usdc", "/tiny/splats"))
     np.testing.assert_array_equal(after.positions, before.positions)
     np.testing.assert_allclose(after.scales, before.scales, rtol=3.4e-4)
     assert np.abs(after.opacities - before.opacities).max() <= 1 / 1022 + 1e-7
@@ -46,7 +47,7 @@ def test_a_capture_goes_to_packed_and_back_within_the_bounds(data, tmp_path, suf
         stage = Usd.Stage.Open(str(tmp_path / path))
         assert schema.validate(stage) == []
         assert UsdGeom.GetStageUpAxis(stage) == "Y"
-        ops = UsdGeom.Xformable(stage.GetPrimAtPath("/World/tiny")).GetOrderedXformOps()
+        ops = UsdGeom.Xformable(stage.GetPrimAtPath("/tiny/splats")).GetOrderedXformOps()
         assert [op.GetOpName() for op in ops] == ["xformOp:transform:axes"]
 
 
@@ -262,10 +263,10 @@ def test_what_could_not_be_read_is_noted(tmp_path: Path, capfd) -> None:
 def test_the_published_rule_that_a_form_breaks_is_noted(tmp_path: Path, form, rules) -> None:
     """Oracle: VG.035 asks for the float attributes of stock fields."""
     stage = Usd.Stage.CreateInMemory()
-    schema.author(stage, "/A", cloud(n=2), form="packed" if form == "float" else "float")
+    schema.author(stage, "/A/B", cloud(n=2), form="packed" if form == "float" else "float")
     notes = repack(stage, tmp_path / "b.usda", form=form).notes
     assert len(notes) == rules
-    assert all(note.startswith("/A: NVIDIA's rule VG.035 for splats fails:") for note in notes)
+    assert all(note.startswith("/A/B: NVIDIA's rule VG.035 for splats fails:") for note in notes)
 
 
 def test_edits_are_done_to_each_field_in_its_own_coordinates(tmp_path: Path) -> None:
@@ -346,3 +347,30 @@ def test_a_move_of_a_moving_field_keeps_its_motion(tmp_path: Path) -> None:
     source = schema.fetch(stage.GetPrimAtPath("/S"), 2).positions
     np.testing.assert_allclose(found.positions, source + np.float32([0, 0, 1]), atol=1e-6)
     assert (found.ids, found.sh_degree) == (None, 0)
+
+
+def test_a_packed_file_of_0_6_gets_its_proxy_beside_the_field(tmp_path: Path) -> None:
+    """Oracle: USD's validators, the points of the file of 0.6, and its arrays."""
+    repack(V0_6 / "packed.usdc", tmp_path / "a.usda", form="packed")
+    before, after = (Usd.Stage.Open(str(p)) for p in (V0_6 / "packed.usdc", tmp_path / "a.usda"))
+    old, new = (stage.GetPrimAtPath("/World/small") for stage in (before, after))
+    assert old.GetChildren() and not new.GetChildren()
+    points = after.GetPrimAtPath("/World/small_proxy")
+    assert new.GetRelationship("proxyPrim").GetTargets() == [points.GetPath()]
+    for name in ("points", "widths", "extent"):
+        assert points.GetAttribute(name).Get() == old.GetChild("proxy").GetAttribute(name).Get()
+    places = UsdGeom.XformCache()
+    world = places.GetLocalToWorldTransform
+    assert world(points) == world(new) == world(old)
+    assert_same(schema.fetch(new), schema.fetch(old))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert UsdValidation.ValidationContext(validators).Validate(after) == []
+
+
+def test_a_packed_field_at_the_root_is_noted(tmp_path: Path) -> None:
+    """Oracle: the note, and the prims of the file."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/A", cloud(n=2))
+    (note,) = repack(stage, tmp_path / "b.usda", form="packed").notes
+    assert note.startswith("/A has no proxy points")
+    assert len(Usd.Stage.Open(str(tmp_path / "b.usda")).GetPseudoRoot().GetChildren()) == 1

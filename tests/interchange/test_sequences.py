@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from tests.interchange.samples import assert_same, capture
 from usdsplat import formats, schema
@@ -33,7 +33,7 @@ def sequence(folder: Path, counts: dict[int, int] = COUNTS, *, degree: int = 1) 
     return folder / "cap.####.ply"
 
 
-def opened(path: Path, prim_path: str = "/World/cap") -> tuple[Usd.Stage, Usd.Prim]:
+def opened(path: Path, prim_path: str = "/cap/splats") -> tuple[Usd.Stage, Usd.Prim]:
     """The stage, which must be kept, and its field."""
     stage = Usd.Stage.Open(str(path))
     return stage, stage.GetPrimAtPath(prim_path)
@@ -48,7 +48,7 @@ def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> 
         sequence(tmp_path), target, sequence=SequenceOptions(clips=clips, rate=25)
     )
     assert (report.frames, report.counts) == (tuple(COUNTS), tuple(COUNTS.values()))
-    assert (report.prim_path, report.splats) == ("/World/cap", sum(COUNTS.values()))
+    assert (report.prim_path, report.splats) == ("/cap/splats", sum(COUNTS.values()))
     stage, prim = opened(target)
     assert schema.sample_times(prim) == list(COUNTS)
     for frame in COUNTS:
@@ -59,7 +59,7 @@ def test_each_frame_is_its_capture(tmp_path: Path, suffix: str, clips: bool) -> 
         np.testing.assert_array_equal(box, schema.compute_extent(read))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (1, 4)
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 25
-    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert stage.GetDefaultPrim().GetPath() == "/cap"
     assert schema.validate(stage) == []
 
 
@@ -333,3 +333,23 @@ def test_fractions_of_frames_are_times(tmp_path: Path) -> None:
     assert report.frames == (1, 1.5, 2)
     _stage, prim = opened(tmp_path / "out.usdc")
     assert [len(schema.fetch(prim, time)) for time in (1, 1.25, 1.5, 2)] == [3, 3, 4, 5]
+
+
+@pytest.mark.parametrize("clips", [False, True])
+def test_the_proxy_of_a_packed_sequence_shows_each_frame(tmp_path: Path, clips: bool) -> None:
+    """Oracle: the captures' centres, and the field's place."""
+    import_sequence(
+        sequence(tmp_path),
+        tmp_path / "out.usda",
+        options=ImportOptions(form="packed"),
+        sequence=SequenceOptions(clips=clips),
+    )
+    stage, prim = opened(tmp_path / "out.usda")
+    points = UsdGeom.Points(UsdGeom.Imageable(prim).ComputeProxyPrim()[0])
+    for frame in COUNTS:
+        read = formats.read(tmp_path / f"cap.{frame:04d}.ply").cloud
+        np.testing.assert_array_equal(points.GetPointsAttr().Get(frame), read.positions)
+        places = UsdGeom.XformCache(frame)
+        world = [places.GetLocalToWorldTransform(each) for each in (prim, points.GetPrim())]
+        assert world[0] == world[1] != Gf.Matrix4d(1)
+    assert stage.GetCompositionErrors() == []

@@ -24,7 +24,7 @@ def turntable(run, capture, tmp_path):
 
 def test_the_subject_is_in_the_picture_all_the_way_around(turntable):
     """Oracle: GfFrustum; every centre is inside at every frame, and the ball fills the height."""
-    prim = turntable.GetPrimAtPath("/World/Subject/ball")
+    prim = turntable.GetPrimAtPath("/World/Subject/splats")
     to_world = UsdGeom.XformCache().GetLocalToWorldTransform(prim)
     points = [to_world.Transform(Gf.Vec3d(*map(float, p))) for p in schema.fetch(prim).positions]
     for frame in range(1, 9):

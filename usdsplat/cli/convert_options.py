@@ -25,7 +25,7 @@ class StageWritten:
     up_axis: Annotated[str | None, option("Y|Z")] = None
     """up axis of a stage made from a capture; default: Y"""
     meters_per_unit: Annotated[float | None, option("METRES")] = None
-    """length of one unit of the capture in metres; default: 1"""
+    """length of one unit of the capture in metres; default: as stated by its format, else 1"""
     bake_axes: Annotated[bool, option()] = False
     """rotate the splats themselves, harmonics included, instead of adding a transform"""
     cameras: Annotated[Path | None, option("PATH")] = None

@@ -5,11 +5,15 @@ examples:
       the folders in the format of the variable
   usdsplat plugin-path --export
       a line for a shell: eval "$(usdsplat plugin-path --export)"; usdview shot.usd
+  usdsplat plugin-path --validators
+      with the folder of the checks that other applications run through UsdValidation
 
 notes:
   The first folder registers usdsplat's schemas in every USD application that starts with the
-  variable. The second adds the menu "usdsplat" to usdview. For the menu, usdsplat with its extra
-  [view] must be installed in usdview's Python, and usdview must be built with PySide6.
+  variable. It contains no code. The second adds the menu "usdsplat" to usdview. For the menu,
+  usdsplat with its extra [view] must be installed in usdview's Python, and usdview must be built
+  with PySide6. The third, of --validators, is only for applications in whose Python usdsplat is
+  installed: elsewhere, USD fails to load its validators.
 """
 
 from __future__ import annotations
@@ -31,15 +35,20 @@ class Options:
 
     export: Annotated[bool, option()] = False
     """print a shell line that prepends the folders to the variable"""
+    validators: Annotated[bool, option()] = False
+    """add the folder of the UsdValidation checks; needs usdsplat in the application's Python"""
 
 
 def run(options: Options) -> int:
     """Print the folders, or the shell line."""
     from usdsplat.preview import usdview
-    from usdsplat.schema.registration import plugin_folder
+    from usdsplat.schema.registration import plugin_folder, validators_folder
 
-    folders = os.pathsep.join(map(str, (plugin_folder(), Path(usdview.__file__).parent)))
-    print(_line(folders) if options.export else folders)
+    folders = [plugin_folder(), Path(usdview.__file__).parent]
+    if options.validators:
+        folders.append(validators_folder())
+    value = os.pathsep.join(map(str, folders))
+    print(_line(value) if options.export else value)
     return 0
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.default_camera import Box, frame_subject, union
@@ -52,7 +52,8 @@ class Engine:
         stage: A Usd.Stage, which the engine never edits.
         device: "auto", or a device name of `kernels.devices.open_device`.
         threads: Number of threads; None for all.
-        time: Time code; None for USD's default time, which ignores time samples.
+        time: Time code; "first" is the stage's first frame, or the default time if the stage has no
+            range; None is USD's default time, which ignores time samples. See `set_time`.
         purposes: Drawn purposes: default, render, proxy, guide.
         refinement: Refinement level of subdivision surfaces, 0 to 5.
 
@@ -67,7 +68,7 @@ class Engine:
         *,
         device: str = "auto",
         threads: int | None = None,
-        time: float | None = None,
+        time: float | Literal["first"] | None = "first",
         purposes: tuple[str, ...] = PURPOSES,
         refinement: int = 2,
     ) -> None:
@@ -86,7 +87,7 @@ class Engine:
         return self._open().time
 
     def set_time(self, time: float | None) -> None:
-        """Go to another time; only data that varies over time is pulled again."""
+        """Go to a time code, or None for the default time; only data that varies is read again."""
         self._open().set_time(time)
 
     def set_purposes(self, purposes: tuple[str, ...]) -> None:

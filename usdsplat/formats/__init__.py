@@ -37,6 +37,7 @@ __all__ = [
     "read",
     "suffixes_read",
     "suffixes_written",
+    "unit_written",
     "write",
 ]
 
@@ -60,7 +61,8 @@ class Format(Protocol):
 
 class WritableFormat(Format, Protocol):
     """A module that also writes its format. `MAX_DEGREE`, if present, is the highest degree of
-    harmonics that it writes; the default is 4."""
+    harmonics that it writes; the default is 4. `METERS_PER_UNIT`, if present, is the unit that its
+    lengths are defined in."""
 
     FRAME: str
     """Directions of x, y and z in its files (`core.axes`): prescribed by the format, or else
@@ -164,6 +166,16 @@ def degree_written(path: str | Path) -> int:
         UnknownFormatError: If the suffix is not one of `suffixes_written()`.
     """
     return int(getattr(_writer(Path(path)), "MAX_DEGREE", MAX_DEGREE))
+
+
+def unit_written(path: str | Path) -> float | None:
+    """Return the metres per unit of files with the suffix of `path`; None if the format defines no
+    unit.
+
+    Raises:
+        UnknownFormatError: If the suffix is not one of `suffixes_written()`.
+    """
+    return getattr(_writer(Path(path)), "METERS_PER_UNIT", None)
 
 
 def suffixes_read() -> tuple[str, ...]:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from usdsplat.core.cloud import SplatCloud
 
 UNKNOWN_AXES = "the file does not say where its axes point: 'rdf' is assumed, else try 'rub'"
 """Note of readers whose format does not state the axes."""
+
+UnitSource = Literal["given", "file", "assumed"]
+"""Source of a capture's unit: the caller, the file or its format, or an assumption."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -25,6 +29,10 @@ class Capture:
     frame: str
     """Directions of x, y and z (`core.axes`): as the file states, or else as is customary for its
     format."""
+    meters_per_unit: float | None = None
+    """Metres per unit of length; None if neither the file nor its format states it."""
+    unit_source: UnitSource = "file"
+    """Source of `meters_per_unit`, if it has a value."""
     antialiased: bool = False
     """Whether the capture was trained with the antialiased (mip) projection."""
     color_space: str = "srgb_rec709_scene"

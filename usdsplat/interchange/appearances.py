@@ -32,7 +32,8 @@ class Appearance:
     """Local to world matrices, column vectors, shape (k, 4, 4)."""
 
     def cloud(self, time: float | None, turn: F64) -> SplatCloud:
-        """Return all its splats in world space, with axes rotated by `turn`, shape (3, 3).
+        """Return all its splats in world space, transformed by `turn`, shape (3, 3): axes and
+        unit.
 
         Raises:
             StageError: If there are more than `MOST_SPLATS`, the field cannot be read, or float32

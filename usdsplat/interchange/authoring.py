@@ -25,7 +25,6 @@ IN_USD_MEMORY = ReadOptions(empty=schema.empty)
 """Options for reading captures that will be authored: most arrays are then not copied."""
 
 _BLOCK = 1 << 16  # splats transformed at a time
-_UNKNOWN_SIZE = "captures do not state a unit of length: the unit of the stage is assumed"
 
 
 def prepare(stage: Usd.Stage, up_axis: str | None, meters_per_unit: float | None) -> None:
@@ -86,6 +85,7 @@ def author_field(
         drawing=DrawingHints(rasterize_mode="antialiased" if capture.antialiased else "classic"),
     )
     set_op(prim, None if bake_axes else placed.matrix)
+    schema.place_proxy(prim)
     set_default_prim(stage, where)
     return prim
 
@@ -101,10 +101,16 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
             array[rows] = getattr(turned, name)
 
 
-def assumptions(frame: str | None, meters_per_unit: float | None) -> list[str]:
-    """Return notes on assumptions that the file does not confirm."""
-    given = [] if frame is None else [f"the axes are {frame!r} as given to the import"]
-    return given + ([_UNKNOWN_SIZE] if meters_per_unit is None else [])
+def given_axes(frame: str | None) -> list[str]:
+    """Return a note on axes that the caller has given."""
+    return [] if frame is None else [f"the axes are {frame!r} as given to the import"]
+
+
+def missing_proxy(prim: Usd.Prim) -> list[str]:
+    """Return a note if a packed field has no proxy points for renderers without its type."""
+    if not schema.is_packed(prim) or prim.GetRelationship(schema.tokens.PROXY_PRIM).GetTargets():
+        return []
+    return [f"{prim.GetPath()} has no proxy points: a field has them only below another prim"]
 
 
 def axes_text(placed: Placement, baked: bool) -> str:

@@ -14,7 +14,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, ReadOptions, WriteOptions
 from usdsplat.interchange import files
 from usdsplat.interchange.exporting import capture_of, export_capture
-from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned
+from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned, unit_ratio
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
@@ -53,7 +53,11 @@ class ToCapture:
         capture = joined([self._read(source, frame) for source in sources])
         files.check_not_input(target, capture.files)
         capture = fitted(edit_capture(capture, self.edits, progress=self.progress), target)
-        cloud = turned(capture.cloud, capture.frame, frame)
+        factor = unit_ratio(capture, target)
+        cloud = turned(capture.cloud, capture.frame, frame, factor)
+        notes = capture.notes
+        if factor != 1:
+            notes = (*notes, f"lengths are {factor:g} times as large, in the unit of the format")
         is_known = self.axes is not None or capture.states_frame
         how = replace(
             self.writing, antialiased=capture.antialiased, frame=frame if is_known else None
@@ -67,7 +71,7 @@ class ToCapture:
             degree=cloud.sh_degree,
             frame=frame,
             error_bounds=joined_bounds(capture.error_bounds, bounds),
-            notes=capture.notes,
+            notes=notes,
         )
 
     def of_stage(self, stage: Usd.Stage, target: Path, time: float) -> ExportReport:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from usdsplat import formats, schema
 from usdsplat.core import edit
@@ -18,6 +18,7 @@ from usdsplat.formats.options import WRITE_OPTIONS
 from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.gathering import edit_capture, fitted
+from usdsplat.interchange.models import FIELD
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
@@ -36,7 +37,8 @@ def export_capture(
 ) -> ExportReport:
     """Write splat fields as a capture: merged, in world space, with the capture's axes.
 
-    Transforms are applied exactly, harmonics included. Lengths stay in the stage's unit.
+    Transforms are applied exactly, harmonics included. Lengths are converted to the unit of the
+    format, such as metres for .glb; in formats without one they stay in the stage's.
 
     Args:
         source: A USD file, or a stage, which is not modified.
@@ -57,7 +59,10 @@ def export_capture(
     """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
-    capture, prims = capture_of(stage, frame, prim_path=prim_path, time=time, progress=progress)
+    unit = formats.unit_written(path)
+    capture, prims = capture_of(
+        stage, frame, meters_per_unit=unit, prim_path=prim_path, time=time, progress=progress
+    )
     capture = edit_capture(capture, edits, progress=progress)
     return _written(capture, prims, source, path, how, progress)
 
@@ -75,7 +80,7 @@ def export_each(
 ) -> SplitReport:
     """Write every splat field to a separate capture, named after `target` and the prim.
 
-    Fields "/World/Tree" and "/World/Rock" become shot_Tree.ply and shot_Rock.ply if the target is
+    Fields "/World/Tree" and "/Rock/splats" become shot_Tree.ply and shot_Rock.ply if the target is
     shot.ply. For prims of equal names, as much of the paths is used as makes them unique. Edits
     apply to each field separately.
 
@@ -83,10 +88,12 @@ def export_each(
     """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
+    unit = formats.unit_written(path)
     found, notes = appearances(stage, prim_path, time)
     parts = []
     for item, name in zip(found, names([item.prim for item in found]), strict=True):
-        capture = edit_capture(_capture([item], frame, time, progress), edits, progress=progress)
+        part = _capture([item], frame, unit, time, progress)
+        capture = edit_capture(part, edits, progress=progress)
         beside = _named(path, name)
         files.check_not_input(beside, files.layer_files(stage))
         parts.append(_written(capture, [item.prim], source, beside, how, progress))
@@ -102,23 +109,27 @@ def capture_of(
     stage: Usd.Stage,
     frame: str,
     *,
+    meters_per_unit: float | None = None,
     prim_path: str | None = None,
     time: float | None = None,
     progress: Progress = silent,
 ) -> tuple[Capture, list[Usd.Prim]]:
     """Read the visible fields of a stage as a capture with axes `frame`, and their prims.
 
-    Args and errors are those of `export_capture`.
+    Args and errors are those of `export_capture`; `meters_per_unit` is the unit of the capture,
+    None for the stage's.
     """
     found, notes = appearances(stage, prim_path, time)
-    capture = _capture(found, frame, time, progress)
+    capture = _capture(found, frame, meters_per_unit, time, progress)
     notes = [*files.composition_remarks(stage), *notes, *capture.notes]
     return replace(capture, notes=tuple(notes)), [item.prim for item in found]
 
 
 def names(prims: Sequence[Usd.Prim]) -> list[str]:
-    """Return names for files of these prims: the shortest unique ends of their paths."""
+    """Return names for files of these prims: the shortest unique ends of the paths of the fields,
+    or of the models that they were imported with."""
     paths = [str(prim.GetPath()).strip("/").split("/") for prim in prims]
+    paths = [path[:-1] if path[-1] == FIELD and len(path) > 1 else path for path in paths]
     for length in range(1, max(map(len, paths), default=0) + 1):
         ends = ["_".join(path[-length:]) for path in paths]
         if len({end.lower() for end in ends}) == len(ends):
@@ -144,12 +155,18 @@ def _opened(source: Path | str | Usd.Stage, target: Path | str) -> Usd.Stage:
 
 
 def _capture(
-    found: Sequence[Appearance], frame: str, time: float | None, progress: Progress
+    found: Sequence[Appearance],
+    frame: str,
+    unit: float | None,
+    time: float | None,
+    progress: Progress,
 ) -> Capture:
     """Join appearances in one capture, with notes on what captures cannot hold."""
     prims = [item.prim for item in found]
     stage = prims[0].GetStage()
-    turn = change_axes(stage_frame(stage), frame)
+    own = UsdGeom.GetStageMetersPerUnit(stage)
+    unit = unit or own
+    turn = own / unit * change_axes(stage_frame(stage), frame)
     clouds = []
     for done, item in enumerate(found):
         progress.step("reading fields", done, len(found))
@@ -159,6 +176,11 @@ def _capture(
     spaces = sorted({schema.color_space(prim) for prim in prims})
     modes = {schema.rasterize_mode(prim) for prim in prims}
     notes = unknown_color_spaces(prims)
+    if unit != own:
+        said = "" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else ", USD's default,"
+        notes.append(
+            f"lengths are converted from the stage's unit of {own:g} m{said} to {unit:g} m"
+        )
     if spaces != [schema.tokens.DEFAULT_COLOR_SPACE]:
         listed = " and ".join(spaces)
         notes.append(f"colours are in {listed}, which the file cannot state")
@@ -174,6 +196,7 @@ def _capture(
         format="USD",
         files=tuple(files.layer_files(stage)) or (Path(stage.GetRootLayer().identifier),),
         frame=frame,
+        meters_per_unit=unit,
         antialiased=modes == {"antialiased"},
         color_space=spaces[0],
         notes=tuple(notes),

@@ -20,6 +20,7 @@ from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.editing import bounds_after, edited
 
 _MIXED = "captures have different rasterize modes; the result states classic for all splats"
+_UNKNOWN_UNIT = "captures do not state a unit of length: the unit of the stage is assumed"
 _EXACT = "exact"
 
 
@@ -27,6 +28,7 @@ def gather(
     sources: Sequence[Path],
     *,
     axes: str | None = None,
+    meters_per_unit: float | None = None,
     edits: Sequence[Edit] = (),
     how: ReadOptions = READ_OPTIONS,
     progress: Progress = silent,
@@ -36,6 +38,7 @@ def gather(
     Args:
         sources: Files in any format that `formats` reads, at least one.
         axes: Axes of all captures; None uses those of each file.
+        meters_per_unit: Unit of all captures; None uses that of each file.
         edits: Edits of all splats together, in the first capture's coordinates.
         how: Other options of the readers.
         progress: Receives the progress of reading and editing.
@@ -48,6 +51,7 @@ def gather(
     captures = [formats.read(source, how=how, progress=progress) for source in sources]
     if axes is not None:
         captures = [replace(capture, frame=axes) for capture in captures]
+    captures = [with_unit(capture, meters_per_unit) for capture in captures]
     return edit_capture(joined(captures), edits, progress=progress)
 
 
@@ -58,8 +62,29 @@ def reading_for(edits: Sequence[Edit], how: ReadOptions = READ_OPTIONS) -> ReadO
     return replace(how, drop_nonfinite=how.drop_nonfinite or drops)
 
 
+def with_unit(capture: Capture, meters_per_unit: float | None) -> Capture:
+    """Return the capture with a given unit instead of its own; None leaves its own."""
+    if meters_per_unit is None:
+        return capture
+    return replace(capture, meters_per_unit=meters_per_unit, unit_source="given")
+
+
+def unit_assumed(capture: Capture, meters_per_unit: float) -> Capture:
+    """Return the capture with a unit, an assumed one if it states none, and a note of that."""
+    if capture.meters_per_unit is not None:
+        return capture
+    return replace(
+        capture,
+        meters_per_unit=meters_per_unit,
+        unit_source="assumed",
+        notes=(*capture.notes, _UNKNOWN_UNIT),
+    )
+
+
 def joined(captures: Sequence[Capture]) -> Capture:
-    """Join captures, with the axes of the first.
+    """Join captures, with the axes and the unit of the first.
+
+    Captures without a unit are assumed to have the unit of the first that states one.
 
     Raises:
         UsageError: If their colour spaces differ.
@@ -71,12 +96,22 @@ def joined(captures: Sequence[Capture]) -> Capture:
         if capture.color_space != first.color_space:
             expected = f"{first.color_space} as in {first.files[0]}"
             raise UsageError(str(capture.files[0]), f"colours in {capture.color_space}", expected)
-    clouds = [turned(c.cloud, c.frame, first.frame) for c in captures]
+    known = next((c for c in captures if c.meters_per_unit is not None), first)
+    factors = [_ratio(c.meters_per_unit, known.meters_per_unit) for c in captures]
+    clouds = [
+        turned(c.cloud, c.frame, first.frame, factor)
+        for c, factor in zip(captures, factors, strict=True)
+    ]
     modes = {capture.antialiased for capture in captures}
     notes = dict.fromkeys(note for capture in captures for note in capture.notes)
-    for capture in captures:
+    for capture, factor in zip(captures, factors, strict=True):
+        name = capture.files[0].name
         if capture.frame != first.frame:
-            notes[f"{capture.files[0].name} was turned from {capture.frame} to {first.frame}"] = (
+            notes[f"{name} was turned from {capture.frame} to {first.frame}"] = None
+        if factor != 1:
+            notes[f"{name} was scaled by {factor:g} to the unit of {known.files[0].name}"] = None
+        if capture.meters_per_unit is None and known.meters_per_unit is not None:
+            notes[f"{name} states no unit of length: that of {known.files[0].name} is assumed"] = (
                 None
             )
     if len(modes) > 1:
@@ -86,6 +121,8 @@ def joined(captures: Sequence[Capture]) -> Capture:
         format=" + ".join(dict.fromkeys(capture.format for capture in captures)),
         files=tuple(dict.fromkeys(path for capture in captures for path in capture.files)),
         frame=first.frame,
+        meters_per_unit=known.meters_per_unit,
+        unit_source=known.unit_source,
         antialiased=modes == {True},
         color_space=first.color_space,
         error_bounds=reduce(widened, [capture.error_bounds for capture in captures]),
@@ -126,14 +163,29 @@ def fitted(capture: Capture, target: Path) -> Capture:
     return replace(capture, cloud=cloud, notes=(*capture.notes, note))
 
 
-def turned(cloud: SplatCloud, source: str, target: str) -> SplatCloud:
-    """Convert a cloud from axes `source` to axes `target`.
+def unit_ratio(capture: Capture, target: Path) -> float:
+    """Return the factor from the unit of a capture to that of the target's format; 1 if either is
+    unknown.
+
+    Raises:
+        UnknownFormatError: If the target's suffix cannot be written.
+    """
+    return _ratio(capture.meters_per_unit, formats.unit_written(target))
+
+
+def _ratio(source: float | None, target: float | None) -> float:
+    """Return the factor between two units [m]; 1 if either is unknown."""
+    return 1.0 if source is None or target is None else source / target
+
+
+def turned(cloud: SplatCloud, source: str, target: str, factor: float = 1.0) -> SplatCloud:
+    """Convert a cloud from axes `source` to axes `target`, `factor` times as large.
 
     Raises:
         UsageError: If either is not a name of axes.
     """
     matrix = np.eye(4)
-    matrix[:3, :3] = axes.change(source, target)
+    matrix[:3, :3] = factor * axes.change(source, target)
     return edit.transform(cloud, matrix)
 
 

@@ -17,14 +17,16 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import (
     IN_USD_MEMORY,
-    assumptions,
     author_field,
     axes_text,
+    given_axes,
+    missing_proxy,
     prepare,
 )
 from usdsplat.interchange.cameras import import_cameras
 from usdsplat.interchange.editing import map_of
-from usdsplat.interchange.gathering import gather
+from usdsplat.interchange.gathering import gather, unit_assumed
+from usdsplat.interchange.models import author_model, update_extents
 from usdsplat.interchange.options import IMPORT, ImportOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
@@ -62,15 +64,22 @@ def import_capture(
     stage, path = _open_target(sources, target, options.up_axis, unit)
     where = field_path(stage, sources[0], options.prim_path)
     how = replace(options.reading, empty=IN_USD_MEMORY.empty)
-    capture = gather(sources, axes=options.axes, edits=edits, how=how, progress=progress)
-    placed = placement(stage, capture.frame, unit)
+    capture = gather(
+        sources, axes=options.axes, meters_per_unit=unit, edits=edits, how=how, progress=progress
+    )
+    capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(stage))
+    placed = placement(stage, capture.frame, capture.meters_per_unit)
     text = axes_text(placed, options.bake_axes)
-    notes = (*capture.notes, *assumptions(options.axes, unit))
+    notes = (*capture.notes, *given_axes(options.axes))
     progress.step("authoring", 0, 1)
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing releases the GIL
         sha256 = beside.submit(fingerprint, capture.files)
         prim = author_field(stage, where, capture, placed, form=form, bake_axes=options.bake_axes)
-    notes += tuple(schema.broken_rules(prim))
+    if options.prim_path is None:
+        author_model(prim, path)
+    else:
+        update_extents(prim)
+    notes += (*schema.broken_rules(prim), *missing_proxy(prim))
     memory = provenance(
         sources, sha256.result(), capture, edits=edits, form=form, axes=text, notes=notes
     )
@@ -82,7 +91,7 @@ def import_capture(
             options.cameras,
             prim,
             frame=capture.frame,
-            meters_per_unit=unit,
+            meters_per_unit=capture.meters_per_unit,
             edited=map_of(edits),
             progress=progress,
         )

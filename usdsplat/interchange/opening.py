@@ -11,6 +11,7 @@ from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.files import open_layer, quiet
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import ImportOptions
@@ -78,6 +79,7 @@ def open_capture(path: Path, *, axes: str | None = None, progress: Progress = si
         UsageError: If the axes are invalid.
     """
     stage = Usd.Stage.CreateInMemory()
+    prepare(stage, None, None)
     import_capture(path, stage, options=ImportOptions(axes=axes), progress=progress)
     return stage
 

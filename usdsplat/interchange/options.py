@@ -25,10 +25,11 @@ class ImportOptions:
     """Up axis of a new file, "Y" or "Z"; None is "Y" for a file, and the stage's own for a
     stage."""
     meters_per_unit: float | None = None
-    """Metres per unit of the capture and of a new file; None is 1 for a new file and the stage's
-    own for a stage."""
+    """Metres per unit of the capture and of a new file. None is 1 for a new file; a capture that
+    states no unit then has the stage's."""
     prim_path: str | None = None
-    """Path of the field; None is the file's name below the default prim."""
+    """Path of the field; None is `splats` below a model named like the file, which is below the
+    default prim, or at the root of a stage without one."""
     bake_axes: bool = False
     """Transform the splats instead of authoring a transform op on the prim."""
     cameras: Path | str | None = None

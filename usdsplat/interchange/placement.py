@@ -14,9 +14,8 @@ from usdsplat import formats, schema
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.interchange.models import FIELD
 
-ROOT = "World"
-"""Name of the default prim for a stage without one."""
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
 """Transform op from a capture's axes and unit to the stage's."""
@@ -93,16 +92,19 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
 
 
 def field_path(stage: Usd.Stage, source: Path, asked: str | None) -> Sdf.Path:
-    """Return the path of a field: `asked`, or below the default prim, named like the file.
+    """Return the path of a field: `asked`, or in a new model named like the file.
+
+    The model is below the default prim, or at the root of a stage without one.
 
     Raises:
         UsageError: If `asked` is not the path of a prim.
         StageError: If a prim of another type is there.
     """
     if asked is None:
-        root = stage.GetDefaultPrim()
-        parent = root.GetPath() if root else Sdf.Path(f"/{ROOT}")
-        return _free(stage, parent.AppendChild(prim_name(source)))
+        parent = stage.GetDefaultPrim()
+        if not parent or parent.IsA(UsdGeom.Boundable):  # which must not have others below it
+            parent = stage.GetPseudoRoot()
+        return _free(stage, parent.GetPath().AppendChild(prim_name(source))).AppendChild(FIELD)
     path = checked_path(asked)
     prim = stage.GetPrimAtPath(path)
     if prim and prim.GetTypeName() and not schema.is_splat_field(prim):

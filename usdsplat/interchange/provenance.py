@@ -30,6 +30,12 @@ class Provenance:
     reader: str
     frame: str
     axes: str
+    meters_per_unit: float
+    """Unit of the capture; the stage's if `unit_source` is "assumed"."""
+    unit_source: str
+    """Source of the unit: "given", "file" or "assumed"."""
+    sh_degree: int
+    """Degree of the harmonics as imported."""
     edits: tuple[str, ...]
     """Edits in order, as requested."""
     error_bounds: Mapping[str, str]
@@ -46,7 +52,8 @@ def provenance(
     axes: str,
     notes: tuple[str, ...],
 ) -> Provenance:
-    """Return the record of a capture that was read from `sources` and edited."""
+    """Return the record of a capture that was read from `sources`, edited, and has a unit."""
+    assert capture.meters_per_unit is not None  # an assumed one if the file states none
     return Provenance(
         source=" + ".join(_whole(source).name for source in sources),
         sha256=sha256,
@@ -54,6 +61,9 @@ def provenance(
         reader=f"usdsplat {__version__}",
         frame=capture.frame,
         axes=axes,
+        meters_per_unit=capture.meters_per_unit,
+        unit_source=capture.unit_source,
+        sh_degree=capture.cloud.sh_degree,
         edits=tuple(map(str, edits)),
         error_bounds=joined_bounds(capture.error_bounds, schema.error_bounds(form)),
         notes=notes,

@@ -17,8 +17,10 @@ from usdsplat.core.edits import Edit
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange import files
+from usdsplat.interchange.authoring import missing_proxy
 from usdsplat.interchange.editing import edited
 from usdsplat.interchange.exporting import unknown_color_spaces
+from usdsplat.interchange.models import update_extents
 from usdsplat.interchange.provenance import add_edits, add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
@@ -77,6 +79,9 @@ def repack(
         with _as_defined_as_before(after, prim.GetPath()):
             schema.author(new, prim.GetPath(), cloud, form=form, time=time)
         splats += len(cloud)
+    for prim in fields:
+        if schema.is_packed(new.GetPrimAtPath(prim.GetPath())):
+            schema.settle_proxy(new.GetPrimAtPath(prim.GetPath()))
     for prim in changed:
         written = new.GetPrimAtPath(prim.GetPath())
         if not prim.IsDefined():
@@ -86,6 +91,8 @@ def repack(
         if schema.form_of(prim) != form:
             add_form(written, form)
         notes += [f"{prim.GetPath()}: {rule}" for rule in schema.broken_rules(written)]
+        notes += missing_proxy(written)
+        update_extents(written)
     progress.step("repacking", len(work), len(work))
     files.save(after, path)
     return RepackReport(

@@ -79,7 +79,12 @@ class Clips:
         return stage
 
     def finish(self, where: Sdf.Path) -> None:
-        """Author the references to the clips, which all have the field at `where`."""
+        """Author the references to the clips, which all have the field at `where`.
+
+        They belong to the prim above the field, so that they include the field's proxy.
+        """
+        if not where.IsRootPrimPath():
+            where = where.GetParentPath()
         first = str(next(iter(self._files.values())))
         topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
         UsdUtils.StitchClipsTopology(topology, [first])

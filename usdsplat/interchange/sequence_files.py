@@ -122,13 +122,16 @@ class Account:
         return total.hexdigest()
 
 
-_SHARED = ("degree of harmonics", "axes", "antialiasing", "colour space")
+_SHARED = ("degree of harmonics", "axes", "metres per unit", "antialiasing", "colour space")
 
 
 def _shared(capture: Capture) -> tuple[object, ...]:
     """Return properties that all frames must share, in the order of `_SHARED`."""
     degree = capture.cloud.sh_degree
-    return degree, capture.frame, capture.antialiased, capture.color_space
+    return (
+        *(degree, capture.frame, capture.meters_per_unit),
+        *(capture.antialiased, capture.color_space),
+    )
 
 
 def _gaps(times: Sequence[float]) -> list[tuple[float, float]]:

@@ -28,12 +28,14 @@ from usdsplat.images.frame_numbers import without_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import (
     IN_USD_MEMORY,
-    assumptions,
     author_field,
     axes_text,
+    given_axes,
+    missing_proxy,
     prepare,
 )
-from usdsplat.interchange.gathering import edit_capture
+from usdsplat.interchange.gathering import edit_capture, unit_assumed, with_unit
+from usdsplat.interchange.models import author_extents, author_model
 from usdsplat.interchange.options import IMPORT, SEQUENCE, ImportOptions, SequenceOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import fingerprint, provenance, record
@@ -103,9 +105,11 @@ def import_sequence(
             stage=stage,
             target=path,
             where=field_path(stage, without_place(pattern), options.prim_path),
+            is_model=options.prim_path is None,
             clips=Clips(stage, scratch / clip_folder.name) if clip_folder else None,
             form=options.form,
             frame=options.axes,
+            meters_per_unit=options.meters_per_unit,
             bake_axes=options.bake_axes,
             interpolate=sequence.interpolate,
             edits=edits,
@@ -116,7 +120,7 @@ def import_sequence(
             progress.step("frames", number, len(listed))
             job.add(account, time, file, number)
         progress.step("frames", len(listed), len(listed))
-        report = job.finish(account, pattern, tuple(listed), options.meters_per_unit)
+        report = job.finish(account, pattern, tuple(listed))
         _publish(stage.GetRootLayer(), temporary, path)
         if clip_folder:
             Clips.put_in_place(scratch / clip_folder.name, clip_folder)
@@ -130,9 +134,12 @@ class _Job:
     stage: Usd.Stage
     target: Path
     where: Sdf.Path
+    is_model: bool
+    """Whether the prim above the field is made a model."""
     clips: Clips | None
     form: Form
     frame: str | None
+    meters_per_unit: float | None
     bake_axes: bool
     interpolate: bool
     edits: Sequence[Edit]
@@ -141,6 +148,8 @@ class _Job:
     def add(self, account: Account, time: float, file: Path, number: int) -> None:
         """Read a frame, write it, and free it."""
         capture = edit_capture(self.read(file), self.edits)
+        capture = with_unit(capture, self.meters_per_unit)
+        capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(self.stage))
         capture = replace(capture, frame=self.frame or capture.frame)
         account.add(time, file, capture, fingerprint(capture.files))
         if not self.interpolate:
@@ -148,15 +157,17 @@ class _Job:
             cloud = replace(capture.cloud, ids=rows + (number << _ROW_BITS))
             capture = replace(capture, cloud=cloud)
         with self._stage_at(time) as stage:
-            author_field(
+            prim = author_field(
                 stage,
                 self.where,
                 capture,
-                placement(self.stage, capture.frame, None),
+                placement(self.stage, capture.frame, capture.meters_per_unit),
                 form=self.form,
                 bake_axes=self.bake_axes,
                 time=time,
             )
+            if self.is_model:
+                author_extents(prim, time)
 
     @contextmanager
     def _stage_at(self, time: float) -> Iterator[Usd.Stage]:
@@ -167,7 +178,7 @@ class _Job:
             stage.Save()
 
     def finish(
-        self, account: Account, pattern: Path, times: tuple[float, ...], unit: float | None
+        self, account: Account, pattern: Path, times: tuple[float, ...]
     ) -> SequenceImportReport:
         """Record the origin on the field and return the report."""
         if self.clips:
@@ -175,9 +186,10 @@ class _Job:
         prim = self.stage.GetPrimAtPath(self.where)
         capture = account.capture
         assert capture is not None  # there is at least one frame
-        text = axes_text(placement(self.stage, capture.frame, None), self.bake_axes)
-        notes = (*account.notes.told(), *assumptions(self.frame, unit))
-        notes += tuple(schema.broken_rules(prim))
+        placed = placement(self.stage, capture.frame, capture.meters_per_unit)
+        text = axes_text(placed, self.bake_axes)
+        notes = (*account.notes.told(), *given_axes(self.frame))
+        notes += (*schema.broken_rules(prim), *missing_proxy(prim))
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
         memory = provenance(
@@ -190,6 +202,8 @@ class _Job:
             notes=notes,
         )
         record(prim, memory)
+        if self.is_model:
+            author_model(prim, self.target)
         with files.usd_errors(self.target):
             self.stage.Save()
         return SequenceImportReport(

@@ -30,6 +30,7 @@ def of_capture(capture: Capture) -> dict[str, Any]:
         "format": capture.format,
         "frame": capture.frame,
         "frame_guess": _guessed(capture),
+        "meters_per_unit": capture.meters_per_unit,
         "color_space": capture.color_space,
         "rasterize_mode": "antialiased" if capture.antialiased else "classic",
         **of_cloud(capture.cloud),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdRender
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.output import atomic_path
@@ -58,7 +58,9 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         stage.SetStartTimeCode(1)
         stage.SetEndTimeCode(frames)
-        stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+        world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+        Usd.ModelAPI(world).SetKind(Kind.Tokens.group)  # a capture is a component
+        stage.SetDefaultPrim(world)
         subject = UsdGeom.Xform.Define(stage, "/World/Subject").GetPrim()
         subject.GetReferences().AddReference(f"./{capture.name}")
         _author_camera(stage, spec, center, frames)

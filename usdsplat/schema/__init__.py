@@ -32,6 +32,8 @@ from usdsplat.schema.hints import (  # noqa: E402
     sorting_mode,
 )
 from usdsplat.schema.packing import harmonics_width  # noqa: E402
+from usdsplat.schema.proxy import place as place_proxy  # noqa: E402
+from usdsplat.schema.proxy import settle as settle_proxy  # noqa: E402
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
 from usdsplat.schema.validation import Finding, broken_rules, validate  # noqa: E402
 from usdsplat.schema.vt import empty  # noqa: E402
@@ -59,9 +61,11 @@ __all__ = [
     "is_packed",
     "is_splat_field",
     "is_time_varying",
+    "place_proxy",
     "projection_mode",
     "rasterize_mode",
     "sample_times",
+    "settle_proxy",
     "sorting_mode",
     "tokens",
     "validate",

@@ -177,11 +177,26 @@ def _author_packed(
     arrays = packing.pack(cloud)
     prim = _define(stage, path, tokens.PACKED_TYPE)
     packed.author(prim, cloud.positions, arrays, code=code)
-    if not prim.IsInstance():  # an instance cannot have children of its own
-        proxy.author(prim, cloud, code=code)
+    _author_proxy(prim, cloud, code)
     _author_fallback_type(stage)
     _author_extent(prim, cloud, packed.SLACK, code)
     return prim
+
+
+def _author_proxy(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
+    """Write the proxy beside a packed field, in place of one that 0.6 wrote below it."""
+    if child := proxy.child_of(prim):
+        proxy.remove(prim)
+        child = proxy.child_of(prim)
+        if child:  # of a weaker layer
+            child.SetActive(False)
+    path = proxy.path_of(prim)
+    if path is None:
+        return
+    is_first = code.IsDefault() or not prim.GetStage().GetPrimAtPath(path)
+    points = proxy.author(prim, path, cloud, code=code)
+    if is_first:
+        proxy.place(prim, points)
 
 
 def _author_extent(prim: Usd.Prim, cloud: SplatCloud, slack: float, code: Usd.TimeCode) -> None:

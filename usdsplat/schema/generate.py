@@ -1,9 +1,10 @@
-"""Generate plugInfo/ from schema.usda and simulation.usda: `python -m usdsplat.schema.generate
-[--check]`.
+"""Generate plugInfo/ from schema.usda and simulation.usda, and the plug-in of the validators:
+`python -m usdsplat.schema.generate [--check]`.
 
-Runs USD's own generator in a separate process; it needs jinja2 from the dev extra. Then completes
-its output: full documentation instead of first sentences, and the validators. Documentation of
-inherited properties is dropped, because its wording changes between USD versions.
+Runs USD's own generator in a separate process; it needs jinja2 from the dev extra. Then replaces
+its first sentences by the full documentation. Documentation of inherited properties is dropped,
+because its wording changes between USD versions. The validators are a plug-in in a folder of its
+own: they need our Python package, which schemas do not.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 
 from pxr import Sdf
 
-from usdsplat.schema.registration import plugin_folder
+from usdsplat.schema.registration import VALIDATORS_NAME, plugin_folder, validators_folder
 from usdsplat.schema.validation import VALIDATORS
 
 SOURCES = (
@@ -29,7 +30,6 @@ SOURCES = (
     Path(__file__).with_name("simulation.usda"),
 )
 """Schema sources; simulation.usda is itself generated from the simulation's parameters."""
-PLUGIN_MODULE = "usdsplat.schema.validation.plugin"
 VALIDATED_TYPES = ["UsdVolParticleField3DGaussianSplat", "UsdSplatParticleFieldPackedSplat"]
 
 _BRIEF = "userDocBrief"
@@ -37,8 +37,8 @@ _INSTANCE = "__INSTANCE_NAME__"
 """Placeholder between prefix and name in the generated properties of a multiple-apply schema."""
 
 
-def generate() -> dict[str, str]:
-    """Return the text of the files of plugInfo/ by name.
+def generate() -> dict[Path, str]:
+    """Return the text of each generated file by its path.
 
     Raises:
         subprocess.CalledProcessError: If USD's generator rejects the schema or lacks jinja2.
@@ -65,8 +65,9 @@ def generate() -> dict[str, str]:
         schema = (target / "generatedSchema.usda").read_text(encoding="utf-8")
         plugin = (target / "plugInfo.json").read_text(encoding="utf-8")
     return {
-        "generatedSchema.usda": _without_inherited(schema, own),
-        "plugInfo.json": _completed(plugin),
+        plugin_folder() / "generatedSchema.usda": _without_inherited(schema, own),
+        plugin_folder() / "plugInfo.json": _completed(plugin),
+        validators_folder() / "plugInfo.json": _validators(),
     }
 
 
@@ -75,10 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     check = parser.parse_args(argv).check
-    folder = plugin_folder()
     stale = 0
-    for name, text in generate().items():
-        path = folder / name
+    for path, text in generate().items():
         if path.is_file() and path.read_text(encoding="utf-8") == text:
             continue
         stale += 1
@@ -119,25 +118,25 @@ def _without_inherited(text: str, own: Sdf.Layer) -> str:
 
 
 def _completed(text: str) -> str:
-    """Return plugInfo.json with the generator's placeholders filled in and our validators added."""
+    """Return plugInfo.json with the generator's placeholders filled in."""
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     info: dict[str, Any] = json.loads("\n".join(lines))
     info["Plugins"][0].update(LibraryPath="", ResourcePath=".", Root=".")
+    return json.dumps(info, indent=4) + "\n"
+
+
+def _validators() -> str:
+    """Return plugInfo.json of the validators: a plug-in that imports our package."""
     validators = {
         name: {"doc": text, "schemaTypes": VALIDATED_TYPES, "isTimeDependent": True}
         for name, text in VALIDATORS.items()
     }
-    info["Plugins"].append(
-        {
-            "Type": "python",
-            "Name": PLUGIN_MODULE,
-            "Root": "..",  # USD allows one plug-in per path; "." is the schema's
-            "ResourcePath": ".",
-            "LibraryPath": "",
-            "Info": {"Validators": {**validators, "keywords": ["usdsplat"]}},
-        }
-    )
-    return json.dumps(info, indent=4) + "\n"
+    plugin = {
+        "Type": "python",
+        "Name": VALIDATORS_NAME,
+        "Info": {"Validators": {**validators, "keywords": ["usdsplat"]}},
+    }
+    return json.dumps({"Plugins": [plugin]}, indent=4) + "\n"
 
 
 def _parse(text: str) -> Sdf.Layer:

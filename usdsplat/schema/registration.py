@@ -1,9 +1,13 @@
-"""Register our schemas with USD.
+"""Register our schemas and our validators with USD.
 
 USD reads schema plug-ins once, when it builds its schema registry at the first prim of the process.
 A plug-in that is registered later is ignored without an error. In a host that has opened a stage
 before (usdview, Houdini, a notebook), our packed type then stays unknown. Stock prims work without
 it. Code that needs it calls `require`, which raises an error that names the fix.
+
+The two plug-ins lie in two folders. The schemas need no code, so their folder may be on the
+PXR_PLUGINPATH_NAME of every process. The validators import our package: where it is not installed,
+USD fails to load all validators, not just ours, if their folder is on the path.
 """
 
 from __future__ import annotations
@@ -16,24 +20,32 @@ from usdsplat.core.errors import SchemaUnavailableError
 from usdsplat.schema.tokens import PACKED_TYPE
 
 PLUGIN_NAME = "usdsplat"
+VALIDATORS_NAME = "usdsplat.schema.validation.plugin"
 
 
 def plugin_folder() -> Path:
-    """Return the folder of plugInfo.json: in the package when installed, beside it in a
-    checkout."""
+    """Return the folder of the schemas' plugInfo.json: in the package when installed, beside it
+    in a checkout."""
     package = Path(__file__).resolve().parents[1]
     installed = package / "plugInfo"
     return installed if installed.is_dir() else package.parent / "plugInfo"
 
 
+def validators_folder() -> Path:
+    """Return the folder of the validators' plugInfo.json, which only a Python with our package
+    may have on its path."""
+    return Path(__file__).resolve().parent / "validation"
+
+
 def register() -> None:
-    """Register our folder with USD's plug-in registry, unless the environment already did.
+    """Register both plug-ins with USD's plug-in registry, unless the environment already did.
 
     Never raises and never builds the schema registry, so that other plug-ins can still register.
     """
     registry = Plug.Registry()
-    if not registry.GetPluginWithName(PLUGIN_NAME):
-        registry.RegisterPlugins(str(plugin_folder()))
+    for name, folder in ((PLUGIN_NAME, plugin_folder()), (VALIDATORS_NAME, validators_folder())):
+        if not registry.GetPluginWithName(name):
+            registry.RegisterPlugins(str(folder))
 
 
 def is_available() -> bool:

@@ -60,7 +60,7 @@ COLOR_SPACE = "colorSpace:name"
 PURPOSE = "purpose"
 PROXY_PRIM = "proxyPrim"
 PROXY_CHILD = "proxy"
-"""Name of the proxy Points prim below a packed field."""
+"""Name of the proxy Points prim below a packed field, in files of 0.6."""
 
 SCHEMA_FALLBACK_DEGREE = 3
 """Degree of a prim without an authored degree."""

@@ -13,7 +13,7 @@ from pxr import Usd, UsdValidation, Vt
 
 from tests.schema.clouds import cloud
 from usdsplat import schema
-from usdsplat.schema.registration import plugin_folder
+from usdsplat.schema.registration import plugin_folder, validators_folder
 from usdsplat.schema.validation import CHECKS, VALIDATORS
 
 PREFIX = "usdsplat.schema.validation.plugin:"
@@ -72,7 +72,7 @@ def test_only_samples_within_the_asked_times_are_checked(stage: Usd.Stage) -> No
 
 
 def test_another_process_discovers_and_runs_them(stage: Usd.Stage, tmp_path: Path) -> None:
-    """Oracle: a process with our folder in PXR_PLUGINPATH_NAME that imports nothing of ours."""
+    """Oracle: a process with both folders in PXR_PLUGINPATH_NAME that imports nothing of ours."""
     prim = schema.author(stage, "/Splats", cloud(n=20), form="packed")
     prim.GetAttribute("splat:packing").Set("other_v1")
     path = tmp_path / "bad.usdc"
@@ -86,8 +86,53 @@ assert len(names) == {len(VALIDATORS)} and "usdsplat" not in sys.modules
 context = UsdValidation.ValidationContext(registry.GetOrLoadValidatorsByName(names))
 print([error.GetName() for error in context.Validate(Usd.Stage.Open({str(path)!r}))])
 """
-    environment = {**os.environ, "PXR_PLUGINPATH_NAME": str(plugin_folder())}
+    folders = os.pathsep.join(map(str, (plugin_folder(), validators_folder())))
+    environment = {**os.environ, "PXR_PLUGINPATH_NAME": folders}
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.strip() == "['unknownPacking']"
+
+
+def test_a_python_without_our_package_loads_all_validators(tmp_path: Path) -> None:
+    """Oracle: `GetOrLoadAllValidators`, in a process in which our package cannot be imported.
+
+    It raises if any plug-in on the path fails to load.
+    """
+    code = """
+import sys
+
+class Without:
+    def find_spec(self, name, *_):
+        if name.split(".")[0] == "usdsplat":
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Without())
+from pxr import Usd, UsdValidation
+validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+known = Usd.SchemaRegistry().FindConcretePrimDefinition("ParticleFieldPackedSplat") is not None
+print(len(validators) > 0, known)
+"""
+
+    def run(*folders: Path) -> subprocess.CompletedProcess[str]:
+        path = os.pathsep.join(map(str, folders))
+        return subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PXR_PLUGINPATH_NAME": path},
+            cwd=tmp_path,
+            check=False,
+        )
+
+    done = run(plugin_folder())
+    assert (done.returncode, done.stderr, done.stdout.strip()) == (0, "", "True True")
+    assert "ErrorException" in run(plugin_folder(), validators_folder()).stderr
+
+
+@pytest.mark.parametrize(("form", "degree"), [("half", 1), ("float", 4)])
+def test_a_form_that_the_user_chose_is_no_fault(stage: Usd.Stage, form: str, degree: int) -> None:
+    """Oracle: `validate`, which has a warning that USD's validators do not have."""
+    schema.author(stage, "/Splats", cloud(n=2, degree=degree), form=form)
+    assert [finding.severity for finding in schema.validate(stage)] == ["warning"]
+    assert errors(stage, *VALIDATORS) == []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tests.schema.clouds import cloud
 from tests.sim.stage.bakes import PATH, Solver, everything, layer_of, save_stage, shot
@@ -381,3 +381,23 @@ def test_a_field_may_die_out(tmp_path: Path, mode: str) -> None:
     prim = field(bake.run())
     seen = [(schema.fetch(prim, time).opacities > 0).sum() for time in bake.times]
     assert seen == [2, 2, 1, *[0] * 7]
+
+
+def test_bounds_of_the_capture_are_not_those_of_a_bake_that_moves(tmp_path: Path) -> None:
+    """Oracle: USD's bounds with and without hints, which the capture's would make differ."""
+    bake = shot(tmp_path, "dense", lives=False)
+    world = bake.stage.GetPrimAtPath("/World")
+    model = UsdGeom.ModelAPI.Apply(world)
+    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])
+    model.SetExtentsHint(model.ComputeExtentsHint(box))
+    bake.stage.Save()
+    stage = Usd.Stage.Open(str(bake.run()))
+    for time in (1, 7, 14):
+        found, expected = (
+            UsdGeom.BBoxCache(time, ["default"], useExtentsHint=hint).ComputeWorldBound(
+                stage.GetPrimAtPath("/World")
+            )
+            for hint in (True, False)
+        )
+        assert found == expected
+    assert bake.stage.GetPrimAtPath("/World").GetAttribute("extentsHint").HasAuthoredValue()

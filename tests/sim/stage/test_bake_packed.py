@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tests.schema.clouds import angles
 from tests.sim.stage.bakes import PATH, shot
@@ -60,7 +60,7 @@ def test_others_see_points_and_a_base_type(tmp_path: Path) -> None:
     known = stage.GetRootLayer().pseudoRoot.GetInfo("fallbackPrimTypes")
     assert list(known[tokens.PACKED_TYPE]) == [tokens.BASE_TYPE]
     prim = stage.GetPrimAtPath(PATH)
-    child = stage.GetPrimAtPath(f"{PATH}/{tokens.PROXY_CHILD}")
+    child = stage.GetPrimAtPath(f"{PATH}_proxy")
     assert UsdGeom.Imageable(child).ComputePurpose() == "proxy"
     assert UsdGeom.Imageable(prim).ComputePurpose() == "render"
     assert prim.GetRelationship("proxyPrim").GetTargets() == [child.GetPath()]
@@ -87,3 +87,40 @@ def test_without_a_time_it_is_the_first_sample(tmp_path: Path, form: str, mode: 
     first = schema.fetch(stage.GetPrimAtPath(PATH), 1.0)
     for name in ("positions", "rotations", "scales", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(found, name), getattr(first, name))
+
+
+@pytest.mark.parametrize("form", ["float", "packed"])
+def test_the_proxy_lies_where_the_field_lies_and_goes_with_the_bake(tmp_path, form: str) -> None:
+    """Oracle: USD's world matrices of a field that moves; the capture's prims once muted."""
+    bake = shot(tmp_path, "packed", form=form, lives=False)
+    move = UsdGeom.Xformable(bake.stage.GetPrimAtPath(PATH)).AddTranslateOp()
+    move.Set((1, 0, 0), 1)
+    move.Set((4, 0, 0), 4)
+    bake.stage.Save()
+    before = [prim.GetPath() for prim in bake.stage.Traverse()]
+    stage = Usd.Stage.Open(str(bake.run()))
+    prim, points = (stage.GetPrimAtPath(PATH + end) for end in ("", "_proxy"))
+    for time in (1, 2.5, 4):
+        places = UsdGeom.XformCache(time)
+        world = [places.GetLocalToWorldTransform(each) for each in (prim, points)]
+        assert world[0] == world[1] == Gf.Matrix4d().SetTranslate((time, 0, 0))
+    results = stage.GetRootLayer().subLayerPaths[0]
+    stage.MuteLayer(stage.GetRootLayer().ComputeAbsolutePath(results))
+    assert [each.GetPath() for each in stage.Traverse()] == before
+
+
+def test_a_bake_over_a_packed_field_of_0_6_switches_its_proxy_off(tmp_path: Path) -> None:
+    """Oracle: the prims; of the proxy that 0.6 wrote below the field, muting brings back."""
+    bake = shot(tmp_path, "packed", form="packed", lives=False)
+    layer = bake.stage.GetRootLayer()
+    Sdf.CopySpec(layer, f"{PATH}_proxy", layer, f"{PATH}/proxy")
+    bake.stage.RemovePrim(f"{PATH}_proxy")
+    bake.stage.GetPrimAtPath(PATH).GetRelationship("proxyPrim").SetTargets([f"{PATH}/proxy"])
+    bake.stage.Save()
+    stage = Usd.Stage.Open(str(bake.run()))
+    prim = stage.GetPrimAtPath(PATH)
+    assert not prim.GetChildren()
+    assert prim.GetRelationship("proxyPrim").GetTargets() == [f"{PATH}_proxy"]
+    stage.MuteLayer(layer.ComputeAbsolutePath(stage.GetRootLayer().subLayerPaths[0]))
+    assert [each.GetName() for each in prim.GetChildren()] == ["proxy"]
+    assert not stage.GetPrimAtPath(f"{PATH}_proxy")

@@ -6,7 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
@@ -51,15 +51,15 @@ class UsdSceneDelegate:
         stage: Usd.Stage,
         index: RenderIndex,
         *,
-        time: float | None,
+        time: float | Literal["first"] | None,
         purposes: Iterable[str],
         refinement: int,
     ) -> None:
         self.stage = stage
         self.pulls: Counter[str] = Counter()
         """Number of reads so far, by kind."""
-        self.time = time
-        self._applied_time = time
+        self.time = _first_frame(stage) if time == "first" else time
+        self._applied_time = self.time
         self._purposes = frozenset(purposes)
         self._index = index
         self._population = Population()
@@ -345,6 +345,11 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
 def _itself(prim: Usd.Prim) -> Usd.Prim:
     """Return the prim itself: it has its own transform."""
     return prim
+
+
+def _first_frame(stage: Usd.Stage) -> float | None:
+    """Return the first frame of the stage's range; None, the default time, without a range."""
+    return stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else None
 
 
 def _checked_refinement(levels: int) -> int:

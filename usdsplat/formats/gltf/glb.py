@@ -4,7 +4,8 @@ Reads the layouts that `gltf.parts` describes. Writes float attributes one after
 colour for viewers that support points only. Lossless except for ids, velocities and the antialiased
 flag, which glTF cannot hold, and degree 4, which the extension does not define.
 
-Source: Khronos, glTF 2.0 specification and extension KHR_gaussian_splatting. Axes are glTF's own.
+Source: Khronos, glTF 2.0 specification and extension KHR_gaussian_splatting. Axes and unit are
+glTF's own: y up, metres.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from usdsplat.formats.cloud_builder import in_parallel
 from usdsplat.formats.gltf.buffers import BinaryChunk
 from usdsplat.formats.gltf.document import EXTENSION
 from usdsplat.formats.gltf.parts import SEMANTICS, coefficient_name
-from usdsplat.formats.gltf.splats import FRAME, SRGB, TEXT_LIMIT, read_splats
+from usdsplat.formats.gltf.splats import FRAME, METERS_PER_UNIT, SRGB, TEXT_LIMIT, read_splats
 from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 
 SUFFIXES: tuple[str, ...] = (".glb",)
@@ -52,7 +53,7 @@ _POINTS = 0
 _COLOR = "COLOR_0"
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
-__all__ = ["FRAME", "MAX_DEGREE", "SUFFIXES", "read", "recognises", "write"]
+__all__ = ["FRAME", "MAX_DEGREE", "METERS_PER_UNIT", "SUFFIXES", "read", "recognises", "write"]
 
 
 def recognises(path: Path, head: bytes) -> bool:

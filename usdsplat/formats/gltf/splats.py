@@ -18,6 +18,9 @@ from usdsplat.formats.options import ReadOptions
 FRAME = "rub"
 """Axes of glTF: y is up, and a camera without rotation looks along -z."""
 
+METERS_PER_UNIT = 1.0
+"""Unit of all lengths in glTF: the metre."""
+
 TEXT_LIMIT = 1 << 27
 """Maximum size of the JSON [byte], data URIs included; larger data belongs in separate files."""
 
@@ -71,6 +74,7 @@ def read_splats(path: Path, text: bytes, chunk: BinaryChunk | None, how: ReadOpt
         format="glTF 2.0" if chunk is None else "GLB 2.0",
         files=files,
         frame=FRAME,
+        meters_per_unit=METERS_PER_UNIT,
         color_space=color_space,
         error_bounds={k: text for part in parts.values() for k, text in part.error_bounds.items()},
         notes=(

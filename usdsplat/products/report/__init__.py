@@ -18,7 +18,7 @@ from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.output import atomic_path
 from usdsplat.formats import Capture
 from usdsplat.interchange.authoring import author_field, prepare
-from usdsplat.interchange.placement import ROOT, placement
+from usdsplat.interchange.placement import placement
 from usdsplat.products.report import html_page, png_page
 from usdsplat.products.report.charts import Numbers
 from usdsplat.products.report.plots import check_matplotlib
@@ -28,6 +28,8 @@ from usdsplat.schema.validation import splat_fields
 
 __all__ = ["Report", "check_target", "of_capture", "of_stage", "write"]
 
+_PRIM = "Capture"
+"""Root prim of the field on the stage of a report."""
 _WRITERS = {".png": png_page.write, ".html": html_page.write}
 
 
@@ -56,7 +58,7 @@ def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, None, None)
     placed = placement(stage, capture.frame, None)
-    where = stage.GetPseudoRoot().GetPath().AppendChild(ROOT)
+    where = stage.GetPseudoRoot().GetPath().AppendChild(_PRIM)
     author_field(stage, where, capture, placed, form="float", bake_axes=False)
     return _report([capture.cloud], stage, None, capture.frame, title, lines)
 

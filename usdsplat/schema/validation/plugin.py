@@ -1,7 +1,8 @@
 """Provide the checks as UsdValidation validators; USD imports this module on demand.
 
-plugInfo.json declares them, so any process with our folder in PXR_PLUGINPATH_NAME lists them
-without importing our package.
+plugInfo.json beside this module declares them, so any process with this folder in
+PXR_PLUGINPATH_NAME lists them without importing our package. Only a Python that can import the
+package may have the folder on its path (`usdsplat plugin-path --validators`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,11 @@ _TYPES = {
 }
 
 
+_CHOICES = ("halfOnly", "interchangeDegree")
+"""Findings about a form that the user chose, which `usdsplat validate` prints: they are no faults
+of an asset, which UsdValidation lists."""
+
+
 def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]:
     """Return a group of checks as a function for UsdValidation."""
 
@@ -34,7 +40,8 @@ def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]
             for code in sample_codes(prim)
             if code.IsDefault() or interval.Contains(code.GetValue())
         ]
-        return [_error(prim, finding) for finding in check_field(prim, CHECKS[group], codes)]
+        found = check_field(prim, CHECKS[group], codes)
+        return [_error(prim, each) for each in found if each.name not in _CHOICES]
 
     return run
 

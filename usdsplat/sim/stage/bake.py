@@ -116,7 +116,7 @@ class Bake:
             plan.path: _Field(
                 plan=plan,
                 spool=Spool(layers.folder, f"{number:02d}", plan.keeping, plan.rest),
-                author=_author(plan, parameters, times[0]),
+                author=_author(stage, plan, parameters, times[0]),
             )
             for number, plan in enumerate(found)
         }
@@ -303,11 +303,13 @@ def _is_same(frame: Frame, field: _Field) -> bool:
     return before is None or match(ids_of(before.frame), ids_of(frame)) is None
 
 
-def _author(plan: Plan, parameters: BakeParameters, first: float) -> _Author:
+def _author(stage: Usd.Stage, plan: Plan, parameters: BakeParameters, first: float) -> _Author:
     """Return the author of a field in this mode."""
     if parameters.mode == "edit":
         return EditAuthor(plan, first)
-    return PackedAuthor(plan) if plan.is_packed else DenseAuthor(plan)
+    if plan.is_packed:
+        return PackedAuthor(plan, stage.GetPrimAtPath(plan.path))
+    return DenseAuthor(plan)
 
 
 def _known(target: Path) -> Mapping[str, Any] | None:

@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import atomic_path
@@ -86,15 +86,16 @@ class BakeLayers:
             Sdf.AttributeSpec(owner, spec.name, spec.typeName, spec.variability)
         names = [f"./{self.clip(number).name}" for number in range(len(spans))]
         stops = sorted({float(time) for span in spans for time in span})
-        for plan in self._plans:
+        owners = [path for plan in self._plans for path in (plan.path, plan.proxy) if path]
+        for path in owners:
             clips = {
-                "primPath": plan.path,
+                "primPath": path,
                 "assetPaths": Sdf.AssetPathArray([Sdf.AssetPath(name) for name in names]),
                 "manifestAssetPath": Sdf.AssetPath("./manifest.usda"),
                 "active": Vt.Vec2dArray([(span[0], i) for i, span in enumerate(spans)]),
                 "times": Vt.Vec2dArray([(time, time) for time in stops]),
             }
-            Sdf.CreatePrimInLayer(layer, plan.path).SetInfo("clips", {"default": clips})
+            Sdf.CreatePrimInLayer(layer, path).SetInfo("clips", {"default": clips})
         _export(manifest, self.folder / "manifest.usda")
         _export(layer, self.folder / "clips.usda")
         self._write_root([self.folder / "clips.usda"], record)
@@ -134,6 +135,8 @@ class BakeLayers:
         for plan in self._plans:
             mine = nested({**record, "epsilon": plan.epsilon})
             Sdf.CreatePrimInLayer(root, plan.path).customData = mine
+            if plan.moves:
+                _block_hints(root, self._stage.GetPrimAtPath(plan.path))
         _export(root, self.target)
 
     def _relative(self, path: Path | str) -> str:
@@ -154,6 +157,16 @@ class BakeLayers:
             raise OutputError(str(self.folder), found, "a folder that can be made")
         if self.target.suffix != ".usda":
             raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
+
+
+def _block_hints(root: Sdf.Layer, prim: Usd.Prim) -> None:
+    """Block authored bounds of the models above a moving field: they are those of the capture."""
+    while prim := prim.GetParent():
+        attribute = prim.GetAttribute(UsdGeom.Tokens.extentsHint)
+        if attribute and attribute.HasAuthoredValue():
+            owner = Sdf.CreatePrimInLayer(root, prim.GetPath())
+            spec = Sdf.AttributeSpec(owner, attribute.GetName(), attribute.GetTypeName())
+            spec.default = Sdf.ValueBlock()
 
 
 def _new(rate: float) -> Sdf.Layer:

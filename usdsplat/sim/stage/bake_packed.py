@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.schema import packed, packing, proxy, tokens
@@ -18,8 +18,14 @@ from usdsplat.sim.stage.sample_layer import SampleLayer
 class PackedAuthor:
     """Author of one field."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, field: Usd.Prim) -> None:
+        """
+        Args:
+            plan: What to write.
+            field: The field on the simulated stage, with the transform of its proxy.
+        """
         self._plan = plan
+        self._field = field
         self._sh: F32 | None = None
         self._packed: packing.PackedArrays | None = None
 
@@ -35,10 +41,24 @@ class PackedAuthor:
         prim.SetTypeName(tokens.PACKED_TYPE)
         code = Usd.TimeCode(sample.time)
         packed.author(prim, cloud.positions, arrays, code=code)
-        proxy.author(prim, cloud, code=code)
+        self._author_proxy(part, prim, cloud, code)
         if not plan.is_imageable:
             prim.RemoveProperty(tokens.PURPOSE)
         common(part, plan, sample)
+
+    def _author_proxy(
+        self, part: SampleLayer, prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode
+    ) -> None:
+        """Write the points beside the field, and hide those that 0.6 wrote below it."""
+        if self._plan.proxy is None:
+            return
+        path = Sdf.Path(self._plan.proxy)
+        is_first = not part.layer.GetPrimAtPath(path)
+        points = proxy.author(prim, path, cloud, code=code)
+        if is_first:
+            proxy.place(self._field, points)
+            if child := proxy.child_of(self._field):
+                part.prim(str(child.GetPath())).active = False
 
     def _pack(self, cloud: SplatCloud, *, is_new: bool) -> packing.PackedArrays:
         """Pack a cloud; harmonics above degree 0 only if they are new."""

@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.schema import packed, stock, tokens
+from usdsplat.schema import packed, proxy, stock, tokens
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.spool import SpoolOptions
 
@@ -53,6 +53,8 @@ class Plan:
     retype: str
     """Type that the layer gives the prim, or an empty string."""
     is_packed: bool
+    proxy: str | None
+    """Path of the proxy that a packed bake writes; None if it writes none."""
     ids: bool
     """Whether a fixed population needs its ids written."""
     block_velocities: bool
@@ -95,6 +97,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         names=names,
         retype=retype,
         is_packed=is_packed,
+        proxy=_proxy(prim) if is_packed else None,
         ids=field.is_fixed and parameters.mode != "edit" and not (known and known.HasValue()),
         block_velocities="positions" in writes and not velocities and _has_velocities(prim),
         is_imageable=_purpose(prim) == "default",
@@ -147,6 +150,11 @@ def _name(prim: Usd.Prim, array: str, mode: str) -> str:
 def _has_velocities(prim: Usd.Prim) -> bool:
     attribute = prim.GetAttribute(tokens.VELOCITIES)
     return bool(attribute) and bool(attribute.HasAuthoredValue())
+
+
+def _proxy(prim: Usd.Prim) -> str | None:
+    path = proxy.path_of(prim)
+    return None if path is None else str(path)
 
 
 def _purpose(prim: Usd.Prim) -> str:
