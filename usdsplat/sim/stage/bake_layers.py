@@ -9,8 +9,9 @@
 
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
-Files under these names are always complete: they are written under other names and renamed. The
-named layer is written last, so that everything it refers to exists.
+Files under these names are always complete, see `core/output`. The named layer is put in place last,
+so that everything it refers to exists. A simulation that fails or is killed leaves the frames, clips
+and checkpoint that `--resume` needs; `--force` removes an earlier bake when it starts.
 """
 
 from __future__ import annotations
@@ -24,14 +25,15 @@ from typing import Any
 from pxr import Sdf, Usd, Vt
 
 from usdsplat.core.errors import OutputError, StageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_group
 from usdsplat.schema import tokens
+from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
 from usdsplat.sim.stage.sample_layer import declare, merge, sampled
 
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
-_WORK = ("checkpoint", "*.frame", ".[0-9]*-*.*")
+_WORK = ("checkpoint", "*.frame")
 
 
 class BakeLayers:
@@ -95,9 +97,10 @@ class BakeLayers:
                 "times": Vt.Vec2dArray([(time, time) for time in stops]),
             }
             Sdf.CreatePrimInLayer(layer, plan.path).SetInfo("clips", {"default": clips})
-        _export(manifest, self.folder / "manifest.usda")
-        _export(layer, self.folder / "clips.usda")
-        self._write_root([self.folder / "clips.usda"], record)
+        with output_group():
+            export_layer(manifest, self.folder / "manifest.usda")
+            export_layer(layer, self.folder / "clips.usda")
+            self._write_root([self.folder / "clips.usda"], record)
 
     def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
         """Write the named layer over one file of all samples."""
@@ -105,8 +108,9 @@ class BakeLayers:
         # At the default time, the arrays of the packed type have no value. Positions must not have
         # one either, or the prim would be inconsistent there.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
-        merge([self.clip(number) for number in range(clips)], merged, retyped)
-        self._write_root([merged], record)
+        with output_group():
+            merge([self.clip(number) for number in range(clips)], merged, retyped)
+            self._write_root([merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:
         """Remove files of a bake."""
@@ -134,7 +138,7 @@ class BakeLayers:
         for plan in self._plans:
             mine = nested({**record, "epsilon": plan.epsilon})
             Sdf.CreatePrimInLayer(root, plan.path).customData = mine
-        _export(root, self.target)
+        export_layer(root, self.target)
 
     def _relative(self, path: Path | str) -> str:
         """Return a path relative to the named layer."""
@@ -160,11 +164,6 @@ def _new(rate: float) -> Sdf.Layer:
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.timeCodesPerSecond = rate
     return layer
-
-
-def _export(layer: Sdf.Layer, target: Path) -> None:
-    with atomic_path(target) as path:
-        layer.Export(str(path))
 
 
 def _has_range(layer: Sdf.Layer) -> bool:
