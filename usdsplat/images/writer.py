@@ -58,6 +58,7 @@ class ImageWriter(ABC):
         trace: TracebackType | None,
     ) -> None:
         if kind is not None:
+            self._abandon()
             self._stack.__exit__(kind, error, trace)
             return
         with self._stack:
@@ -93,6 +94,9 @@ class ImageWriter(ABC):
 
     def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
         """Write data after the last row."""
+
+    def _abandon(self) -> None:  # noqa: B027 - most formats need nothing
+        """Prepare closing a file that will not be finished."""
 
     @abstractmethod
     def _is_whole(self, path: Path) -> bool:

@@ -9,9 +9,10 @@
 
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
-Files under these names are always complete, see `core/output`. The named layer is put in place last,
-so that everything it refers to exists. A simulation that fails or is killed leaves the frames, clips
-and checkpoint that `--resume` needs; `--force` removes an earlier bake when it starts.
+Files under these names are always complete, see `core/output`. The named layer is put in place
+last, so that everything it refers to exists. A simulation that fails or is killed leaves the
+frames, clips and checkpoint that `--resume` needs; `--force` removes an earlier bake when it
+starts.
 """
 
 from __future__ import annotations
