@@ -54,3 +54,60 @@ def test_no_class_has_a_name_that_was_replaced() -> None:
     }
     assert len(found) > 300
     assert found & LEFT == set()
+
+
+WRITERS = {
+    "core/output.py": "writes all files",
+    "schema/usd_files.py": "writes all USD files, through core/output",
+}
+"""Modules that write files."""
+ALLOWED = {
+    "formats/sog/target.py": "a zip in the open file of an output",
+    "kernels/store.py": "the cache of kernels, which is shared and may be lost",
+    "images/texture.py": "a temporary copy of a packed texture, to read it",
+    "cli/view.py": "a page that redirects the browser, removed at the end of the session",
+    "core/lock.py": "the lock of an output, which is no result",
+    "schema/generate.py": "source code of this package, written by its developers",
+    "sim/schema_source.py": "source code of this package, written by its developers",
+}
+"""Modules that write something else than results, and what."""
+WRITING = {
+    "Export", "Save", "CreateNew", "CreateNewUsdzPackage", "CreateNewARKitUsdzPackage",
+    "write_text", "write_bytes", "tofile", "NamedTemporaryFile", "mkstemp", "mkdtemp",
+}  # fmt: skip
+"""Methods and functions that write files."""
+OF_OS = {"replace", "rename", "link"}
+OPENING = {"open", "ZipFile", "fdopen"}
+
+
+def writes(node: ast.Call) -> str:
+    """The name of a call that writes a file, or ""."""
+    name = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+    name = node.func.id if isinstance(node.func, ast.Name) else name
+    owner = node.func.value if isinstance(node.func, ast.Attribute) else None
+    if name in WRITING:
+        return name
+    if name in OF_OS and isinstance(owner, ast.Name) and owner.id == "os":
+        return f"os.{name}"
+    words = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
+    words += [each.attr for each in ast.walk(node) if isinstance(each, ast.Attribute)]
+    modes = [word for word in words if isinstance(word, str)]
+    is_writing = any(mode[:1] in {*"wax"} and len(mode) < 4 for mode in modes)
+    is_used = name in OPENING and "devnull" not in modes
+    return name if is_used and (is_writing or "O_CREAT" in modes) else ""
+
+
+def test_files_are_written_by_one_function() -> None:
+    """Oracle: the syntax trees of all modules. Every module of the exceptions has such a call, so
+    that the list cannot grow old."""
+    found: dict[str, set[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        calls = {
+            writes(node)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call)
+        }
+        if calls - {""}:
+            found[path.relative_to(PACKAGE).as_posix()] = calls - {""}
+    assert {name: calls for name, calls in found.items() if name not in {*WRITERS, *ALLOWED}} == {}
+    assert {*WRITERS, *ALLOWED} <= found.keys()

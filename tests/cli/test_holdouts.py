@@ -41,7 +41,7 @@ def test_an_antialiased_edge_lets_through_what_it_does_not_cover(run, shot, tmp_
 
 
 def test_opaque_pixels_are_the_same_beside_edges(run, shot, tmp_path):
-    """Oracle: the picture with a holdout that is opaque everywhere; one soft pixel elsewhere changes
+    """Oracle: the picture with a holdout that is opaque everywhere; a soft pixel elsewhere changes
     only the order of sums."""
     alpha, depth = np.ones((32, 48), np.float32), np.full((32, 48), 4, np.float32)
     cg(tmp_path / "hard.exr", alpha, depth)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from dataclasses import fields
 
@@ -12,6 +13,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.cli.conftest import ball
 from usdsplat import schema
+from usdsplat.core.errors import OutputError
+from usdsplat.core.lock import output_lock
 from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
 from usdsplat.sim.stage.authoring import author
 
@@ -133,6 +136,19 @@ def test_what_is_there_is_not_replaced_by_a_preset(run, capture, tmp_path):
     assert (tmp_path / "push_capture.usdc").read_text() == "mine" and not made.exists()
 
 
+def test_a_preset_that_cannot_be_written_leaves_no_capture(run, capture, tmp_path, monkeypatch):
+    """Oracle: the listing; writing the second file fails."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+
+    def refuse(*_, **__):
+        raise OutputError("push.usda", "a full disk", "space")
+
+    monkeypatch.setattr("usdsplat.products.presets.author_preset", refuse)
+    assert run("simulate", "--preset", "push", capture, "-o", folder / "push.usda")[0] == 2
+    assert list(folder.iterdir()) == []
+
+
 # --- bakes ------------------------------------------------------------------------------------
 
 
@@ -173,6 +189,21 @@ def test_set_is_the_same_as_an_edit_of_the_stage(run, sim, tmp_path):
     for frame in (1, 2, 3):
         a, b = (positions(tmp_path / name, frame) for name in ("a.usda", "b.usda"))
         assert np.array_equal(a, b)
+
+
+def test_a_second_simulation_to_one_target_is_refused(run, sim, tmp_path):
+    """Oracle: the number of the process that has the lock, and the listing."""
+    bake = tmp_path / "bake.usda"
+    with output_lock(bake):
+        for flag in ((), ("--force",), ("--resume",)):
+            status, out, err = run("simulate", sim, "-o", bake, *flag)
+            assert (status, out) == (2, "")
+            found = f"found an output that process {os.getpid()} is writing"
+            assert err == f"usdsplat: {bake}: {found}, expected its end, or another name\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sim.usda"]
+    assert run("simulate", sim, "-o", bake)[0] == 0
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["bake.usda", "bake_data", "sim.usda"]
 
 
 def test_a_bake_is_replaced_by_force_only(run, sim, tmp_path):

@@ -1,25 +1,29 @@
-"""Tests of atomic outputs. Oracle of all: the files that exist afterwards."""
+"""Tests of outputs that appear complete or not at all. Oracle of all: the files that exist
+afterwards."""
 
 from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
 import pytest
 
+from usdsplat.core import output
 from usdsplat.core.errors import FormatError, OutputError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file, output_group
 
 
 def test_the_target_appears_only_when_the_block_ends(tmp_path: Path) -> None:
     """Oracle: existence before, within and after the block."""
     target = tmp_path / "out.compressed.ply"
-    with atomic_path(target) as path:
-        path.write_bytes(b"new")
-        assert path.parent == tmp_path
-        assert path.name.startswith(".") and path.name.endswith(".out.compressed.ply")
+    with output_file(target) as made:
+        made.path.write_bytes(b"new")
+        assert made.path.parent.parent == tmp_path
+        assert made.path.name.endswith(".compressed.ply")
         assert not target.exists()
     assert target.read_bytes() == b"new"
     assert os.listdir(tmp_path) == [target.name]
@@ -30,8 +34,8 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path, error: ty
     """Oracle: the folder's listing and the old bytes; Ctrl-C is an error too."""
     target = tmp_path / "out.exr"
     target.write_bytes(b"old")
-    with pytest.raises(error), atomic_path(target) as path:
-        path.write_bytes(b"half")
+    with pytest.raises(error), output_file(target) as made:
+        made.path.write_bytes(b"half")
         raise error
     assert target.read_bytes() == b"old"
     assert os.listdir(tmp_path) == [target.name]
@@ -43,16 +47,16 @@ def test_two_writers_of_one_target_do_not_meet(tmp_path: Path) -> None:
     started, finish = threading.Event(), threading.Event()
 
     def slow() -> None:
-        with atomic_path(target) as path:
-            path.write_bytes(b"slow")
+        with output_file(target) as made:
+            made.path.write_bytes(b"slow")
             started.set()
             finish.wait(5)
 
     thread = threading.Thread(target=slow)
     thread.start()
     assert started.wait(5)
-    with atomic_path(target) as path:
-        path.write_bytes(b"quick")
+    with output_file(target) as made:
+        made.path.write_bytes(b"quick")
     assert target.read_bytes() == b"quick"
     finish.set()
     thread.join()
@@ -64,8 +68,8 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     link = tmp_path / "link.ply"
     link.symlink_to(tmp_path / "real" / "file.ply")
-    with atomic_path(link) as path:
-        path.write_bytes(b"x")
+    with output_file(link) as made:
+        made.path.write_bytes(b"x")
     assert link.is_symlink()
     assert (tmp_path / "real" / "file.ply").read_bytes() == b"x"
 
@@ -74,7 +78,7 @@ def test_a_missing_folder_is_refused_before_any_work(tmp_path: Path) -> None:
     """Oracle: the block never runs."""
     with (
         pytest.raises(OutputError, match=r"a\.ply: found no folder .*no, expected"),
-        atomic_path(tmp_path / "no" / "a.ply"),
+        output_file(tmp_path / "no" / "a.ply"),
     ):
         pytest.fail("the block ran")
 
@@ -84,7 +88,7 @@ def test_a_folder_or_a_device_is_never_replaced(tmp_path: Path) -> None:
     for target in (tmp_path, Path(os.devnull)):
         with (
             pytest.raises(OutputError, match=r"not a plain file|without write permission"),
-            atomic_path(target),
+            output_file(target),
         ):
             pytest.fail("the block ran")
     assert tmp_path.is_dir() and not Path(os.devnull).is_file()
@@ -97,7 +101,7 @@ def test_a_folder_without_write_permission_is_refused(
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with (
         pytest.raises(OutputError, match="without write permission"),
-        atomic_path(tmp_path / "a.ply"),
+        output_file(tmp_path / "a.ply"),
     ):
         pytest.fail("the block ran")
 
@@ -107,16 +111,167 @@ def test_a_full_disk_is_one_sentence_about_the_target(tmp_path: Path) -> None:
     target = tmp_path / "a.ply"
     with (
         pytest.raises(OutputError, match=r"a\.ply: found No space left on device"),
-        atomic_path(target) as path,
+        output_file(target) as made,
     ):
-        path.write_bytes(b"half")
+        made.path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert os.listdir(tmp_path) == []
 
 
 def test_errors_about_other_files_pass_unchanged(tmp_path: Path) -> None:
     """Oracle: the very error that was raised, ours or the system's."""
-    with pytest.raises(FileNotFoundError, match="other"), atomic_path(tmp_path / "a.ply"):
+    with pytest.raises(FileNotFoundError, match="other"), output_file(tmp_path / "a.ply"):
         (tmp_path / "other").read_bytes()
-    with pytest.raises(FormatError, match=r"b\.spz"), atomic_path(tmp_path / "a.ply"):
+    with pytest.raises(FormatError, match=r"b\.spz"), output_file(tmp_path / "a.ply"):
         raise FormatError("b.spz", "nothing", "something")
+
+
+def test_the_folder_of_a_temporary_file_is_private_and_announced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the calls of the hook, the registry, the mode of the folder, and the listing."""
+    calls: list[tuple[str, bool, bool]] = []
+    monkeypatch.setattr(
+        output, "announce", lambda path, begins: calls.append((path, begins, os.path.exists(path)))
+    )
+    with output_file(tmp_path / "a.exr") as made:
+        folder = made.path.parent
+        assert output.open_folders() == (folder,)
+        assert folder.stat().st_mode & 0o777 == 0o700
+        made.path.write_bytes(b"x")
+        made.path.with_name("a.sibling.of.a.library").write_bytes(b"y")
+    assert calls == [(str(folder), True, False), (str(folder), False, False)]
+    assert output.open_folders() == ()
+    assert os.listdir(tmp_path) == ["a.exr"]
+    expected = tmp_path / "expected"
+    expected.write_bytes(b"")
+    assert (tmp_path / "a.exr").stat().st_mode == expected.stat().st_mode
+
+
+def test_a_file_that_is_not_whole_does_not_replace_another(tmp_path: Path) -> None:
+    """Oracle: the old bytes."""
+    target = tmp_path / "a.exr"
+    target.write_bytes(b"old")
+    with (
+        pytest.raises(OutputError, match=r"a\.exr: found a truncated file"),
+        output_file(target, is_whole=lambda path: path.stat().st_size > 3) as made,
+    ):
+        made.path.write_bytes(b"new")
+    assert target.read_bytes() == b"old"
+    with pytest.raises(OutputError, match="truncated"), output_file(target):
+        pass  # no file at all
+    assert os.listdir(tmp_path) == [target.name]
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_delayed_error_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """Oracle: EIO, as the kernel reports a failed delayed write, and the old bytes."""
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    target = tmp_path / "a.ply"
+    target.write_bytes(b"old")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, call, fail)
+        with (
+            pytest.raises(OutputError, match=r"a\.ply: found Input/output error"),
+            output_file(target) as made,
+        ):
+            made.path.write_bytes(b"new")
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [target.name]
+
+
+def test_a_name_that_is_not_utf_8_is_written(tmp_path: Path) -> None:
+    """Oracle: the folder's listing in bytes; the temporary path is text that any library takes."""
+    with output_file(os.fsdecode(os.fsencode(tmp_path) + b"/o\xfe.0001.exr")) as made:
+        Path(made.text).write_bytes(b"x")
+        assert made.path.name == "output.0001.exr"
+    assert os.listdir(os.fsencode(tmp_path)) == [b"o\xfe.0001.exr"]
+    (folder := Path(os.fsdecode(os.fsencode(tmp_path) + b"/f\xfe"))).mkdir()
+    with pytest.raises(OutputError, match="not UTF-8"), output_file(folder / "a.exr") as made:
+        made.text  # noqa: B018 - the property raises
+
+
+def left_folder(beside: Path, process: int) -> Path:
+    """Make what a process leaves that is killed while it writes."""
+    folder = beside / f".usdsplat-{output._computer()}-{process}-0123abcd"
+    folder.mkdir()
+    (folder / "output.exr").write_bytes(b"half")
+    return folder
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    """Oracle: a process that has ended, one that runs, and one of another computer."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    left, ours = left_folder(tmp_path, ended.pid), left_folder(tmp_path, os.getppid())
+    elsewhere = tmp_path / f".usdsplat-00000000-{ended.pid}-0123abcd"
+    elsewhere.mkdir()
+    kept = left / "earlier" / "shot.clips"
+    kept.mkdir(parents=True)
+    output.write_output(tmp_path / "a.exr", b"new")
+    found = {ours.name, elsewhere.name, "a.exr", "shot.clips"}
+    assert set(os.listdir(tmp_path)) == found
+
+
+def test_a_group_appears_together(tmp_path: Path) -> None:
+    """Oracle: the listing within and after the block."""
+    with output_group() as group:
+        output.write_output(tmp_path / "a.ply", b"a")
+        with output_group():  # belongs to the first
+            output.write_output(tmp_path / "b.ply", b"b")
+        (tmp_path / "old.ply").write_bytes(b"")
+        group.remove_later(tmp_path / "old.ply")
+        assert not list(tmp_path.glob("[ab].ply")) and (tmp_path / "old.ply").exists()
+    assert sorted(os.listdir(tmp_path)) == ["a.ply", "b.ply"]
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_group_that_fails_at_a_rename_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
+) -> None:
+    """Oracle: the old bytes of what was replaced already, on file systems with and without hard
+    links."""
+    (tmp_path / "a.ply").write_bytes(b"old")
+    (tmp_path / "c.clips").mkdir()
+    (tmp_path / "c.clips" / "old").write_bytes(b"old")
+    replace = os.replace
+
+    def fails_at_d(source: Path, target: Path) -> None:
+        if Path(target).name == "d.ply":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", fails_at_d)
+    if not has_links:
+        monkeypatch.delattr(os, "link")
+        monkeypatch.setattr(os, "link", lambda *_: fails_at_d(Path(), Path("d.ply")), raising=False)
+    with pytest.raises(OutputError, match=r"d\.ply: found No space left"), output_group() as group:
+        group.make_folder(tmp_path / "new")
+        for name in ("a.ply", "b.ply"):
+            output.write_output(tmp_path / name, b"new")
+        with output_file(tmp_path / "d.ply") as made:
+            made.path.write_bytes(b"new")
+            (made.path.parent / "c.clips").mkdir()
+            (made.path.parent / "c.clips" / "new").write_bytes(b"new")
+            group.place_folder(made.path.parent / "c.clips", tmp_path / "c.clips")
+    assert sorted(os.listdir(tmp_path)) == ["a.ply", "c.clips"]
+    assert (tmp_path / "a.ply").read_bytes() == b"old"
+    assert os.listdir(tmp_path / "c.clips") == ["old"]
+
+
+def test_a_folder_of_a_group_replaces_an_earlier_one(tmp_path: Path) -> None:
+    """Oracle: the listing of both folders."""
+    (tmp_path / "c.clips").mkdir()
+    (tmp_path / "c.clips" / "old").write_bytes(b"old")
+    with output_group() as group, output_file(tmp_path / "a.usda") as made:
+        made.path.write_bytes(b"new")
+        (made.path.parent / "c.clips").mkdir()
+        (made.path.parent / "c.clips" / "new").write_bytes(b"new")
+        group.place_folder(made.path.parent / "c.clips", tmp_path / "c.clips")
+    assert sorted(os.listdir(tmp_path)) == ["a.usda", "c.clips"]
+    assert os.listdir(tmp_path / "c.clips") == ["new"]

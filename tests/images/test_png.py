@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,3 +123,17 @@ def test_what_png_cannot_hold_is_refused(tmp_path, change, message):
     layout = ImageLayout(**{"resolution": (8, 8), "color_space": SRGB, **change})
     with pytest.raises(UsageError, match=message):
         PngWriter(tmp_path / "a.png", layout)
+
+
+@pytest.mark.parametrize("rows", [0, 30])
+def test_an_interrupted_picture_is_silent(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], rows: int
+) -> None:
+    """Oracle: file descriptor 2, on which libpng prints if a file has too few rows."""
+    layout = ImageLayout(resolution=(200, 100), aovs=("color",), color_space="srgb_rec709_display")
+    with pytest.raises(KeyboardInterrupt), PngWriter(tmp_path / "a.png", layout) as writer:
+        if rows:
+            writer.write_band(0, {"color": np.zeros((rows, 200, 4), np.float32)})
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import FormatError, OutputError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.core.sh import dc_to_rgb, rgb_to_dc
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import CloudBuilder, blocks
@@ -96,7 +96,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     if not len(cloud):
         raise OutputError(str(path), "no splat to write", "at least one")
     order = np.argsort(-_weight(cloud), kind="stable")
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with output_file(path) as output, output.open() as file:
         for rows in blocks(len(cloud)):
             file.write(_encode(cloud, order[rows]).data)
             how.progress.step(f"writing {path}", rows.stop, len(cloud))

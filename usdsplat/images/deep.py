@@ -29,7 +29,7 @@ import usdsplat
 from usdsplat.core.cloud import F32
 from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.images import thread_count
 from usdsplat.images.color import color_space
 from usdsplat.images.compression import Compression
@@ -45,6 +45,7 @@ from usdsplat.images.exr_bytes import (
     zipped,
 )
 from usdsplat.images.layout import Entry, ImageLayout
+from usdsplat.images.whole_exr import is_whole_exr
 from usdsplat.images.writer import ROWS
 
 CODES_OF = {"none": NONE, "zips": ZIPS}
@@ -107,8 +108,8 @@ class DeepWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            temporary = stack.enter_context(atomic_path(self._path))
-            self._file = stack.enter_context(temporary.open("wb"))
+            output = stack.enter_context(output_file(self._path, is_whole=is_whole_exr))
+            self._file = stack.enter_context(output.open())
             self._pool = stack.enter_context(ThreadPoolExecutor(thread_count()))
             self._put(self._header())
             self._put(bytes(8 * self._layout.shape[0]))

@@ -39,6 +39,7 @@ from usdsplat.images.compression import Compression
 from usdsplat.images.labels import is_reproducible
 from usdsplat.images.layout import Band, ImageLayout, Metadata
 from usdsplat.images.timecode import Timecode
+from usdsplat.images.whole_exr import is_whole_exr
 from usdsplat.images.writer import ROWS, ImageWriter
 
 Pixels = npt.NDArray[Any]
@@ -104,7 +105,7 @@ class ExrWriter(ImageWriter):
         super().__enter__()
         with ExitStack() as stack:
             stack.push(self._stack)
-            folder = self._temporary.parent
+            folder = Path(self._temporary).parent
             self._waiting = [
                 stack.enter_context(tempfile.TemporaryFile(dir=folder)) for _ in self._parts[1:]
             ]
@@ -147,13 +148,16 @@ class ExrWriter(ImageWriter):
     def _put_aside(self, pixels: Pixels, file: IO[bytes]) -> None:
         """Store rows of a later part until the parts before it are complete."""
         try:
-            pixels.tofile(file)
+            file.write(pixels.data)  # not tofile, which does not report all errors
         except OSError as error:
             raise OutputError(
                 str(self._path),
                 "no space for the temporary file of a later EXR part",
                 "a writable place with enough free space",
             ) from error
+
+    def _is_whole(self, path: Path) -> bool:
+        return is_whole_exr(path)
 
     def _finish(self) -> None:
         """Append the stored parts after the first, some rows at a time."""

@@ -21,7 +21,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.images.color import color_space, conversion, is_identity
 from usdsplat.images.labels import as_text
 from usdsplat.images.layout import Band, ImageLayout
-from usdsplat.images.writer import ImageWriter
+from usdsplat.images.writer import ROWS, ImageWriter
 
 END = b"\0\0\0\0IEND\xae\x42\x60\x82"
 """The final chunk of every complete PNG."""
@@ -50,12 +50,21 @@ class PngWriter(ImageWriter):
             raise UsageError(str(path), f"AOVs {', '.join(layout.aovs)}", "color only in a PNG")
         if not is_identity(conversion(layout.color_space, "srgb_rec709_display")):
             raise UsageError(str(path), f"a picture in {layout.color_space}", "sRGB in a PNG")
+        self._dtype = np.dtype(layout.pixel_type or "uint8")
         super().__init__(path, layout, (_spec(layout),))
 
     def _append(self, y0: int, band: Band) -> None:
-        dtype = np.uint16 if self._layout.pixel_type == "uint16" else np.uint8
         color = np.asarray(band["color"], np.float32)
-        self._write_rows(y0 - self._layout.window[1], quantized(color, dtype))
+        self._write_rows(y0 - self._layout.window[1], quantized(color, self._dtype))
+
+    def _abandon(self) -> None:
+        """Fill the picture, because libpng prints a message when it closes one without rows."""
+        _, top, _, bottom = self._layout.window
+        for y0 in range(self._next_row, bottom, ROWS):
+            rows = min(ROWS, bottom - y0)
+            blank = np.zeros((rows, self._layout.shape[1], 4), self._dtype)
+            self._file.write_scanlines(y0 - top, y0 - top + rows, 0, blank)
+        self._file.geterror()  # of the full disk that may be the reason
 
     def _is_whole(self, path: Path) -> bool:
         with path.open("rb") as file:

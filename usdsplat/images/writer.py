@@ -13,7 +13,7 @@ import numpy.typing as npt
 import OpenImageIO as oiio
 
 from usdsplat.core.errors import OutputError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.images.layout import Band, ImageLayout
 
 ROWS = 64
@@ -40,13 +40,14 @@ class ImageWriter(ABC):
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            self._temporary = stack.enter_context(atomic_path(self._path))
+            output = stack.enter_context(output_file(self._path, is_whole=self._is_whole))
+            self._temporary = output.text
             file = oiio.ImageOutput.create(self.FORMAT)
             if file is None:
                 raise OutputError(str(self._path), oiio.geterror(), f"support for {self.FORMAT}")
             self._file = file
             stack.callback(file.close)
-            self._check(self._file.open(str(self._temporary), self._specs))
+            self._check(self._file.open(self._temporary, self._specs))
             self._stack = stack.pop_all()
         return self
 
@@ -57,6 +58,7 @@ class ImageWriter(ABC):
         trace: TracebackType | None,
     ) -> None:
         if kind is not None:
+            self._abandon()
             self._stack.__exit__(kind, error, trace)
             return
         with self._stack:
@@ -65,10 +67,6 @@ class ImageWriter(ABC):
                 raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
             self._finish()
             self._check(self._file.close())
-            if not self._is_whole(self._temporary):
-                raise OutputError(
-                    str(self._path), "a truncated file", "a writable place with enough free space"
-                )
 
     def write_band(self, y0: int, band: Band) -> None:
         """Append whole rows.
@@ -97,10 +95,13 @@ class ImageWriter(ABC):
     def _finish(self) -> None:  # noqa: B027 - most formats have nothing there
         """Write data after the last row."""
 
+    def _abandon(self) -> None:  # noqa: B027 - most formats need nothing
+        """Prepare closing a file that will not be finished."""
+
+    @abstractmethod
     def _is_whole(self, path: Path) -> bool:
-        """Return whether the closed file is complete, for formats whose writer does not report
-        errors."""
-        return path.stat().st_size > 0
+        """Return whether the closed file is complete, because OpenImageIO's writers do not report
+        all errors."""
 
     def _write_rows(self, y0: int, pixels: npt.NDArray[np.generic]) -> None:
         """Append `pixels` of shape (rows, width, channels) to the open part."""
@@ -108,12 +109,12 @@ class ImageWriter(ABC):
 
     def _open_next_part(self, spec: oiio.ImageSpec) -> None:
         """Open the next part of a multipart file."""
-        self._check(self._file.open(str(self._temporary), spec, "AppendSubimage"))
+        self._check(self._file.open(self._temporary, spec, "AppendSubimage"))
 
     def _check(self, succeeded: bool) -> None:
         """Raise an error if OpenImageIO failed; reading its message keeps it from printing it at
         exit."""
         message = self._file.geterror() or oiio.geterror()
         if not succeeded:
-            found = message.replace(str(self._temporary), self._path.name).strip().rstrip(".")
+            found = message.replace(self._temporary, self._path.name).strip().rstrip(".")
             raise OutputError(str(self._path), found, "a picture that can be written")

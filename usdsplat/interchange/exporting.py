@@ -12,6 +12,7 @@ from usdsplat import formats, schema
 from usdsplat.core import edit
 from usdsplat.core.axes import change as change_axes
 from usdsplat.core.edits import Edit
+from usdsplat.core.output import output_group
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, WriteOptions
 from usdsplat.formats.options import WRITE_OPTIONS
@@ -82,7 +83,7 @@ def export_each(
 
     Fields "/World/Tree" and "/Rock/splats" become shot_Tree.ply and shot_Rock.ply if the target is
     shot.ply. For prims of equal names, as much of the paths is used as makes them unique. Edits
-    apply to each field separately.
+    apply to each field separately. All files appear together when the last one is complete.
 
     Args and errors are those of `export_capture`.
     """
@@ -91,12 +92,13 @@ def export_each(
     unit = formats.unit_written(path)
     found, notes = appearances(stage, prim_path, time)
     parts = []
-    for item, name in zip(found, names([item.prim for item in found]), strict=True):
-        part = _capture([item], frame, unit, time, progress)
-        capture = edit_capture(part, edits, progress=progress)
-        beside = _named(path, name)
-        files.check_not_input(beside, files.layer_files(stage))
-        parts.append(_written(capture, [item.prim], source, beside, how, progress))
+    with output_group():
+        for item, name in zip(found, names([item.prim for item in found]), strict=True):
+            beside = _named(path, name)
+            files.check_not_input(beside, files.layer_files(stage))
+            capture = _capture([item], frame, unit, time, progress)
+            capture = edit_capture(capture, edits, progress=progress)
+            parts.append(_written(capture, [item.prim], source, beside, how, progress))
     return SplitReport(
         source=_name(source),
         target=str(path),

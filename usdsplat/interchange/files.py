@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
+from pxr import Pcp, Sdf, Tf, Usd
 
 import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
-from usdsplat.core.output import atomic_path
+from usdsplat.schema.usd_files import export_layer, sentence
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -54,7 +53,7 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     try:
         layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))
     except Tf.ErrorException as error:
-        layer, found = None, _sentence(error)
+        layer, found = None, sentence(error)
     if not layer:
         raise StageError(str(path), found or "nothing that USD can read", "a USD file")
     return layer
@@ -92,7 +91,7 @@ def composition_remarks(stage: Usd.Stage) -> list[str]:
 
 
 def save(layer: Sdf.Layer, target: Path) -> None:
-    """Write a layer as .usd, .usda, .usdc or as the only layer of a .usdz.
+    """Write a layer as .usd, .usda, .usdc or .usdz, as `export_layer` does.
 
     Args:
         layer: The layer, which is not modified and need not have a file.
@@ -103,24 +102,7 @@ def save(layer: Sdf.Layer, target: Path) -> None:
         OutputError: If the target cannot be written.
     """
     check_suffix(target)
-    with atomic_path(target) as path, usd_errors(target):
-        if target.suffix.lower() == ".usdz":
-            _package(layer, target, path)
-        else:
-            layer.Export(str(path))
-
-
-@contextmanager
-def usd_errors(target: Path) -> Iterator[None]:
-    """Convert exceptions of USD while writing to OutputError.
-
-    Raises:
-        OutputError: Instead of USD's own.
-    """
-    try:
-        yield
-    except Tf.ErrorException as error:
-        raise OutputError(str(target), _sentence(error), "a file that USD can write") from None
+    export_layer(layer, target)
 
 
 def check_suffix(target: Path) -> None:
@@ -149,16 +131,3 @@ def layer_files(stage: Usd.Stage) -> list[Path]:
     """Return the files that a stage reads, packages included."""
     found = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
     return [Path(path.partition("[")[0]) for path in found]
-
-
-def _package(layer: Sdf.Layer, target: Path, path: Path) -> None:
-    """Write a .usdz with a single crate layer, named like the target."""
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".usdz-") as folder:
-        inner = Path(folder, target.stem + ".usdc")
-        layer.Export(str(inner))
-        UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path))
-
-
-def _sentence(error: Tf.ErrorException) -> str:
-    """Return USD's message of its first error on one line."""
-    return " ".join(error.args[0].commentary.split()) if error.args else ""

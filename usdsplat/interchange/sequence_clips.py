@@ -15,8 +15,10 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import OutputFile
 from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
+from usdsplat.schema.usd_files import new_layer, save_layer
 
 _TOPOLOGY = "topology.usda"
 _MANIFEST = "manifest.usda"
@@ -26,13 +28,15 @@ _OURS = re.compile(r"frame\.-?[\d.]+\.usdc|topology\.usda|manifest\.usda")
 class Clips:
     """The value clips of one field, in a folder beside the stage's file."""
 
-    def __init__(self, stage: Usd.Stage, folder: Path) -> None:
+    def __init__(self, stage: Usd.Stage, folder: Path, output: OutputFile) -> None:
         """
         Args:
             stage: Stage that refers to the clips; its root layer is in the folder's parent.
             folder: Folder of the clips; it is created here.
+            output: The stage's file, in whose private folder this folder is.
         """
         folder.mkdir()
+        self._output = output
         self._stage = stage
         self._folder = folder
         self._files: dict[float, Path] = {}
@@ -56,20 +60,13 @@ class Clips:
                 raise OutputError(str(folder), found, "earlier clips or nothing")
         return folder
 
-    @staticmethod
-    def put_in_place(folder: Path, target: Path) -> None:
-        """Move a finished folder to `target`; earlier clips are moved to the scratch folder."""
-        if target.exists():
-            os.replace(target, folder.with_name("earlier.clips"))
-        os.replace(folder, target)
-
     def new(self, time: float) -> Usd.Stage:
         """Create an empty stage for a frame, which can be opened by itself."""
         is_whole = time == int(time)
         path = frame_path(
             self._folder / f"frame.{'####' if is_whole else '####.######'}.usdc", time
         )
-        stage = Usd.Stage.CreateNew(str(path))
+        stage = Usd.Stage.Open(new_layer(path, self._output))
         unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         prepare(stage, UsdGeom.GetStageUpAxis(self._stage), unit)
         stage.SetStartTimeCode(time)
@@ -86,14 +83,14 @@ class Clips:
         if not where.IsRootPrimPath():
             where = where.GetParentPath()
         first = str(next(iter(self._files.values())))
-        topology = Sdf.Layer.CreateNew(str(self._folder / _TOPOLOGY))
+        topology = new_layer(self._folder / _TOPOLOGY, self._output)
         UsdUtils.StitchClipsTopology(topology, [first])
         for key in ("startTimeCode", "endTimeCode"):  # those of the first clip
             topology.pseudoRoot.ClearInfo(key)
-        topology.Save()
-        manifest = Sdf.Layer.CreateNew(str(self._folder / _MANIFEST))
+        save_layer(topology, self._output)
+        manifest = new_layer(self._folder / _MANIFEST, self._output)
         UsdUtils.StitchClipsManifest(manifest, topology, [first], str(where))
-        manifest.Save()
+        save_layer(manifest, self._output)
         root = self._stage.GetRootLayer()
         root.subLayerPaths.append(self._asset(_TOPOLOGY))
         for key in ("defaultPrim", "fallbackPrimTypes"):  # ineffective in a sublayer

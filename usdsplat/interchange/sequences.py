@@ -8,20 +8,18 @@ next and nothing is interpolated.
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import formats, schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import OutputFile, output_file, output_group
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture
 from usdsplat.images.frame_numbers import without_place
@@ -43,6 +41,14 @@ from usdsplat.interchange.reports import SequenceImportReport
 from usdsplat.interchange.sequence_clips import Clips
 from usdsplat.interchange.sequence_files import Account, files_of
 from usdsplat.schema import Form
+from usdsplat.schema.usd_files import (
+    crate_name,
+    is_whole_usd,
+    new_layer,
+    package_layer,
+    save_layer,
+    write_copy,
+)
 
 _ROW_BITS = 32
 _HELD = (
@@ -97,16 +103,18 @@ def import_sequence(
     listed = files_of(pattern, sequence.frames)
     files.check_not_input(path, listed.values())
     clip_folder = Clips.folder_of(path) if sequence.clips else None
-    with ExitStack() as after, atomic_path(path) as temporary:  # the scratch folder is removed last
-        scratch = Path(after.enter_context(_scratch_beside(temporary)))
-        stage = _new_stage(scratch / f"{path.stem}.usdc", options.up_axis, options.meters_per_unit)
+    with output_group() as group, output_file(path, is_whole=is_whole_usd) as output:
+        scratch = output.path.with_name("scratch")
+        scratch.mkdir()
+        stage = Usd.Stage.Open(new_layer(scratch / crate_name(path), output))
+        prepare(stage, options.up_axis, options.meters_per_unit)
         _author_times(stage, tuple(listed), sequence.rate)
         job = _Job(
             stage=stage,
-            target=path,
+            output=output,
             where=field_path(stage, without_place(pattern), options.prim_path),
             is_model=options.prim_path is None,
-            clips=Clips(stage, scratch / clip_folder.name) if clip_folder else None,
+            clips=Clips(stage, scratch / clip_folder.name, output) if clip_folder else None,
             form=options.form,
             frame=options.axes,
             meters_per_unit=options.meters_per_unit,
@@ -121,9 +129,9 @@ def import_sequence(
             job.add(account, time, file, number)
         progress.step("frames", len(listed), len(listed))
         report = job.finish(account, pattern, tuple(listed))
-        _publish(stage.GetRootLayer(), temporary, path)
+        _publish(stage.GetRootLayer(), output)
         if clip_folder:
-            Clips.put_in_place(scratch / clip_folder.name, clip_folder)
+            group.place_folder(scratch / clip_folder.name, clip_folder)
     return report
 
 
@@ -132,7 +140,7 @@ class _Job:
     """An import of a sequence."""
 
     stage: Usd.Stage
-    target: Path
+    output: OutputFile
     where: Sdf.Path
     is_model: bool
     """Whether the prim above the field is made a model."""
@@ -174,8 +182,7 @@ class _Job:
         """Return the stage for a frame; it is saved on exit."""
         stage = self.clips.new(time) if self.clips else self.stage
         yield stage
-        with files.usd_errors(self.target):
-            stage.Save()
+        save_layer(stage.GetRootLayer(), self.output)
 
     def finish(
         self, account: Account, pattern: Path, times: tuple[float, ...]
@@ -203,12 +210,11 @@ class _Job:
         )
         record(prim, memory)
         if self.is_model:
-            author_model(prim, self.target)
-        with files.usd_errors(self.target):
-            self.stage.Save()
+            author_model(prim, Path(self.output.target))
+        save_layer(self.stage.GetRootLayer(), self.output)
         return SequenceImportReport(
             source=str(pattern),
-            target=str(self.target),
+            target=self.output.target,
             prim_path=str(self.where),
             splats=sum(account.counts),
             degree=capture.cloud.sh_degree,
@@ -225,13 +231,6 @@ class _Job:
         )
 
 
-def _new_stage(path: Path, up_axis: str | None, meters_per_unit: float | None) -> Usd.Stage:
-    """Create a stage in a new file."""
-    stage = Usd.Stage.CreateNew(str(path))
-    prepare(stage, up_axis, meters_per_unit)
-    return stage
-
-
 def _author_times(stage: Usd.Stage, times: tuple[float, ...], rate: float) -> None:
     """Author the time range and frame rate of a stage."""
     stage.SetStartTimeCode(times[0])
@@ -240,19 +239,13 @@ def _author_times(stage: Usd.Stage, times: tuple[float, ...], rate: float) -> No
     stage.SetFramesPerSecond(rate)
 
 
-def _scratch_beside(path: Path) -> tempfile.TemporaryDirectory[str]:
-    """Create a hidden temporary folder beside `path`."""
-    return tempfile.TemporaryDirectory(dir=path.parent, prefix=".sequence-")
-
-
-def _publish(layer: Sdf.Layer, temporary: Path, target: Path) -> None:
+def _publish(layer: Sdf.Layer, output: OutputFile) -> None:
     """Convert a finished crate file to the format of the target's suffix."""
-    crate = layer.realPath
-    with files.usd_errors(target):
-        match target.suffix.lower():
-            case ".usda":
-                layer.Export(str(temporary))
-            case ".usdz":
-                UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(crate), str(temporary))
-            case _:
-                os.replace(crate, temporary)
+    crate = Path(layer.realPath)
+    match output.path.suffix.lower():
+        case ".usda":
+            write_copy(layer, output)
+        case ".usdz":
+            package_layer(crate, output)
+        case _:
+            crate.rename(output.path)

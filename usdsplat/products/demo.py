@@ -24,6 +24,7 @@ from usdsplat.products.movie import save_animation
 from usdsplat.products.planning import plan_pictures
 from usdsplat.products.request import RenderRequest
 from usdsplat.products.turntable import author_turntable, look_across
+from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.overrides import override
 from usdsplat.sim.stage.presets import author_preset
 from usdsplat.sim.stage.simulating import SimulateOptions, simulate
@@ -141,7 +142,7 @@ class _Demo:
         look_across(stage, BALL)
         for text in QUICKER:
             override(stage, text, layer=stage.GetRootLayer())
-        stage.GetRootLayer().Save()
+        export_layer(stage.GetRootLayer(), growth)
         self._tell(
             growth, "a simulation: a pattern grows on the capture, and a ball pushes its splats"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 import usdsplat
 from usdsplat.core.errors import UnknownFormatError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import write_output
 from usdsplat.images.labels import as_text
 from usdsplat.images.layout import Metadata
 
@@ -52,8 +53,9 @@ def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = No
         more = {"quality": QUALITY, "subsampling": 0, "exif": exif(metadata or {})}
     else:
         more = {"pnginfo": _chunks(metadata or {})}
-    with atomic_path(path) as temporary:
-        pillow.fromarray(np.ascontiguousarray(image)).save(temporary, kind, **more)
+    data = io.BytesIO()
+    pillow.fromarray(np.ascontiguousarray(image)).save(data, kind, **more)
+    write_output(path, data.getbuffer())
     return path
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
@@ -15,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from usdsplat.core.errors import OutputError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file, write_output
 from usdsplat.images.layout import Metadata
 from usdsplat.products.display_image import Image, exif
 
@@ -61,11 +62,11 @@ class Movie:
             expected = "ffmpeg on PATH to write a movie, or a name such as a.####.png"
             raise OutputError(str(self._path), "no ffmpeg", expected)
         with ExitStack() as stack:
-            temporary = stack.enter_context(atomic_path(self._path))
+            output = stack.enter_context(output_file(self._path))
             # A file, because nothing reads a stderr pipe while frames are written to stdin.
             self._said = stack.enter_context(tempfile.TemporaryFile())
             self._process = subprocess.Popen(
-                [program, *self._arguments(temporary)],
+                [program, *self._arguments(output.path)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._said,
@@ -165,13 +166,15 @@ def save_animation(pictures: Sequence[Path], path: Path, *, rate: float) -> Path
 
     first, *others = [pillow.open(picture) for picture in pictures]
     entries = first.text if isinstance(first, PngImageFile) else {}
-    with atomic_path(path) as temporary:
-        first.save(
-            temporary,
-            save_all=True,
-            append_images=others,
-            duration=1000 / rate,
-            loop=0,
-            exif=exif(entries),
-        )
+    data = io.BytesIO()
+    first.save(
+        data,
+        "WEBP",
+        save_all=True,
+        append_images=others,
+        duration=1000 / rate,
+        loop=0,
+        exif=exif(entries),
+    )
+    write_output(path, data.getbuffer())
     return path

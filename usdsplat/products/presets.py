@@ -49,5 +49,9 @@ def make_stage(
     if capture.exists():
         raise OutputError(str(capture), "a file", f"no such file, because {target} needs this name")
     import_capture(source, capture, options=ImportOptions(axes=axes), progress=progress)
-    author_preset(name, open_stage(capture), target)
+    try:
+        author_preset(name, open_stage(capture), target)
+    except BaseException:
+        capture.unlink(missing_ok=True)
+        raise
     return [capture, target]

@@ -10,12 +10,12 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdRender
 
 from usdsplat.core.cloud import F64
-from usdsplat.core.output import atomic_path
 from usdsplat.delegate.default_camera import MARGIN, NEAREST
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
 """Focal length of the camera prim [0.1 scene unit]. With the aperture it defines the field of
@@ -52,20 +52,22 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
         OutputError: If the target cannot be written.
     """
     spec, center = _camera_around(open_stage(capture))
-    with atomic_path(target) as path:
-        stage = Usd.Stage.CreateNew(str(path))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-        stage.SetStartTimeCode(1)
-        stage.SetEndTimeCode(frames)
-        world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
-        Usd.ModelAPI(world).SetKind(Kind.Tokens.group)  # a capture is a component
-        stage.SetDefaultPrim(world)
-        subject = UsdGeom.Xform.Define(stage, "/World/Subject").GetPrim()
-        subject.GetReferences().AddReference(f"./{capture.name}")
-        _author_camera(stage, spec, center, frames)
-        _author_settings(stage)
-        stage.GetRootLayer().Save()
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(frames)
+    world = UsdGeom.Xform.Define(stage, "/World").GetPrim()
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.group)  # a capture is a component
+    stage.SetDefaultPrim(world)
+    subject = UsdGeom.Xform.Define(stage, "/World/Subject").GetPath()
+    _author_camera(stage, spec, center, frames)
+    _author_settings(stage)
+    layer = Sdf.Layer.CreateAnonymous(".usda")  # of no stage, which would look for the capture
+    layer.TransferContent(stage.GetRootLayer())
+    references = layer.GetPrimAtPath(subject).referenceList
+    references.prependedItems = [Sdf.Reference(f"./{capture.name}")]
+    export_layer(layer, target)
 
 
 def look_across(stage: Usd.Stage, path: str) -> None:

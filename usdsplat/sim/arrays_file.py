@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.errors import FormatError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 
 Array = npt.NDArray[Any]
 
@@ -67,7 +67,7 @@ def save_arrays(
         )
         offset += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
     header = json.dumps({"meta": dict(meta), "arrays": entries, "blocks": blocks}).encode()
-    with atomic_path(target) as path, path.open("wb") as file:
+    with output_file(target) as output, output.open() as file:
         file.write(_PREFIX.pack(MAGIC, len(header), zlib.crc32(header)))
         file.write(header)
         start = _start(len(header))

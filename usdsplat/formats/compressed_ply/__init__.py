@@ -18,7 +18,7 @@ import numpy as np
 from usdsplat.core import morton
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import FormatError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import CloudBuilder, in_parallel
 from usdsplat.formats.compressed_ply.codec import (
@@ -128,7 +128,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     bounds = np.empty((-(-len(cloud) // CHUNK), 3, 2, 3), "<f4")
     first_word = len(header) + bounds.nbytes
     first_byte = first_word + 4 * len(_WORDS) * len(cloud)
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with output_file(path) as output, output.open() as file:
         for start in range(0, len(cloud), _FILE_ROWS):
             rows = order[start : start + _FILE_ROWS]
             words = np.empty((len(rows), len(_WORDS)), "<u4")

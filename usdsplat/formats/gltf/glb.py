@@ -26,7 +26,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.encoding import quantize
 from usdsplat.core.errors import FormatError, OutputError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.formats.capture import Capture
 from usdsplat.formats.cloud_builder import in_parallel
@@ -120,7 +120,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     text = json.dumps(_document(cloud, attributes, ends), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     start = _HEADER.size + 2 * _CHUNK.size + len(text)
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with output_file(path) as output, output.open() as file:
         file.write(_HEADER.pack(MAGIC, 2, start + ends[-1]))
         file.write(_CHUNK.pack(len(text), b"JSON") + text)
         file.write(_CHUNK.pack(ends[-1], b"BIN\0"))

@@ -20,7 +20,7 @@ import numpy as np
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.encoding import logit, sigmoid
 from usdsplat.core.errors import FormatError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import CloudBuilder, in_parallel
 from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
@@ -98,7 +98,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     header = "\n".join([*lines, "end_header\n"]).encode()
     blocks: list[F32] = []  # idle buffers, taken and returned by threads
     turn = Lock()
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with output_file(path) as output, output.open() as file:
         file.write(header)
 
         def work(rows: slice) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 
 from usdsplat.core.errors import FormatError, OutputError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import is_private, output_file, output_group, write_output
 from usdsplat.formats.sog.encoding import EncodedSog
 from usdsplat.formats.sog.meta import META, META_LIMIT, parse_meta
 
@@ -20,8 +19,9 @@ def write_archive(path: Path, sog: EncodedSog) -> None:
         OutputError: If the target cannot be written.
     """
     with (
-        atomic_path(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive,
+        output_file(path) as output,
+        output.open() as file,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive,
     ):
         for name, data in {META: sog.meta({}), **sog.images}.items():
             # No date, so that equal splats give equal files.
@@ -31,7 +31,7 @@ def write_archive(path: Path, sog: EncodedSog) -> None:
 def write_folder(meta: Path, sog: EncodedSog) -> None:
     """Write into the folder of `meta`, which must be new, empty or hold a SOG.
 
-    The images are written first, under unused names. Then the new `meta.json`, which names them,
+    The images get unused names. When all are in place, the new `meta.json`, which names them,
     replaces the old one. Then the images that the old one named are deleted. A reader therefore
     finds the old or the new SOG complete at any time.
 
@@ -40,29 +40,21 @@ def write_folder(meta: Path, sog: EncodedSog) -> None:
     """
     folder = Path(os.path.realpath(meta.parent))
     old = _images_of(str(meta), folder)
-    is_new = not folder.exists()
     names = {name: _free_name(folder, name) for name in sog.images}
-    written: list[Path] = []
     try:
-        if is_new:
-            folder.mkdir()
-        for name, data in sog.images.items():
-            written.append(folder / names[name])
-            written[-1].write_bytes(data)
-        with atomic_path(folder / META) as temporary:
-            temporary.write_bytes(sog.meta(names))
-    except BaseException as error:
-        for path in written:
-            path.unlink(missing_ok=True)
-        if is_new and folder.is_dir():
-            folder.rmdir()
-        if isinstance(error, OSError) and not isinstance(error, OutputError):
-            found = (error.strerror or str(error)).lower()
-            raise OutputError(str(meta), found, "a folder that can be written") from error
+        with output_group() as group:
+            if not folder.exists():
+                group.make_folder(folder)
+            for name, data in sog.images.items():
+                write_output(folder / names[name], data)
+            write_output(folder / META, sog.meta(names))
+            for name in old:
+                group.remove_later(folder / name)
+    except OutputError:
         raise
-    for name in old:
-        with suppress(OSError):  # the new SOG is complete without the deletion
-            (folder / name).unlink()
+    except OSError as error:
+        found = (error.strerror or str(error)).lower()
+        raise OutputError(str(meta), found, "a folder that can be written") from error
 
 
 def _images_of(target: str, folder: Path) -> list[str]:
@@ -74,7 +66,7 @@ def _images_of(target: str, folder: Path) -> list[str]:
         raise OutputError(target, f"a file {folder.name}", expected)
     meta = folder / META
     if not meta.exists():
-        if any(folder.iterdir()):
+        if not all(map(is_private, os.listdir(folder))):
             raise OutputError(target, "a folder with other files", expected)
         return []
     try:

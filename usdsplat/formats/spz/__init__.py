@@ -21,7 +21,7 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import OutputError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import BLOCK, CloudBuilder, blocks, in_parallel, threads
 from usdsplat.formats.options import (
@@ -133,7 +133,7 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     extensions = b"" if how.frame is None else frame_record(how.frame)
     flags = (ANTIALIASED if how.antialiased else 0) | (HAS_EXTENSIONS if extensions else 0)
     header = SpzHeader(MAGIC, how.spz_version, len(cloud), cloud.sh_degree, bits, flags, 0)
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+    with output_file(path) as output, output.open() as file:
         planes = _encoded(cloud, header)
         pack = write_gzip if how.spz_version < 4 else write_frames
         pack(

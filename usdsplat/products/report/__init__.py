@@ -15,7 +15,7 @@ from usdsplat import schema
 from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError, UsdSplatError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import write_output
 from usdsplat.formats import Capture
 from usdsplat.interchange.authoring import author_field, prepare
 from usdsplat.interchange.placement import placement
@@ -30,7 +30,7 @@ __all__ = ["Report", "check_target", "of_capture", "of_stage", "write"]
 
 _PRIM = "Capture"
 """Root prim of the field on the stage of a report."""
-_WRITERS = {".png": png_page.write, ".html": html_page.write}
+_ENCODERS = {".png": png_page.encode, ".html": html_page.encode}
 
 
 def check_target(path: Path, source: Path) -> None:
@@ -40,8 +40,8 @@ def check_target(path: Path, source: Path) -> None:
         UsageError: If the suffix is neither .png nor .html, or it is the file that is described.
         BackendError: If matplotlib is not installed.
     """
-    if path.suffix.lower() not in _WRITERS:
-        raise UsageError("--plot", f"suffix {path.suffix!r}", f"one of {', '.join(_WRITERS)}")
+    if path.suffix.lower() not in _ENCODERS:
+        raise UsageError("--plot", f"suffix {path.suffix!r}", f"one of {', '.join(_ENCODERS)}")
     if path.exists() and source.exists() and path.samefile(source):
         raise UsageError("--plot", f"{path}, which is being described", "another file")
     check_matplotlib()
@@ -88,8 +88,7 @@ def write(report: Report, path: Path) -> None:
     Raises:
         OutputError: If the file cannot be written.
     """
-    with atomic_path(path) as temporary:
-        _WRITERS[path.suffix.lower()](report, temporary)
+    write_output(path, _ENCODERS[path.suffix.lower()](report))
 
 
 def _report(

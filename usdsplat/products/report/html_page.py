@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
-from pathlib import Path
 
 from usdsplat.products.report.plots import draw_histogram
 from usdsplat.products.report.values import Histogram, Picture, Report
@@ -27,8 +26,8 @@ pre { overflow-x: auto; background: #f1f1ec; padding: 1rem }
 """
 
 
-def write(report: Report, path: Path) -> None:
-    """Write the page in UTF-8."""
+def encode(report: Report) -> bytes:
+    """Return the page in UTF-8."""
     title = escape(report.title)
     parts = [
         '<!doctype html><html lang="en"><meta charset="utf-8">',
@@ -38,7 +37,7 @@ def write(report: Report, path: Path) -> None:
         f'<div class="row">{"".join(map(_chart, report.histograms))}</div>',
         f"<pre>{escape(chr(10).join(report.lines))}</pre></html>",
     ]
-    path.write_text("\n".join(parts) + "\n", encoding="utf-8")
+    return ("\n".join(parts) + "\n").encode(errors="backslashreplace")
 
 
 def _picture(picture: Picture) -> str:

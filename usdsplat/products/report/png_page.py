@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.products.report.plots import draw_histogram
@@ -27,8 +27,8 @@ _LONGEST = 150
 """Maximum number of characters of a line."""
 
 
-def write(report: Report, path: Path) -> None:
-    """Draw the page and write it as PNG."""
+def encode(report: Report) -> bytes:
+    """Draw the page and return it as PNG."""
     from matplotlib.figure import Figure
 
     pictures = SIDE + _LINE + _GAP if report.pictures else 0
@@ -49,7 +49,9 @@ def write(report: Report, path: Path) -> None:
         _write(figure, (_GAP, top + pictures + charts + _LINE * i), _cut(line), family="monospace")
     with warnings.catch_warnings():  # a file's name may have characters that the font lacks
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
-        figure.savefig(path, format="png")
+        data = io.BytesIO()
+        figure.savefig(data, format="png")
+    return data.getvalue()
 
 
 def _draw_picture(figure: Figure, picture: Picture, at: tuple[int, int]) -> None:

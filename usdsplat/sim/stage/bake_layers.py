@@ -9,8 +9,10 @@
 
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
-Files under these names are always complete: they are written under other names and renamed. The
-named layer is written last, so that everything it refers to exists.
+Files under these names are always complete, see `core/output`. The named layer is put in place
+last, so that everything it refers to exists. A simulation that fails or is killed leaves the
+frames, clips and checkpoint that `--resume` needs; `--force` removes an earlier bake when it
+starts.
 """
 
 from __future__ import annotations
@@ -24,14 +26,15 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import OutputError, StageError
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_group
 from usdsplat.schema import tokens
+from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
 from usdsplat.sim.stage.sample_layer import declare, merge, sampled
 
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
-_WORK = ("checkpoint", "*.frame", ".[0-9]*-*.*")
+_WORK = ("checkpoint", "*.frame")
 
 
 class BakeLayers:
@@ -96,9 +99,10 @@ class BakeLayers:
                 "times": Vt.Vec2dArray([(time, time) for time in stops]),
             }
             Sdf.CreatePrimInLayer(layer, path).SetInfo("clips", {"default": clips})
-        _export(manifest, self.folder / "manifest.usda")
-        _export(layer, self.folder / "clips.usda")
-        self._write_root([self.folder / "clips.usda"], record)
+        with output_group():
+            export_layer(manifest, self.folder / "manifest.usda")
+            export_layer(layer, self.folder / "clips.usda")
+            self._write_root([self.folder / "clips.usda"], record)
 
     def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
         """Write the named layer over one file of all samples."""
@@ -106,8 +110,9 @@ class BakeLayers:
         # At the default time, the arrays of the packed type have no value. Positions must not have
         # one either, or the prim would be inconsistent there.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
-        merge([self.clip(number) for number in range(clips)], merged, retyped)
-        self._write_root([merged], record)
+        with output_group():
+            merge([self.clip(number) for number in range(clips)], merged, retyped)
+            self._write_root([merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:
         """Remove files of a bake."""
@@ -137,7 +142,7 @@ class BakeLayers:
             Sdf.CreatePrimInLayer(root, plan.path).customData = mine
             if plan.moves:
                 _block_hints(root, self._stage.GetPrimAtPath(plan.path))
-        _export(root, self.target)
+        export_layer(root, self.target)
 
     def _relative(self, path: Path | str) -> str:
         """Return a path relative to the named layer."""
@@ -173,11 +178,6 @@ def _new(rate: float) -> Sdf.Layer:
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.timeCodesPerSecond = rate
     return layer
-
-
-def _export(layer: Sdf.Layer, target: Path) -> None:
-    with atomic_path(target) as path:
-        layer.Export(str(path))
 
 
 def _has_range(layer: Sdf.Layer) -> bool:

@@ -18,7 +18,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.output import atomic_path
+from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author, relate
 from usdsplat.sim.stage.torus import author_torus
@@ -109,25 +109,27 @@ def author_preset(
     final = Path(os.path.realpath(target))
     if file == final:
         raise UsageError("target", str(target), "another file than the capture's")
-    with atomic_path(final) as path:
-        stage = Usd.Stage.CreateNew(str(path))
-        root = stage.GetRootLayer()
-        root.subLayerPaths.append(_relative(file, final.parent))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(capture))
-        UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(capture))
-        for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
-            setter(RATE)
-        stage.SetStartTimeCode(FIRST)
-        stage.SetEndTimeCode(last)
-        if capture.GetDefaultPrim():
-            root.defaultPrim = capture.GetRootLayer().defaultPrim
-        scene = _scene(stage, field, last)
-        UsdGeom.Scope.Define(stage, scene.parent)
-        sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
-        _include(sim, "splats", field.GetPath())
-        _include(sim, "affectors", scene.parent)
-        _PRESETS[name](scene, sim)
-        root.Save()
+    stage = Usd.Stage.CreateInMemory()
+    root = stage.GetRootLayer()
+    root.subLayerPaths.append(str(file))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(capture))
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(capture))
+    for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
+        setter(RATE)
+    stage.SetStartTimeCode(FIRST)
+    stage.SetEndTimeCode(last)
+    if capture.GetDefaultPrim():
+        root.defaultPrim = capture.GetRootLayer().defaultPrim
+    scene = _scene(stage, field, last)
+    UsdGeom.Scope.Define(stage, scene.parent)
+    sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
+    _include(sim, "splats", field.GetPath())
+    _include(sim, "affectors", scene.parent)
+    _PRESETS[name](scene, sim)
+    copy = Sdf.Layer.CreateAnonymous(".usda")  # of no stage, which would look for the capture
+    copy.TransferContent(root)
+    copy.subLayerPaths = [_relative(file, final.parent)]
+    export_layer(copy, final)
 
 
 def _grow(scene: Scene, sim: Usd.Prim) -> None:

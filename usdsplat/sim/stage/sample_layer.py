@@ -10,7 +10,8 @@ from typing import Any
 
 from pxr import Sdf, Tf, UsdUtils
 
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import OutputFile, output_file
+from usdsplat.schema.usd_files import is_whole_usd, new_layer, save_layer
 
 _UPGRADE = "requires crate version"
 
@@ -46,14 +47,26 @@ class SampleLayer:
         self.layer.SetTimeSample(spec.path, time, value)
         return spec
 
+
+class SampleFile(SampleLayer):
+    """A sample layer in the file of an output that is being written."""
+
+    def __init__(self, layer: Sdf.Layer, output: OutputFile) -> None:
+        super().__init__(layer)
+        self._output = output
+
     def save(self) -> None:
-        """Save to disk, and release the memory of what was written."""
+        """Save to disk, and release the memory of what was written.
+
+        Raises:
+            OutputError: If the file cannot be written.
+        """
         with _quiet_upgrade():
-            self.layer.Save()
+            save_layer(self.layer, self._output)
 
 
 @contextmanager
-def new_part(target: Path, rate: float) -> Iterator[SampleLayer]:
+def new_part(target: Path, rate: float) -> Iterator[SampleFile]:
     """Write a layer that appears at `target` when it is complete.
 
     Args:
@@ -63,8 +76,8 @@ def new_part(target: Path, rate: float) -> Iterator[SampleLayer]:
     Raises:
         OutputError: If it cannot be written.
     """
-    with atomic_path(target) as path:
-        part = SampleLayer(Sdf.Layer.CreateNew(str(path)))
+    with output_file(target, is_whole=is_whole_usd) as output:
+        part = SampleFile(new_layer(output.path, output), output)
         part.layer.timeCodesPerSecond = rate
         yield part
         part.save()
@@ -110,9 +123,9 @@ def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> 
         OutputError: If it cannot be written.
     """
     first, *others = parts
-    with atomic_path(target) as path:
-        shutil.copyfile(first, path)  # samples of the others are added one by one
-        whole = SampleLayer(Sdf.Layer.FindOrOpen(str(path)))
+    with output_file(target, is_whole=is_whole_usd) as output:
+        shutil.copyfile(first, output.path)  # samples of the others are added one by one
+        whole = SampleFile(Sdf.Layer.FindOrOpen(output.text), output)
         for other in others:
             part = Sdf.Layer.OpenAsAnonymous(str(other))
             declare(part, whole.layer)

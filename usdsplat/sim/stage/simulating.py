@@ -15,6 +15,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
@@ -257,10 +258,11 @@ def simulate(
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated, written or resumed.
+        OutputError: If another process simulates to this target.
     """
-    if target.exists() and options.existing == "error":
-        raise OutputError(str(target), "a file", "a new name, or --resume or --force")
-    with compile_time() as compiled:
+    with output_lock(target), compile_time() as compiled:
+        if target.exists() and options.existing == "error":
+            raise OutputError(str(target), "a file", "a new name, or --resume or --force")
         clock = Clock(compiled)
         device = options.device
         if isinstance(device, str):

@@ -1,0 +1,58 @@
+"""Tests of locks of outputs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from usdsplat.core.errors import OutputError
+from usdsplat.core.lock import output_lock
+
+HOLD = """
+import sys
+from usdsplat.core.lock import output_lock
+with output_lock(sys.argv[1]):
+    print("holds", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_process_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    """Oracle: the number of the process that holds the lock; after it is killed, the lock is free,
+    and its file is removed by the next one."""
+    target = tmp_path / "bake.usda"
+    command = [sys.executable, "-c", textwrap.dedent(HOLD), str(target)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.readline() == b"holds\n"
+        with (
+            pytest.raises(OutputError, match=rf"bake\.usda: found .*process {process.pid} is"),
+            output_lock(target),
+        ):
+            pytest.fail("the block ran")
+        process.kill()
+    assert os.listdir(tmp_path) == [".bake.usda.lock"]
+    with output_lock(target):
+        assert os.listdir(tmp_path) == [".bake.usda.lock"]
+    assert os.listdir(tmp_path) == []
+
+
+def test_two_threads_are_two_writers(tmp_path: Path) -> None:
+    """Oracle: this process's own number; the lock of another target is free."""
+    with (
+        output_lock(tmp_path / "a.usda"),
+        output_lock(tmp_path / "b.usda"),
+        pytest.raises(OutputError, match=f"process {os.getpid()} is writing"),
+        output_lock(tmp_path / "a.usda"),
+    ):
+        pytest.fail("the block ran")
+
+
+def test_a_folder_that_cannot_be_written_is_left_to_the_writer(tmp_path: Path) -> None:
+    """Oracle: the block runs."""
+    with output_lock(tmp_path / "no" / "a.usda"):
+        assert not (tmp_path / "no").exists()

@@ -1,0 +1,107 @@
+"""Write `build/faults.md`: what each command leaves at each fault.
+
+python -m tests.faults.table
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from tests.faults.harness import COMMANDS, Runner, Verdict, compile_shim, faults, limits
+from tests.faults.inputs import write_inputs
+
+TARGET = Path(__file__).parents[2] / "build" / "faults.md"
+FAULTS = {
+    "enospc": "full disk from a write on",
+    "once": "one failing call",
+    "lost": "writes that fail when the file is closed",
+    "kill": "SIGKILL, then the same command again",
+    "stop": "SIGINT",
+    "at": "limited size of files",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The runs of a command with one kind of fault."""
+
+    command: str
+    kind: str
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def wrong(self) -> list[Verdict]:
+        """Runs that are not clean."""
+        return [verdict for verdict in self.verdicts if not verdict.is_clean]
+
+    def line(self) -> str:
+        """Return the row as Markdown."""
+        statuses = Counter(verdict.status for verdict in self.verdicts)
+        shown = ", ".join(f"{status} ({count})" for status, count in sorted(statuses.items()))
+        lost, litter, talk = (
+            sum(bool(getattr(verdict, name)) for verdict in self.verdicts)
+            for name in ("lost", "litter", "talk")
+        )
+        cells = (self.command, self.kind, len(self.verdicts), shown, lost, litter, talk)
+        return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def rows(runner: Runner) -> list[Row]:
+    """Run every command with all chosen faults."""
+    found = []
+    for command in COMMANDS:
+        calls = runner.calls(command)
+        targets = [runner.out / name for name in command.targets]
+        sizes = [path.stat().st_size for path in targets if path.is_file()]
+        verdicts = [runner.judge(command, fault) for fault in faults(calls, wide=True)]
+        if len(targets) == 1:
+            allowed = limits(sizes[0], wide=True)
+            verdicts += [runner.judge(command, limit=limit) for limit in allowed]
+        for kind, group in groupby(verdicts, lambda verdict: verdict.fault.split()[0]):
+            found.append(Row(command.name, FAULTS[kind], tuple(group)))
+        print(found[-1].command, len(verdicts), "runs", file=sys.stderr, flush=True)
+    return found
+
+
+def write(found: list[Row]) -> None:
+    """Write the table."""
+    lines = [
+        "# What commands leave when writing fails",
+        "",
+        "Lost: status 0 without the whole result, or an earlier file that is neither unchanged nor",
+        "replaced by a whole one. Litter: other files than the results. Talk: not one sentence.",
+        "",
+        "| command | fault | runs | status (runs) | lost | litter | talk |",
+        "| --- | --- | ---: | --- | ---: | ---: | ---: |",
+        *(row.line() for row in found),
+    ]
+    for row in found:
+        lines += [f"\n- {row.command}: {verdict}" for verdict in row.wrong]
+    TARGET.parent.mkdir(exist_ok=True)
+    TARGET.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Write the table and return the exit status: 1 if a run is not clean."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shim = compile_shim(folder)
+        if shim is None:
+            print("tests.faults.table: found no C compiler on Linux", file=sys.stderr)
+            return 2
+        write_inputs(folder)
+        runner = Runner(folder, shim)
+        found = rows(runner)
+        runner.close()
+    write(found)
+    print(TARGET)
+    return int(any(row.wrong for row in found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""Keep two processes from writing the same output at the same time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from usdsplat.core.errors import OutputError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
+@contextmanager
+def output_lock(target: Path | str) -> Iterator[None]:
+    """Hold the lock of an output: a hidden file beside it, `.NAME.lock`, removed at the end.
+
+    The operating system releases the lock of a process that is killed, so a file that such a
+    process leaves does no harm; the next one removes it. Where files cannot be locked, on Windows
+    and on some network file systems, nothing is locked.
+
+    Raises:
+        OutputError: If another process, or another thread, holds it.
+    """
+    final = Path(os.path.realpath(target))
+    path = final.with_name(f".{final.name}.lock")
+    handle = None if fcntl is None else _locked(path, str(target))
+    try:
+        yield
+    finally:
+        if handle is not None:
+            with suppress(OSError):
+                path.unlink()
+            os.close(handle)
+
+
+def _locked(path: Path, target: str) -> int | None:
+    """Return a handle of the locked file; None if the file cannot be made or locked."""
+    while True:
+        handle = -1
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_at(handle, path):
+                os.ftruncate(handle, 0)
+                os.write(handle, f"{os.getpid()} {os.uname().nodename}".encode())
+                return handle
+        except BlockingIOError:
+            found = f"an output that {_holder(handle)} is writing"
+            raise OutputError(target, found, "its end, or another name") from None
+        except OSError:  # if the folder cannot be written, the output itself fails, and says why
+            if handle >= 0:
+                path.unlink(missing_ok=True)
+                os.close(handle)
+            return None
+        os.close(handle)
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Return whether an open file is still at a path; its last holder may have removed it."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _holder(handle: int) -> str:
+    """Name the process that holds a lock, and close the file."""
+    words = os.read(handle, 300).decode(errors="replace").split()
+    os.close(handle)
+    if len(words) != 2:
+        return "another process"
+    return f"process {words[0]}" + ("" if words[1] == os.uname().nodename else f" on {words[1]}")
