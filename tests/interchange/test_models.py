@@ -145,7 +145,7 @@ def test_bounds_of_a_sequence_are_those_of_each_frame(tmp_path: Path, clips: boo
     for frame in (1, 2, 3):
         capture(tmp_path, f"cap.{frame}.ply", seed=frame)
     import_sequence(
-        tmp_path / "cap.#.ply",
+        tmp_path / "cap.%d.ply",
         tmp_path / "a.usda",
         options=ImportOptions(form="packed"),
         sequence=SequenceOptions(clips=clips),

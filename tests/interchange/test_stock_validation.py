@@ -45,7 +45,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         for clips in (False, True):
             made.append(folder / f"{form}_{clips}.usdc")
             sequence = SequenceOptions(clips=clips)
-            import_sequence(folder / "cap.#.ply", made[-1], options=options, sequence=sequence)
+            import_sequence(folder / "cap.%d.ply", made[-1], options=options, sequence=sequence)
         made.append(folder / f"{form}_on_stage.usda")
         stage = Usd.Stage.CreateNew(str(made[-1]))
         UsdGeom.SetStageUpAxis(stage, "Z")
