@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tests.cli.conftest import ball
 from tests.renders import seen
-from usdsplat import schema
+from usdsplat import formats, schema
 
 
 def test_a_captures_numbers_are_those_of_its_splats(run_json, capture):
@@ -94,15 +94,20 @@ def test_text_leaves_out_what_says_nothing(run, capture):
     assert "ids" not in out
 
 
-def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data):
+def test_a_capture_that_looks_upside_down_is_remarked_on(run, run_json, data, tmp_path):
     """Oracle: the data's README: one statue twice, half a turn about z apart."""
-    told = run_json("info", data / "splats" / "statue_angel.compressed.ply")
-    assert told["frame"] == "rdf"
+    wrong = tmp_path / "wrong.spz"
+    cloud = formats.read(data / "splats" / "statue_angel.compressed.ply").cloud
+    formats.write(cloud, wrong, how=formats.WriteOptions(frame="rdf"))
+    told = run_json("info", wrong)
+    assert (told["frame"], told["frame_source"]) == ("rdf", "file")
     assert (told["frame_guess"]["up"], told["frame_guess"]["agrees"]) == ("+y", False)
-    _, out, _ = run("info", data / "splats" / "statue_angel.compressed.ply")
+    _, out, _ = run("info", wrong)
     assert "+y looks like up, as in 'rub': set --axes if it is" in out
-    told = run_json("info", data / "splats" / "statue_angel.sog")["frame_guess"]
-    assert (told["up"], told["agrees"], told["remark"]) == ("-y", True, "")
+    for name, frame in (("statue_angel.compressed.ply", "rub"), ("statue_angel.sog", "rdf")):
+        told = run_json("info", data / "splats" / name)
+        assert (told["frame"], told["frame_source"]) == (frame, "evidence")
+        assert (told["frame_guess"]["agrees"], told["frame_guess"]["remark"]) == (True, "")
 
 
 def test_real_captures_are_described(run_json, data):

@@ -62,8 +62,9 @@ class Captures:
     """How to read and write captures."""
 
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of x, y and z, such as rdf; to a stage: those of the input, default as stated
-    in the file; to a capture: those of the output, default as usual for its format"""
+    """directions of x, y and z, such as rdf; to a stage: those of the input, default auto: as
+    stated in the file, else as its splats suggest, else rdf; to a capture: those of the output,
+    default as usual for its format"""
     lod: Annotated[int | None, option("LEVEL")] = None
     """level to read from a capture with levels of detail, 0 is the finest; default: 0"""
     spz_version: Annotated[int | None, option("3|4")] = None

@@ -73,7 +73,8 @@ class Options:
     product: Annotated[str | None, option("/PRIM")] = None
     """render only this RenderProduct of the settings; default: all, or with -o the first"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
+    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
+    as its splats suggest, else rdf"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None

@@ -58,7 +58,8 @@ class Options:
     force: Annotated[bool, option()] = False
     """replace an existing bake"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
+    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
+    as its splats suggest, else rdf"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that computes, auto, cpu or cuda; default: auto, which is the CPU"""
     threads: Annotated[int | None, option("N")] = None

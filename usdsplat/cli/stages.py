@@ -28,7 +28,7 @@ def open_stage_or_capture(
     Args:
         path: A file that USD reads, or a capture.
         options: See `open_stage`; all defaults for a capture.
-        axes: Directions of a capture's x, y and z; None to use the file's own.
+        axes: Directions of a capture's x, y and z; None chooses them.
         keep: See `open_stage`.
         progress: Receives the progress of reading a capture.
 

@@ -76,7 +76,8 @@ class Options:
     frame: Annotated[float | None, option("FRAME")] = None
     """first time code; default: the start of the stage's range"""
     axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: as stated in the file"""
+    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
+    as its splats suggest, else rdf"""
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None

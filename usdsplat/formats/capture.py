@@ -12,6 +12,8 @@ from usdsplat.core.cloud import SplatCloud
 UNKNOWN_AXES = "the file does not say where its axes point: 'rdf' is assumed, else try 'rub'"
 """Note of readers whose format does not state the axes."""
 
+FrameSource = Literal["given", "file", "evidence", "assumed"]
+"""Source of a capture's axes: the caller, the file or its format, the splats, or custom."""
 UnitSource = Literal["given", "file", "assumed"]
 """Source of a capture's unit: the caller, the file or its format, or an assumption."""
 
@@ -29,6 +31,10 @@ class Capture:
     frame: str
     """Directions of x, y and z (`core.axes`): as the file states, or else as is customary for its
     format."""
+    frame_source: FrameSource = "file"
+    """Source of `frame`; readers set "file" or "assumed"."""
+    frame_score: float | None = None
+    """Score of the evidence for `frame`, if that is its source: 0 is none, above 0.7 is clear."""
     meters_per_unit: float | None = None
     """Metres per unit of length; None if neither the file nor its format states it."""
     unit_source: UnitSource = "file"
@@ -46,4 +52,4 @@ class Capture:
     @property
     def states_frame(self) -> bool:
         """Whether the file or its format states the directions of the axes."""
-        return UNKNOWN_AXES not in self.notes
+        return self.frame_source == "file"

@@ -73,6 +73,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format="SPLAT",
         files=(path,),
         frame="rdf",
+        frame_source="assumed",
         error_bounds=ERROR_BOUNDS,
         notes=(UNKNOWN_AXES, *notes),
     )

@@ -101,9 +101,11 @@ def _turn(cloud: SplatCloud, matrix: F64) -> None:
             array[rows] = getattr(turned, name)
 
 
-def given_axes(frame: str | None) -> list[str]:
+def given_axes(capture: Capture) -> list[str]:
     """Return a note on axes that the caller has given."""
-    return [] if frame is None else [f"the axes are {frame!r} as given to the import"]
+    if capture.frame_source != "given":
+        return []
+    return [f"the axes are {capture.frame!r} as given to the import"]
 
 
 def missing_proxy(prim: Usd.Prim) -> list[str]:

@@ -28,7 +28,8 @@ class ToCapture:
     edits: tuple[Edit, ...]
     """Edits in order, in the coordinates of the first source; for a stage, of the target."""
     axes: str | None
-    """Axes of the target; None is the default of its format."""
+    """Axes of the target; None is the default of its format. Sources that do not state their axes
+    are assumed to have customary ones: a guess is not written to a file."""
     prim_path: str | None
     """Prim to read from stages, see `export_capture`."""
     time: float | None

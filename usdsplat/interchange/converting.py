@@ -15,6 +15,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.images.frame_numbers import has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
+from usdsplat.interchange.axes_choice import AUTO
 from usdsplat.interchange.capturing import ToCapture
 from usdsplat.interchange.exporting import export_capture, export_each
 from usdsplat.interchange.gathering import reading_for
@@ -90,9 +91,10 @@ def convert(
         )
     if files.is_usd(path):
         return import_capture(sources, path, edits=edits, options=options, progress=progress)
+    axes = None if options.axes == AUTO else options.axes
     work = ToCapture(
         edits=tuple(edits),
-        axes=options.axes,
+        axes=axes,
         prim_path=options.prim_path,
         time=export.time,
         reading=reading,
@@ -115,7 +117,7 @@ def convert(
         path,
         prim_path=options.prim_path,
         time=export.time,
-        axes=options.axes,
+        axes=axes,
         edits=edits,
         how=export.writing,
         progress=progress,

@@ -3,7 +3,7 @@
 There are two cues. A scene is widest at its foot, because the ground is there. And floors and
 tables consist of flat splats that face up or down, most of them below the middle. Neither is proof:
 both fail for objects that hang from a ceiling. So the guess comes with its evidence, and there is
-no guess if directions score alike. It is only reported and changes nothing.
+no guess if directions score alike. `axes_choice` uses it if a file does not state its axes.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ class FrameGuess:
     """Common axes with this up direction; None if unclear."""
     evidence: tuple[str, ...]
     """Evidence, one sentence each."""
+    score: float = 0.0
+    """Score of the best direction; 0 is no evidence."""
 
     @property
     def agrees(self) -> bool | None:
@@ -89,12 +91,18 @@ def guess_frame(cloud: SplatCloud, assumed: str) -> FrameGuess:
         height = splats.places[:, axis] if sign > 0 else 1 - splats.places[:, axis]
         scores[up] = _Score.of(splats, axis, height)
     best, second = sorted(scores, key=lambda up: scores[up].total, reverse=True)[:2]
-    clear = scores[best].total >= max(_CONVINCING, _AHEAD * scores[second].total)
+    score = scores[best].total
+    clear = score >= max(_CONVINCING, _AHEAD * scores[second].total)
     if not clear:
         tie = f"no direction is clearly best: {best} is slightly ahead of {second}"
-        return FrameGuess(assumed=assumed, up=None, suggested=None, evidence=(tie,))
-    evidence = scores[best].said(best)
-    return FrameGuess(assumed=assumed, up=best, suggested=FRAMES[best], evidence=evidence)
+        return FrameGuess(assumed=assumed, up=None, suggested=None, evidence=(tie,), score=score)
+    return FrameGuess(
+        assumed=assumed,
+        up=best,
+        suggested=FRAMES[best],
+        evidence=scores[best].said(best),
+        score=score,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

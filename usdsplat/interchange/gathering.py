@@ -17,6 +17,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, ReadOptions
 from usdsplat.formats.options import READ_OPTIONS
+from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.editing import bounds_after, edited
 
 _MIXED = "captures have different rasterize modes; the result states classic for all splats"
@@ -37,7 +38,7 @@ def gather(
 
     Args:
         sources: Files in any format that `formats` reads, at least one.
-        axes: Axes of all captures; None uses those of each file.
+        axes: Axes of all captures; None chooses those of each file, see `axes_choice`.
         meters_per_unit: Unit of all captures; None uses that of each file.
         edits: Edits of all splats together, in the first capture's coordinates.
         how: Other options of the readers.
@@ -49,8 +50,7 @@ def gather(
     """
     how = reading_for(edits, how)
     captures = [formats.read(source, how=how, progress=progress) for source in sources]
-    if axes is not None:
-        captures = [replace(capture, frame=axes) for capture in captures]
+    captures = [with_axes(capture, choose_axes(capture, axes)) for capture in captures]
     captures = [with_unit(capture, meters_per_unit) for capture in captures]
     return edit_capture(joined(captures), edits, progress=progress)
 
@@ -121,6 +121,8 @@ def joined(captures: Sequence[Capture]) -> Capture:
         format=" + ".join(dict.fromkeys(capture.format for capture in captures)),
         files=tuple(dict.fromkeys(path for capture in captures for path in capture.files)),
         frame=first.frame,
+        frame_source=first.frame_source,
+        frame_score=first.frame_score,
         meters_per_unit=known.meters_per_unit,
         unit_source=known.unit_source,
         antialiased=modes == {True},

@@ -70,7 +70,7 @@ def import_capture(
     capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(stage))
     placed = placement(stage, capture.frame, capture.meters_per_unit)
     text = axes_text(placed, options.bake_axes)
-    notes = (*capture.notes, *given_axes(options.axes))
+    notes = (*capture.notes, *given_axes(capture))
     progress.step("authoring", 0, 1)
     with ThreadPoolExecutor(max_workers=1) as beside:  # hashing releases the GIL
         sha256 = beside.submit(fingerprint, capture.files)
@@ -139,6 +139,7 @@ def _report(
         form=form,
         format=memory.format,
         frame=memory.frame,
+        frame_source=memory.frame_source,
         axes=memory.axes,
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
         error_bounds=memory.error_bounds,

@@ -71,7 +71,7 @@ def open_capture(path: Path, *, axes: str | None = None, progress: Progress = si
 
     Args:
         path: A capture in any format that `formats` reads.
-        axes: Axes of the capture; None uses those of the file.
+        axes: Axes of the capture; None chooses them, see `ImportOptions.axes`.
         progress: Receives the progress of reading and authoring.
 
     Raises:

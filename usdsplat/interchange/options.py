@@ -20,7 +20,8 @@ class ImportOptions:
     form: Form = "float"
     """Storage form of the field, see `schema.author`."""
     axes: str | None = None
-    """Axes of the capture, such as "rdf"; None uses those of the file."""
+    """Axes of the capture, such as "rdf"; None or "auto" chooses them: the file's, else those that
+    the splats show, else "rdf"."""
     up_axis: str | None = None
     """Up axis of a new file, "Y" or "Z"; None is "Y" for a file, and the stage's own for a
     stage."""

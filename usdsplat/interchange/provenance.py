@@ -29,6 +29,10 @@ class Provenance:
     format: str
     reader: str
     frame: str
+    frame_source: str
+    """Source of the axes: "given", "file", "evidence" or "assumed"."""
+    frame_score: float | None
+    """Score of the evidence, if that is the source."""
     axes: str
     meters_per_unit: float
     """Unit of the capture; the stage's if `unit_source` is "assumed"."""
@@ -60,6 +64,8 @@ def provenance(
         format=capture.format,
         reader=f"usdsplat {__version__}",
         frame=capture.frame,
+        frame_source=capture.frame_source,
+        frame_score=capture.frame_score,
         axes=axes,
         meters_per_unit=capture.meters_per_unit,
         unit_source=capture.unit_source,
@@ -72,7 +78,7 @@ def provenance(
 
 def record(prim: Usd.Prim, memory: Provenance) -> None:
     """Write the record to customData[KEY] of a field."""
-    entry = asdict(memory)
+    entry = {name: value for name, value in asdict(memory).items() if value is not None}
     entry["error_bounds"] = dict(memory.error_bounds)
     for name in ("edits", "notes"):
         entry[name] = Vt.StringArray(list(entry[name]))

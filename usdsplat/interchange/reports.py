@@ -25,6 +25,8 @@ class ImportReport:
     """Format of the capture, such as "SPZ 2"."""
     frame: str
     """Axes of the capture (`core.axes`), as used."""
+    frame_source: str
+    """Source of the axes: "given", "file", "evidence" or "assumed"."""
     axes: str
     """Change of axes, one sentence."""
     meters_per_unit: float

@@ -14,6 +14,7 @@ from usdsplat.core import edit
 from usdsplat.core.errors import FormatError
 from usdsplat.formats import Capture
 from usdsplat.images.frame_numbers import frame_paths, frames_found, has_place
+from usdsplat.interchange.axes_choice import AxesChoice
 from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.gathering import either, widened
 
@@ -85,6 +86,8 @@ class Account:
 
     capture: Capture | None = None
     """The first frame without its splats; later frames extend its format and bounds."""
+    axes: AxesChoice | None = None
+    """Axes of all frames, chosen at the first: a choice for each could change between frames."""
     counts: list[int] = field(default_factory=list)
     """Number of splats of each frame."""
     notes: Notes = field(default_factory=Notes)

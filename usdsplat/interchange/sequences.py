@@ -32,6 +32,7 @@ from usdsplat.interchange.authoring import (
     missing_proxy,
     prepare,
 )
+from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.gathering import edit_capture, unit_assumed, with_unit
 from usdsplat.interchange.models import author_extents, author_model
 from usdsplat.interchange.options import IMPORT, SEQUENCE, ImportOptions, SequenceOptions
@@ -155,10 +156,11 @@ class _Job:
 
     def add(self, account: Account, time: float, file: Path, number: int) -> None:
         """Read a frame, write it, and free it."""
-        capture = edit_capture(self.read(file), self.edits)
+        capture = self.read(file)
+        account.axes = account.axes or choose_axes(capture, self.frame)
+        capture = edit_capture(with_axes(capture, account.axes), self.edits)
         capture = with_unit(capture, self.meters_per_unit)
         capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(self.stage))
-        capture = replace(capture, frame=self.frame or capture.frame)
         account.add(time, file, capture, fingerprint(capture.files))
         if not self.interpolate:
             rows = np.arange(len(capture.cloud), dtype=np.int64)
@@ -195,7 +197,7 @@ class _Job:
         assert capture is not None  # there is at least one frame
         placed = placement(self.stage, capture.frame, capture.meters_per_unit)
         text = axes_text(placed, self.bake_axes)
-        notes = (*account.notes.told(), *given_axes(self.frame))
+        notes = (*account.notes.told(), *given_axes(capture))
         notes += (*schema.broken_rules(prim), *missing_proxy(prim))
         if not self.interpolate and len(times) > 1:
             notes += (_HELD,)
@@ -221,6 +223,7 @@ class _Job:
             form=self.form,
             format=memory.format,
             frame=memory.frame,
+            frame_source=memory.frame_source,
             axes=memory.axes,
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(self.stage),
             edits=memory.edits,

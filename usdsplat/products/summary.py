@@ -15,6 +15,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import Engine
 from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
+from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
 from usdsplat.schema.validation import splat_fields
 
@@ -24,11 +25,13 @@ ROBUST = (1, 99)
 
 
 def of_capture(capture: Capture) -> dict[str, Any]:
-    """Describe a capture that was read."""
+    """Describe a capture that was read, with the axes that an import would choose."""
+    capture = with_axes(capture, choose_axes(capture))
     size = sum(file.stat().st_size for file in capture.files)
     return {
         "format": capture.format,
         "frame": capture.frame,
+        "frame_source": capture.frame_source,
         "frame_guess": _guessed(capture),
         "meters_per_unit": capture.meters_per_unit,
         "color_space": capture.color_space,

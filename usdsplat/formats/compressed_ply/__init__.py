@@ -102,6 +102,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format="compressed PLY",
         files=(path,),
         frame="rdf",
+        frame_source="assumed",
         antialiased=header.is_antialiased,
         error_bounds=ERROR_BOUNDS,
         notes=(UNKNOWN_AXES, *notes, *vertex.remarks()),

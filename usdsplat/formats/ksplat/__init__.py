@@ -71,6 +71,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format=f"KSPLAT 0.1, level {header.level}",
         files=(path,),
         frame="rdf",
+        frame_source="assumed",
         error_bounds=_error_bounds(header, sections),
         notes=(UNKNOWN_AXES, *notes),
     )

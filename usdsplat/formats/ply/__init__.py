@@ -71,6 +71,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format=f"PLY, {header.data_kind}",
         files=(path,),
         frame="rdf",
+        frame_source="assumed",
         antialiased=header.is_antialiased,
         notes=tuple(notes),
     )

@@ -67,6 +67,7 @@ def read_points(path: Path, header: Header, table: Table, how: ReadOptions) -> C
         format=f"PLY points, {header.data_kind}",
         files=(path,),
         frame="rdf",
+        frame_source="assumed",
         notes=(note, UNKNOWN_AXES, *dropped, *table.remarks()),
     )
 

@@ -68,6 +68,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format=f"SOG {sog.meta.version}",
         files=paths,
         frame=FRAME,
+        frame_source="assumed",
         antialiased=sog.meta.antialiased,
         error_bounds=ERROR_BOUNDS,
         notes=(UNKNOWN_AXES, *notes),

@@ -70,6 +70,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         format=f"streamed SOG {' and '.join(map(str, versions))}".rstrip(),
         files=(path, *(file for unit in units for file in unit.paths)),
         frame="rdf",
+        frame_source="assumed",
         antialiased=any(unit.antialiased for unit in units),
         error_bounds=ERROR_BOUNDS,
         notes=(UNKNOWN_AXES, *_remarks(meta, how.lod), *notes),

@@ -100,6 +100,7 @@ def unpack(source: str, file: BinaryIO, size: int, how: ReadOptions = READ_OPTIO
         format=f"SPZ {container.header.version}",
         files=(),
         frame=frame or "rdf",
+        frame_source="assumed" if frame is None else "file",
         antialiased=container.header.is_antialiased,
         error_bounds=_error_bounds(container.header),
         notes=notes + remarks(records),

@@ -18,6 +18,7 @@ from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.output import write_output
 from usdsplat.formats import Capture
 from usdsplat.interchange.authoring import author_field, prepare
+from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.placement import placement
 from usdsplat.products.report import html_page, png_page
 from usdsplat.products.report.charts import Numbers
@@ -57,6 +58,7 @@ def of_capture(capture: Capture, title: str, lines: Iterable[str]) -> Report:
     """
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, None, None)
+    capture = with_axes(capture, choose_axes(capture))
     placed = placement(stage, capture.frame, None)
     where = stage.GetPseudoRoot().GetPath().AppendChild(_PRIM)
     author_field(stage, where, capture, placed, form="float", bake_axes=False)
